@@ -1,5 +1,5 @@
-"""The Python interface: the functions that ``import gliderhpc`` gives, which the commands call too.
+"""Python interface: the functions that ``import gliderhpc`` provides. The commands call them too.
 
-`arguments` brings the arguments into one form, which is then passed to the library. Records are given as Datasets or
-paths; results are xarray objects, tables or figures.
+The module `arguments` converts the arguments into one form, which is then passed to the library. Records are Datasets
+or paths; results are xarray objects, tables or figures.
 """

@@ -1,4 +1,4 @@
-"""Alerts of a watch: rules on the message of a surfacing, and the command or address notified when one is broken."""
+"""Alerts of a watch: rules for the message of a surfacing, and the command or address notified of a violation."""
 
 import json
 import subprocess
@@ -24,7 +24,7 @@ class _Section(BaseModel):
 
 
 class Box(_Section):
-    """Limits of latitude and longitude, degrees; the box runs east from `west` to `east`, across 180 too."""
+    """Limits of latitude and longitude, degrees; the box extends eastwards from `west` to `east`, even across 180."""
 
     south: float = Field(ge=-90.0, le=90.0)
     north: float = Field(ge=-90.0, le=90.0)
@@ -38,14 +38,15 @@ class Box(_Section):
 
 
 class Rules(_Section):
-    """Rules, each of them optional.
+    """Rules, each optional.
 
     Attributes
     ----------
     current_above : float, optional
-        Speed of the depth-averaged current, m/s.
+        Largest speed of the depth-averaged current without an alert, m/s.
     converged_below : float, optional
-        Fraction of the windows that converged; a dive that failed or has no smoothed estimate raises an alert too.
+        Smallest fraction of converged windows without an alert; a dive that failed or has no smoothed estimate raises
+        an alert too.
     next_surfacing_outside : Box, optional
         Box within which the next surfacing should be.
     hull_changed : float, optional
@@ -106,12 +107,12 @@ class Alerts(_Section):
     rules : Rules
         The rules.
     command : tuple of str
-        Program and arguments, run without a shell; the path of the message is added as the last argument, and the
-        alert is its standard input, as JSON with ``alerts`` and ``message``.
+        Program and arguments, run without a shell. The path of the message is the last argument, and the alert is the
+        standard input, as JSON with ``alerts`` and ``message``.
     webhook : str, optional
         Address to which the same JSON is posted.
     timeout : float
-        Seconds that either may take.
+        Longest time that the command or the post may take, s.
     """
 
     rules: Rules
@@ -167,7 +168,7 @@ def read_alerts(path: Path) -> Alerts:
     Raises
     ------
     InputError
-        It cannot be read, or a key or value cannot be used.
+        The file cannot be read, or a key or value cannot be used.
     """
     content = parse_yaml(read_yaml_text(path, "alerts"), str(path))
     try:
@@ -184,7 +185,7 @@ _EXPECTED = {
 
 
 def _explanation(error: ValidationError) -> str:
-    """One line on the first fault, an unknown key before others: it is most often a misspelling."""
+    """Describe the first fault in one line; an unknown key comes before others, as it is usually a misspelling."""
     faults = error.errors(include_url=False)
     fault = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
     *parents, last = map(str, fault["loc"] or ("",))

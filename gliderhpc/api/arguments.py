@@ -1,4 +1,4 @@
-"""Arguments of the Python interface: hulls, profiles and settings in the forms that users give."""
+"""Arguments of the Python interface: hulls, profiles and settings in the forms that users pass."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ Hull = Platform | str | Path
 """A platform, the name of a shipped one, or the path of a platform file."""
 
 Profiles = int | str | Iterable[int] | None
-"""A number, numbers, a text such as ``18:20,68``, or None for all."""
+"""One profile number, several numbers, a text such as ``18:20,68``, or None for all."""
 
 SettingsModel = TypeVar("SettingsModel", bound=Settings)
 
@@ -30,7 +30,7 @@ def platform_of(hull: Hull) -> Platform:
     Raises
     ------
     InputError
-        As `gliderhpc.load_platform`; a platform made or changed in Python cannot glide.
+        Under the conditions of `gliderhpc.load_platform`, or if a platform made or changed in Python cannot glide.
     """
     if not isinstance(hull, Platform):
         return load_platform(hull)
@@ -48,7 +48,7 @@ def profiles_text(profiles: Profiles) -> str | None:
     Raises
     ------
     InputError
-        It is neither a number, numbers, nor a text.
+        The choice is neither numbers nor a text.
     """
     if profiles is None or isinstance(profiles, str):
         return profiles
@@ -68,7 +68,7 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
     Raises
     ------
     InputError
-        There is no such profile, or there are several and none is named.
+        There is no such profile, or there are several and `profile` is None.
     """
     if not available:
         raise InputError("profile: there is none; all have failed, or none is done yet")
@@ -83,21 +83,21 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
 
 
 def settings_of(model: type[SettingsModel], settings: SettingsModel | None, named: Mapping[str, Any]) -> SettingsModel:
-    """Return settings of a kind: an object, keyword arguments, or an object with some of its values replaced.
+    """Return settings of a class: an object, keyword arguments, or an object with some of its values replaced.
 
     Parameters
     ----------
     model : type
-        The kind of settings.
+        Class of the settings.
     settings : Settings, optional
         An object of this kind.
     named : mapping
-        Values by name; a section's as a mapping, or by dotted names.
+        Values by name; those of a section as a mapping, or by dotted names.
 
     Raises
     ------
     InputError
-        An unknown name (the known ones are listed) or a value out of range; the object is of another kind.
+        A name is unknown (the message lists the known ones), a value is out of range, or the object has another class.
     """
     if settings is None:
         return validated_settings(model, named)
@@ -108,7 +108,7 @@ def settings_of(model: type[SettingsModel], settings: SettingsModel | None, name
 
 
 def assignments_of(named: Mapping[str, Any], prefix: str = "") -> tuple[str, ...]:
-    """Return keyword arguments as the ``KEY=VALUE`` of ``--set``, sections spelt out."""
+    """Return keyword arguments as texts ``KEY=VALUE`` of ``--set``, with sections as dotted names."""
     texts: list[str] = []
     for key, value in named.items():
         if isinstance(value, Settings):

@@ -28,12 +28,12 @@ from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
-"""Opens a display of progress over a number of dives, and gives the function that advances it."""
+"""Function that opens a progress display for a number of dives and yields the function that advances it."""
 
 _JUDGED = 2
-"""Number of quantities of the steady balance by which the hull of the rounds is judged: depth rate and pitch. Roll and
-rate of turn also respond to moments of the water, which the dives separate from those of the hull, and the steady
-balance does not."""
+"""Number of quantities of the steady balance that judge the hull of the rounds: depth rate and pitch. Roll and rate of
+turn also respond to moments of the water. The dives separate these from moments of the hull; the steady balance does
+not."""
 
 
 @contextmanager
@@ -44,16 +44,16 @@ def no_progress(_: int) -> Iterator[Callable[[], None]]:
 
 @dataclass(frozen=True, eq=False)
 class DiveCalibration:
-    """A calibration by the dives.
+    """Calibration on whole dives.
 
     Attributes
     ----------
     platform : Platform
-        The hull with the estimates in place, and with their errors.
+        Hull with the estimates and their errors.
     rounds : HullRounds
-        The rounds that led to it.
+        Rounds that led to this hull.
     fitted, held_out : Score
-        Errors of the steady balance before and after, on the profiles fitted and held out.
+        Errors of the steady balance before and after, on the fitted and on the held-out profiles.
     notes : list of str
         Remarks.
     """
@@ -74,20 +74,20 @@ def calibrated_by_dives(
     Parameters
     ----------
     observations : Observations
-        The file.
+        The observation file.
     platform, start : Platform
-        The hull from which plausible deviations are counted, and the one found from the steady glides.
+        Hull from which plausible deviations are measured, and hull found from the steady glides.
     segments, apart : SteadySegments
-        Of the profiles fitted and of those held out.
+        Steady segments of the fitted and of the held-out profiles.
     settings : CalibrateSettings
         Settings of the calibration.
     executor, progress : callable
-        Open the executor of the dives and the progress.
+        Functions that open the executor for the dives and the progress display.
 
     Raises
     ------
     CalibrationError
-        No dive can be smoothed, or the hull found is worse than the platform.
+        No dive can be smoothed, or the hull found has no stable glide or is worse than the platform.
     """
     if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
         platform = with_values(platform, {"viscous.K_delta": platform.viscous.K_delta})
@@ -119,7 +119,7 @@ def _score(
     observations: Observations, before: Platform, after: Platform, segments: SteadySegments,
     settings: CalibrateSettings,
 ) -> Score:  # fmt: skip
-    """Errors of the balance for two hulls, each on records corrected for its own sensor errors."""
+    """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors."""
     numbers = np.unique(segments.profile).tolist()
     if not numbers:
         return Score((), 0, NO_ERRORS, NO_ERRORS)

@@ -38,32 +38,32 @@ def currents(
     Parameters
     ----------
     records : xarray.Dataset, path, or paths
-        Depth (or pressure), pitch, heading and positions, by the names of the observation format, OG1, pyglider or CF;
-        or an instrument's own files, which are imported first.
+        Depth (or pressure), pitch, heading and positions, under the names of the observation format, OG1, pyglider or
+        CF; or an instrument's own files, which are imported first.
     platform : Platform, str or Path, optional
-        A hull whose drag and lift are used as they are; by default those of the vehicle's make.
+        Hull whose drag and lift are used unchanged; by default those of the vehicle's make.
     declination : float
-        Added to the heading, degree, where it is magnetic.
+        Declination added to a magnetic heading, degree.
     errors : GlideErrors, optional
-        Of pitch, compass, fixes and water.
+        Errors of pitch, compass, fixes and water.
 
     Returns
     -------
     xarray.Dataset
-        One row a ``profile``: fixes, ``dac_north`` and ``dac_east`` (m s-1) with standard deviations and covariance,
+        One row per ``profile``: fixes, ``dac_north`` and ``dac_east`` (m s-1) with standard deviations and covariance,
         and the drift at the surface, under the archive's names. Along ``time``, for the samples of the profiles:
         ``latitude`` and ``longitude`` under water, ``speed_through_water`` (m s-1), ``angle_of_attack`` (degree).
 
     Raises
     ------
     InputError
-        Something that a current needs is missing, named in the message; or no profile can be used.
+        Something that a current needs is missing, as the message names it; or no profile can be used.
 
     Notes
     -----
-    Speed is ``|v_z / sin(xi)|`` with glide angle ``xi = pitch - angle of attack`` (eq. 15), the current that of eqs. 39
-    and 40. The covariance holds drag over lift, pitch, compass, the water's vertical velocity, fixes, and the time
-    adrift at the surface.
+    Speed is ``|v_z / sin(xi)|`` with glide angle ``xi = pitch - angle of attack`` (eq. 15). The current is that of
+    eqs. 39 and 40. The covariance includes errors of drag over lift, pitch, compass, the water's vertical velocity and
+    fixes, and the time adrift at the surface.
     """
     return estimate_currents(records, platform=platform, declination=declination, errors=errors)
 
@@ -75,7 +75,7 @@ def estimate_currents(
     declination: float,
     errors: GlideErrors | None = None,
 ) -> xr.Dataset:
-    """Estimate currents as `currents` does, with errors in the command's words."""
+    """Estimate currents as `currents` does, with error messages in the words of the command line."""
     navigation = navigation_of(records)
     if declination:
         navigation = replace(navigation, heading=navigation.heading + np.radians(declination))
@@ -112,7 +112,7 @@ def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Na
     paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
     if not paths:
         raise InputError("records: there are none; give a file, files or a Dataset")
-    # With the importers come libraries that a plain file does without.
+    # The importers load libraries that a plain file does not need.
     from gliderhpc.api.records import import_records, is_instrument_file
 
     if any(is_instrument_file(path) for path in paths):
@@ -128,7 +128,7 @@ def _plain_navigation(path: Path) -> Navigation:
 
 
 def _plain_files(path: Path) -> list[Path]:
-    """A file or a Zarr folder itself, and the netCDF files of any other folder."""
+    """Return a file or a Zarr folder itself, or the netCDF files of any other folder."""
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
     held = sorted(path.glob("*.nc"))
@@ -226,7 +226,7 @@ _SERIES: dict[str, dict[str, str]] = {
 
 
 def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArray[np.generic]]:
-    """Values at the samples of a profile, NaN where there is no estimate."""
+    """Return values at the samples of a profile, NaN where there is no estimate."""
     count = len(record.time)
     values: dict[str, NDArray[np.generic]] = {
         "time": record.epoch + (record.time * 1e9).astype("timedelta64[ns]"),
@@ -251,7 +251,7 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
 
 
 def _attributes(name: str) -> dict[str, Any]:
-    """Attributes of a column, those of the archive's."""
+    """Return the attributes of a column, as in the archive."""
     variable = MISSION["/"][name]
     # Units of times belong to the encoding.
     wanted = ("long_name", "standard_name") if variable.is_time else ("long_name", "standard_name", "units")

@@ -23,7 +23,7 @@ from gliderhpc.wording import speaks_python
 
 @dataclass(frozen=True, eq=False)
 class FoundHull:
-    """A hull estimated from a mission's records.
+    """Hull estimated from a mission's records.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class FoundHull:
         Raises
         ------
         InputError
-            The file exists and may not be replaced, or cannot be written.
+            The file exists and `overwrite` is not set, or it cannot be written.
         CalibrationError
             The platform could not be loaded again.
         """
@@ -48,18 +48,18 @@ class FoundHull:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedHull(FoundHull):
-    """A hull calibrated.
+    """Calibrated hull.
 
     Attributes
     ----------
     platform : Platform
-        The hull with the estimates in place, and with their errors.
+        Hull with the estimates and their errors.
     calibration : Calibration, optional
-        Calibration by the steady glides; None where these gave no hull better than the platform.
+        Calibration on the steady glides; None if `dives` is given.
     dives : DiveCalibration, optional
-        Calibration by whole dives; None where no rounds were requested, or they gave no better hull.
+        Calibration on whole dives; None if no rounds were requested or they found no better hull.
     trouble : str
-        Reason why the dives gave no better hull; else empty.
+        Reason why the dives gave no better hull; otherwise empty.
     """
 
     calibration: Calibration | None
@@ -68,10 +68,10 @@ class CalibratedHull(FoundHull):
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a parameter: unit, before, after, 95 % interval, and a remark.
+        """One row per parameter: unit, before, after, 95 % interval, and a remark.
 
-        By whole dives it includes the remaining part of the plausible deviation; by the steady glides alone, the share
-        of scatter between profiles.
+        For whole dives the table includes the remaining part of the plausible deviation; for the steady glides alone,
+        the share of scatter between profiles.
         """
         if self.dives is not None:
             return rounds_report.parameter_table(self.dives.rounds)
@@ -91,7 +91,7 @@ class CalibratedHull(FoundHull):
 
     @property
     def history(self) -> pd.DataFrame:
-        """One row a dive and parameter: estimate by all dives and by those up to it, with standard deviations.
+        """One row per dive and parameter: estimates from all dives and from those up to it, with standard deviations.
 
         Raises
         ------
@@ -104,17 +104,17 @@ class CalibratedHull(FoundHull):
 
     @property
     def fitted(self) -> Score:
-        """Errors of the steady balance on the profiles fitted."""
+        """Errors of the steady balance on the fitted profiles."""
         return self.steady.fitted if self.dives is None else self.dives.fitted
 
     @property
     def held_out(self) -> Score:
-        """The same on the profiles held out; without segments where none were."""
+        """Errors of the steady balance on the held-out profiles; without segments if none were held out."""
         return self.steady.held_out if self.dives is None else self.dives.held_out
 
     @property
     def scores(self) -> pd.DataFrame:
-        """Root mean square errors of the balance, before and after, on the profiles fitted and those held out."""
+        """Root mean square errors of the balance, before and after, on the fitted and the held-out profiles."""
         rows = {
             (name, when): calibration_report.IN_UNITS * values
             for name, score in (("fitted", self.fitted), ("held out", self.held_out))
@@ -133,23 +133,23 @@ class CalibratedHull(FoundHull):
 
     @property
     def steady(self) -> Calibration:
-        """Calibration by the steady glides, where it is the only one."""
+        """Calibration on the steady glides, if there is none on whole dives."""
         assert self.calibration is not None, "one of the two is there"
         return self.calibration
 
 
 @dataclass(frozen=True, eq=False)
 class TunedHull(FoundHull):
-    """A hull with its disturbance prior tuned.
+    """Hull with a tuned disturbance prior.
 
     Attributes
     ----------
     platform : Platform
-        The hull with the prior in place.
+        Hull with the tuned prior.
     tuned : TunedPrior
-        Prior before and after, likelihoods, whiteness of the innovations.
+        Prior before and after, likelihoods, and whiteness of the innovations.
     profiles : tuple of int
-        Profiles that it was tuned on.
+        Profiles on which the prior was tuned.
     settings : TuneSettings
         Settings of the tuning.
     """
@@ -160,7 +160,7 @@ class TunedHull(FoundHull):
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row for each number of the prior: unit, before, after, its uncertainty as a factor, and a remark."""
+        """One row for each number of the prior: unit, before, after, uncertainty as a factor, and a remark."""
         before, after = self.tuned.before, self.tuned.after
         columns = {
             "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
@@ -192,9 +192,9 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     Raises
     ------
     CalibrationError
-        The file would be refused.
+        A run could not load the file.
     InputError
-        It cannot be written.
+        The file cannot be written.
     """
     try:
         with written_aside(out, overwrite=overwrite) as aside:

@@ -40,7 +40,7 @@ from gliderhpc.wording import speaks_python
 log = logging.getLogger("gliderhpc.calibrate")
 
 HELD_OUT = 4
-"""One in this many profiles is held out for the score where none are named."""
+"""One in this many profiles is held out for the score if none are named."""
 
 
 @speaks_python
@@ -56,8 +56,9 @@ def calibrate(
 ) -> CalibratedHull:
     """Fit the trim, drag and lateral terms that a mission's steady glides determine.
 
-    With ``rounds={"most": 4}`` the hull and the errors of its records are estimated in rounds over whole dives, each
-    smoothed with the present hull. The rounds start from the trim, and replace the fit if they find a better hull.
+    With ``rounds={"most": 4}`` the hull and the errors of the records are estimated in rounds over whole dives. In each
+    round all dives are smoothed with the present hull. The rounds start from the fitted trim. If they find a better
+    hull, it replaces the fit.
 
     Parameters
     ----------
@@ -66,27 +67,27 @@ def calibrate(
     hull : Platform, str or Path
         The hull to start from.
     profiles : int, iterable of int, or str, optional
-        Profiles to use; by default some, spread over the mission.
+        Profiles to use; by default a selection spread over the mission.
     hold_out : int, iterable of int, or str, optional
         Profiles held out of the fit and used only for the score; by default every fourth.
     settings : CalibrateSettings, optional
         Settings of the fit.
     workers : int, optional
-        Worker processes, 0 for this process alone; one a core by default.
+        Number of worker processes, 0 to compute in this process; by default one per core.
     **named
-        Settings by name, over those of `settings`: ``calibration={"trend": True}``.
+        Settings by name, which override those of `settings`: ``calibration={"trend": True}``.
 
     Returns
     -------
     CalibratedHull
-        With ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``.
+        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``.
 
     Raises
     ------
     InputError
-        An argument cannot be used, or the profiles hold too little steady flight.
+        An argument cannot be used, or the profiles contain too little steady flight.
     CalibrationError
-        No hull was found that is better than the one to start from.
+        No hull better than the starting one was found.
     """
     chosen, platform = settings_of(CalibrateSettings, settings, named), platform_of(hull)
     executor = executor_of(workers)
@@ -107,9 +108,9 @@ def calibrated_on(
     executor: OpenExecutor,
     progress: Progress = no_progress,
 ) -> CalibratedHull:
-    """Calibrate on an open file, as `calibrate` does; the platform's source names the `assignments`.
+    """Calibrate on an open file, as `calibrate` does, and name the `assignments` in the platform's source.
 
-    ``progress(total)`` opens a display of how many dives of all rounds are done.
+    ``progress(total)`` opens a display of the number of finished dives, over all rounds.
     """
     by_dives = settings.rounds.most > 0 and not settings.calibration.trend
     with threadpool_limits(limits=1):
@@ -148,7 +149,7 @@ def _provenance(found: CalibratedHull, observations: str, digest: str, assignmen
 def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
-    """Profiles to use, and those to hold out for the score; None where none are named."""
+    """Return the profiles to use, and those to hold out for the score (None if none are named)."""
     available = observations.profile_numbers
     if profiles is None:
         usable = [number for number in available if number not in observations.faults]
@@ -164,7 +165,7 @@ def chosen_profiles(
 
 
 def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
-    """Segments to fit and segments to score: those of the named profiles, or of every fourth with steady flight."""
+    """Return the segments to fit and those to score, from the named profiles or every fourth with steady flight."""
     if apart is None:
         flown = np.unique(segments.profile).tolist()
         apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
@@ -176,25 +177,25 @@ def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[Stea
 def tune(
     records: Records, hull: Hull, *, profiles: Profiles = None, settings: TuneSettings | None = None, **named: Any
 ) -> TunedHull:
-    """Estimate the disturbance prior of filter and smoother with the highest likelihood for the records.
+    """Estimate the disturbance prior of filter and smoother that maximises the likelihood of the records.
 
     Parameters
     ----------
     records : xarray.Dataset, str or Path
         Observations.
     hull : Platform, str or Path
-        The hull, whose prior is the start.
+        The hull, whose prior is the starting point.
     profiles : int, iterable of int, or str, optional
-        Profiles to tune on; by default some, spread over the mission.
+        Profiles to tune on; by default a selection spread over the mission.
     settings : TuneSettings, optional
         Settings of the filter and of its tuning.
     **named
-        Settings by name, over those of `settings`: ``tuning={"longest": 1800.0}``.
+        Settings by name, which override those of `settings`: ``tuning={"longest": 1800.0}``.
 
     Returns
     -------
     TunedHull
-        With ``.platform``, ``.table``, ``.notes`` and ``.save(path)``.
+        The hull, with ``.platform``, ``.table``, ``.notes`` and ``.save(path)``.
 
     Raises
     ------

@@ -37,7 +37,7 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.run")
 
 LOOK, LOOK_FOR_LAG = 24, 4
-"""Numbers of profiles that are checked before a run: for errors of the records, and for a lag."""
+"""Numbers of profiles checked before a run for errors of the records and for a lag."""
 
 
 @speaks_python
@@ -49,22 +49,22 @@ def invert(
     Parameters
     ----------
     records : xarray.Dataset, str or Path
-        Observations: a Dataset, as of `open_records` or made by hand in the same format, or the path of a file.
+        Observations: a Dataset returned by `open_records` or made by hand in the same format, or the path of a file.
     hull : Platform, str or Path
         The glider's hull: a platform, the name of a shipped one, or a path.
     profile : int, optional
-        Number of the profile; it may be left out where there is only one.
+        Number of the profile; optional if there is only one.
     settings : MissionSettings, optional
         Settings of the run.
     **named
-        Settings by name, over those of `settings`: ``preset="paper"``, ``window={"length": 60.0}``.
+        Settings by name, which override those of `settings`: ``preset="paper"``, ``window={"length": 60.0}``.
 
     Returns
     -------
     xarray.DataTree
         The archive's groups for this profile (``series``, ``prior``, ``state``, ``observed``, ``smoothed``,
-        ``windows``, ``drift_current``) with its row of the table at the root, in memory: the values, types, units and
-        attributes that `run_mission` writes.
+        ``windows``, ``drift_current``) and its row of the root table, in memory. Values, types, units and attributes
+        are those that `run_mission` writes.
 
     Raises
     ------
@@ -108,21 +108,22 @@ def run_mission(
     records : xarray.Dataset, str or Path
         Observations. A Dataset that differs from its file is written to a temporary file for the run.
     hull : Platform, str or Path
-        The glider's hull.
+        The glider's hull: a platform, the name of a shipped one, or a path.
     store : str or Path
         The archive: a folder, or an address such as ``s3://bucket/mission.zarr``.
     profiles : int, iterable of int, or str, optional
-        Which profiles, such as ``[18, 19]`` or ``"18:20,68"``; all by default.
+        Profiles to invert, such as ``[18, 19]`` or ``"18:20,68"``; all by default.
     workers : int, optional
-        Worker processes, 0 for this process alone; by default one a core, as far as memory lasts.
+        Number of worker processes, 0 to compute in this process; by default one per core, as far as memory allows.
     scheduler : str or Path, optional
         Address of a running Dask cluster's scheduler, or the file that it wrote.
     overwrite, resume, append : bool
-        Replace an archive; finish one; finish one and add profiles that are new in the observations.
+        Replace an existing archive; finish one; or finish one and add profiles that are new in the observations.
     settings : MissionSettings, optional
         Settings of the run.
     **named
-        Settings by name, over those of `settings`: ``preset="paper"``, ``engine="scipy"``, ``start="smoothed"``.
+        Settings by name, which override those of `settings`: ``preset="paper"``, ``engine="scipy"``,
+        ``start="smoothed"``.
 
     Returns
     -------
@@ -132,21 +133,23 @@ def run_mission(
     Raises
     ------
     InputError
-        An argument cannot be used, an archive exists and none of the three was asked for, or another run writes it.
+        An argument cannot be used, the archive exists and none of `overwrite`, `resume` and `append` is set, or another
+        run is writing it.
     RunStoppedError
-        No worker was left; finished profiles are valid, and ``resume=True`` does the rest.
+        The run had to stop, for example because no worker was left. Finished profiles are valid; ``resume=True``
+        computes the rest.
 
     Notes
     -----
-    Worker processes import the main module: a script calls this under ``if __name__ == "__main__":``, or with
-    ``workers=0``.
+    Worker processes import the main module. A script must therefore call this function under
+    ``if __name__ == "__main__":``, or with ``workers=0``.
     """
     if sum((resume, append, overwrite)) > 1:
         raise InputError("overwrite, resume and append exclude each other; give one of them")
     chosen = settings_of(MissionSettings, settings, named)
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
-    # Arguments are refused before anything is read.
+    # Arguments are checked before anything is read.
     executor_of(workers, cluster)
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
@@ -180,9 +183,9 @@ class PreparedMission:
     observations, platform, settings : Observations, Platform, MissionSettings
         The open file, the hull and the settings.
     plan : MissionPlan
-        The profiles chosen, and what they need.
+        Chosen profiles, and the sizes of their archive.
     workers : int
-        Local processes.
+        Number of local worker processes.
     """
 
     observations: Observations
@@ -192,7 +195,7 @@ class PreparedMission:
     workers: int
 
     def needed(self, place: Place) -> tuple[Path, ...]:
-        """Files that workers on other machines must see; the archive's lock lies in the archive's folder."""
+        """Return the files that workers on other machines must see: observations, and the lock of a local archive."""
         return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
 
     def run(
@@ -206,7 +209,7 @@ class PreparedMission:
         check_last: int | None = None,
         report: Callable[[ProfileResult], None] = lambda _: None,
     ) -> MissionResult:
-        """Run it, as `gliderhpc.mission.run.run_mission` does."""
+        """Run the inversion, as `gliderhpc.mission.run.run_mission` does."""
         return run.run_mission(
             self.observations, self.platform, self.settings, self.plan.profiles, place, executor, overwrite=overwrite,
             resume=resume, append=append, check_last=check_last, report=report,
@@ -230,18 +233,18 @@ def prepare_mission(
     observations, platform, settings : Observations, Platform, MissionSettings
         The open file, the hull and the settings.
     profiles : str, optional
-        Such as ``18:20,68``; all by default.
+        Choice of profiles, such as ``18:20,68``; all by default.
     workers : int, optional
-        Local processes; by default one a core, as far as memory lasts.
+        Number of local worker processes; by default one per core, as far as memory allows.
     on_cluster : bool
         Whether the run is on a cluster, whose memory is not checked.
     warn : callable
-        Called with each warning about the file.
+        Function called with each warning about the file.
 
     Raises
     ------
     InputError
-        There is no such profile or no usable one, or the workers need more memory than there is.
+        There is no such profile or no usable one, or the workers need more memory than the machine has.
     """
     chosen = select_profiles(observations.profile_numbers, profiles)
     for warning in observations.warnings:
@@ -265,7 +268,7 @@ def warn_of_records(
     chosen: Sequence[int],
     words: Callable[[str], str] = str,
 ) -> None:
-    """Log a line for each error that a brief check of the records finds; `words` adapts it. Nothing is corrected."""
+    """Log one line, adapted by `words`, for each error that a brief check of the records finds; correct nothing."""
     checks = settings.inspect
     brief = checks.model_copy(
         update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}

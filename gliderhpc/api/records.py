@@ -49,25 +49,25 @@ _MOST_LOOKED_AT = 20
 
 @speaks_python
 def open_records(path: str | Path) -> xr.Dataset:
-    """Open an observation file, checked; records of another kind that can be inverted are imported.
+    """Open and check an observation file; import records of another kind that can be inverted.
 
     Parameters
     ----------
     path : str or Path
-        A netCDF-4 file or a Zarr folder in the observation format; or what `import_records` reads: a glider's own
-        files in a folder, a Seaglider's dive, sensors of a Slocum, OG1 with controls.
+        A netCDF-4 file or a Zarr folder in the observation format; or records that `import_records` reads: a folder of
+        a glider's own files, a Seaglider's dive, sensors of a Slocum, OG1 with controls.
 
     Returns
     -------
     xarray.Dataset
         The variables of the format along ``time`` and ``fix``, with units and CF attributes; values are read when they
-        are used. It may be edited before it is passed to other functions.
+        are used. The Dataset may be edited before it is passed to other functions.
 
     Raises
     ------
     InputError
         The file cannot be read, lacks a required variable, has one in a wrong unit, or its time runs backwards; the
-        message names the variable and the first bad sample. Faults of single profiles raise nothing here.
+        message names the variable and the first bad sample. Faults of single profiles raise no error here.
     """
     path = Path(path)
     return import_records(path) if _can_be_imported(path) else read_records(path)
@@ -89,18 +89,18 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
 
     Parameters
     ----------
-    files : str, Path or iterable of them
-        The glider's files, or the folders that hold them.
+    files : str, Path or iterable of these
+        The glider's files, or the folders that contain them.
     kind : str, optional
         ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; detected from the files by default.
     **options
-        Of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (Slocum, OG1).
+        Options of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (Slocum, OG1).
 
     Returns
     -------
     xarray.Dataset
-        As of `open_records`, in memory; ``.to_netcdf("m12.nc")`` saves it. What was left out is in its attributes and
-        in the log.
+        Observations like those of `open_records`, in memory; ``.to_netcdf("m12.nc")`` saves them. Anything left out is
+        named in the attributes or the log.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
 
 
 def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[str, Any]) -> ImportSummary:
-    """Import an instrument's files of a kind into a file, with options of its importer.
+    """Import an instrument's files of one kind into a file, with options of the importer.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[st
 
 
 def kind_of(sources: Sequence[Path]) -> str:
-    """Find the kind of an instrument's records by the names of files, and by the content of netCDF files.
+    """Find the kind of an instrument's records from the names of its files and the content of netCDF files.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def kind_of(sources: Sequence[Path]) -> str:
 
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
-    """Refuse the first netCDF file or table, which no importer reads, and say what it lacks."""
+    """Refuse the first netCDF file or table, which no importer reads, and name what it lacks."""
     for path in (held for source in sources for held in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
@@ -201,7 +201,7 @@ def is_instrument_file(path: Path) -> bool:
         return False
     with ForeignFile(path) as file:
         found = importer_of(file.names)
-    # The variables of an OG1 file are read by name.
+    # OG1 needs no import: its variables are read by name.
     return found is not None and found[0] != "og1"
 
 
@@ -210,12 +210,12 @@ def _files(source: Path) -> list[Path]:
         return [source]
     files = sorted(path for path in source.iterdir() if path.is_file())
     named = [path for path in files if kind_by_name(path) is not None]
-    # Files of other programs are opened only where no name is conclusive.
+    # Files of other programs are opened only if no name is conclusive.
     return named or [path for path in files if path.suffix.lower() == ".nc"][:_MOST_LOOKED_AT]
 
 
 def kind_by_name(path: Path) -> str | None:
-    """Return the kind of an instrument's file by its name alone, None where that is not conclusive."""
+    """Return the kind of an instrument's file by its name alone, None if that is not conclusive."""
     if is_seaexplorer_file(path):
         return "seaexplorer"
     if is_binary(path):
@@ -224,12 +224,12 @@ def kind_by_name(path: Path) -> str | None:
 
 
 def kind_of_file(path: Path) -> str | None:
-    """Return the kind of an instrument's file by its name or its contents, None where it is none.
+    """Return the kind of an instrument's file by its name or its contents, None if it is of no known kind.
 
     Raises
     ------
     InputError
-        It is named as netCDF and cannot be read.
+        The file has a netCDF name and cannot be read.
     """
     named = kind_by_name(path)
     if named is not None or path.suffix.lower() != ".nc":
@@ -246,26 +246,26 @@ class RecordsInspected:
     Attributes
     ----------
     inspection : Inspection
-        Findings, profiles examined, and those left out with the reason.
+        Findings, examined profiles, and excluded profiles with the reason.
     """
 
     inspection: Inspection
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
+        """One row per finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
         rows = content(self.inspection)["findings"]
         rows = [row | {"suggestion": python_words(row["suggestion"])} for row in rows]
         return pd.DataFrame(rows).astype(dict.fromkeys(("size", "standard_error", "threshold"), float))
 
     @property
     def suggestions(self) -> dict[str, str]:
-        """Settings that would correct the errors found, by quantity."""
+        """Settings that would correct the detected errors, by quantity."""
         return {finding.quantity: python_words(finding.suggestion) for finding in self.inspection.found}
 
     @property
     def left_out(self) -> dict[int, str]:
-        """Profiles that could not be inspected, and why."""
+        """Profiles that could not be inspected, with the reason."""
         return self.inspection.left_out
 
 
@@ -284,14 +284,14 @@ def inspect(
     profiles : int, iterable of int, or str, optional
         Profiles to choose among; all by default.
     settings : MissionSettings, optional
-        Settings, of which ``inspect`` and ``records`` matter.
+        Settings; ``inspect`` and ``records`` are the relevant sections.
     **named
-        Settings by name, over those of `settings`: ``inspect={"profiles": 200}``.
+        Settings by name, which override those of `settings`: ``inspect={"profiles": 200}``.
 
     Returns
     -------
     RecordsInspected
-        With ``.table``, ``.suggestions`` and ``.left_out``. Nothing is corrected.
+        Findings, with ``.table``, ``.suggestions`` and ``.left_out``. Nothing is corrected.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class StudyFindings:
     Attributes
     ----------
     study : str
-        Its name, and that of the archive's group that holds it.
+        Name of the study and of its group in the archive.
     findings : Findings
         Tables, figures, comparisons and remarks, as the command prints and writes them.
     """
@@ -66,7 +66,7 @@ class StudyFindings:
 
     @property
     def comparisons(self) -> pd.DataFrame:
-        """The paper's figures and ours: quantity, unit, paper, ours, spread, ratio and a remark a row.
+        """Values of the paper and ours, one row each: quantity, unit, paper, ours, spread, ratio and a remark.
 
         A range is a tuple of its ends; missing values are None.
         """
@@ -78,17 +78,17 @@ class StudyFindings:
 
     @property
     def captions(self) -> Mapping[str, str]:
-        """Captions by name of figure or table: what was done, on which data, and how certain it is."""
+        """Captions by name of figure or table: method, data and uncertainty."""
         return self.findings.captions
 
     @property
     def remarks(self) -> Sequence[str]:
-        """Remarks, such as on an input that was not given."""
+        """Remarks, such as a note on an input that was not supplied."""
         return [python_words(remark) for remark in self.findings.remarks]
 
     @property
     def failed(self) -> Mapping[int, str]:
-        """Profiles that could not be studied, and why."""
+        """Profiles that could not be studied, with the reason."""
         return self.findings.failed
 
     @speaks_python
@@ -120,7 +120,7 @@ def analyze(
     scheduler: Scheduler = None,
     **named: Any,
 ) -> StudyFindings:
-    """Run a study of a finished mission, and write it into the archive's group of that name.
+    """Run a study of a finished mission, and write its results into the archive's group of that name.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def analyze(
         ``"reconstruction"``, ``"spectra"``, ``"intermittency"``, ``"nulls"``, ``"events"``, ``"currents"``,
         ``"reanalysis"``, ``"vertical"``, ``"hull"`` or ``"drift"``.
     profiles : int, iterable of int, or str, optional
-        Which profiles; all that are done by default.
+        Profiles to study; by default all that are done.
     quick : bool
         Use a reduced size, for a first look.
     estimate : str
@@ -140,16 +140,16 @@ def analyze(
     models : str, Path or sequence of these
         Files, patterns of files and OPeNDAP addresses of ocean models, for ``"reanalysis"``.
     workers : int, optional
-        Worker processes, 0 for this process alone; one a core by default.
+        Number of worker processes, 0 to compute in this process; by default one per core.
     scheduler : str or Path, optional
         Address of a running Dask cluster's scheduler, or the file that it wrote.
     **named
-        Settings of the study by name: ``drag_increase=0.3`` of ``"drift"``.
+        Settings of the study by name, such as ``drag_increase=0.3`` for ``"drift"``.
 
     Returns
     -------
     StudyFindings
-        With ``.tables``, ``.figures``, ``.comparisons``, ``.captions``, ``.remarks``, ``.failed`` and
+        Findings, with ``.tables``, ``.figures``, ``.comparisons``, ``.captions``, ``.remarks``, ``.failed`` and
         ``.save(folder)``.
 
     Raises
@@ -195,31 +195,31 @@ def validate(
     settings: MissionSettings | None = None,
     **named: Any,
 ) -> StudyFindings:
-    """Simulate every profile open loop with its recorded controls, and compare it with the record.
+    """Simulate every profile open loop with its recorded controls, and compare the result with the record.
 
     Parameters
     ----------
     records : xarray.Dataset, str or Path
-        Observations that the archive was made from.
+        Observations from which the archive was made.
     hull : Platform, str or Path
-        The hull to validate, which need not be the archive's.
+        The hull to validate; it may differ from the archive's.
     store : str or Path
-        The archive; the comparison goes into its group ``validation``.
+        The archive; the comparison is written into its group ``validation``.
     profiles : int, iterable of int, or str, optional
-        Which of the archive's profiles; all by default.
+        Profiles of the archive to simulate; all by default.
     quick : bool
-        A few profiles, for a first look.
+        Simulate only a few profiles, for a first look.
     workers : int, optional
-        Worker processes, 0 for this process alone; one a core by default.
+        Number of worker processes, 0 to compute in this process; by default one per core.
     settings : MissionSettings, optional
         Settings; those of the archive by default.
     **named
-        Settings by name, over those of `settings` or of the archive.
+        Settings by name, which override those of `settings` or of the archive.
 
     Returns
     -------
     StudyFindings
-        With ``.tables``, ``.figures``, ``.comparisons`` and the rest, as of `analyze`.
+        Findings, with ``.tables``, ``.figures``, ``.comparisons`` and the other attributes that `analyze` returns.
 
     Raises
     ------
@@ -248,16 +248,16 @@ def plot_profile(
     Parameters
     ----------
     dive : xarray.DataTree
-        As of `invert`, `run_mission` or `open_mission`.
+        Profile or mission, as returned by `invert`, `run_mission` or `open_mission`.
     profile : int, optional
-        Number of the profile; it may be left out where only one is done.
+        Number of the profile; optional if only one is done.
     truth : str, Path or xarray.Dataset, optional
-        Truth of a synthetic mission: its file, or the profile's part.
+        Truth of a synthetic mission: its file, or the part for this profile.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Ten axes over time in minutes, labelled ``roll`` ... ``B_cr``; `savefig` writes it.
+        Ten axes over time in minutes, labelled ``roll`` ... ``B_cr``; `savefig` writes the figure.
 
     Raises
     ------
@@ -273,18 +273,18 @@ def plot_profile(
 
 @speaks_python
 def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
-    """Draw a map of depth-averaged currents: an arrow for each dive, its error ellipse, fixes and the way under water.
+    """Draw a map of depth-averaged currents: arrow and error ellipse of each dive, fixes, and the track under water.
 
     Parameters
     ----------
     found : xarray.Dataset or xarray.DataTree
-        As of `currents`, or of `invert`, `run_mission` or `open_mission`. Of an archive the smoother's current is drawn
-        where it is usable, else the adjoint's.
+        Currents, as returned by `currents`, `invert`, `run_mission` or `open_mission`. For an archive the smoother's
+        current is drawn where it is usable, and otherwise the adjoint's.
 
     Returns
     -------
     matplotlib.figure.Figure
-        A map with undistorted arrows and ellipses of one standard deviation; `savefig` writes it.
+        Map with undistorted arrows and ellipses of one standard deviation; `savefig` writes it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Watch of a folder: every new dive is imported, inverted into the archive and reported once."""
+"""Watch of a folder that imports every new dive, inverts it into the archive and reports it once."""
 
 import logging
 import time
@@ -36,13 +36,13 @@ from gliderhpc.store_schema.place import Place
 log = logging.getLogger("gliderhpc.watch")
 
 RECORDS = "records.nc"
-"""Observation file that the archive is made from."""
+"""Name of the observation file from which the archive is made."""
 
 TAKEN = "files"
-"""Folder of the copies of the glider's files."""
+"""Name of the folder with copies of the glider's files."""
 
 READ = "read"
-"""Folder of the results of reading them."""
+"""Name of the folder with the results of reading these copies."""
 
 _CHECKED = 20
 """Number of dives at the end of the archive that are checked for damage with each new dive."""
@@ -55,9 +55,9 @@ class Watched:
     Attributes
     ----------
     source : str or Path
-        A folder, a file or a pattern.
+        Folder, file or pattern to watch.
     importing : Importing
-        How the files become records.
+        Import of the files as records.
     platform, settings : Platform, MissionSettings
         The hull and the settings of the inversion.
     store : str or Path
@@ -65,7 +65,7 @@ class Watched:
     out : Path
         Folder for messages, copies of the files, and the state.
     workers : int
-        Local processes, 0 for this one alone.
+        Number of local worker processes, 0 to compute in this process.
     """
 
     source: Path | str
@@ -79,7 +79,7 @@ class Watched:
 
 @dataclass(frozen=True)
 class Listener:
-    """Callbacks for each dive, with the file of its message, and for each file that cannot be used, with the reason."""
+    """Callbacks: `dive` for each dive and its message file, `fault` for each unusable file and the reason."""
 
     dive: Callable[[SurfacingMessage, Path], None]
     fault: Callable[[str, str], None]
@@ -87,12 +87,12 @@ class Listener:
 
 @dataclass
 class Watch:
-    """A watch in progress.
+    """Watch in progress.
 
     Attributes
     ----------
     watched : Watched
-        Its inputs and outputs.
+        Inputs and outputs of the watch.
     listener : Listener
         Callbacks for dives and faults.
     state : WatchState
@@ -108,17 +108,17 @@ class Watch:
 
     @property
     def records(self) -> Path:
-        """The observation file that the archive is made from."""
+        """Observation file from which the archive is made."""
         return self.watched.out / RECORDS
 
     def once(self, settle: float) -> None:
-        """Process the files that were last changed at least `settle` seconds ago."""
+        """Process the files whose last change is at least `settle` seconds old."""
         files = look(self.watched.source)
         self.work_up(files, older(files, settle))
         self._warn_of_nothing()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
-        """Look every `interval` seconds, and process the files that were the same in two looks."""
+        """List the files every `interval` seconds, and process those that are unchanged since the previous listing."""
         before: Mapping[Path, FileState] | None = None
         while True:
             files = look(self.watched.source) if before is None else self._look_again()
@@ -129,7 +129,7 @@ class Watch:
             sleep(interval)
 
     def _look_again(self) -> Mapping[Path, FileState]:
-        """List the files; none while the folder, perhaps on another machine, is unreachable."""
+        """List the files; return none while the folder, perhaps on another machine, is unreachable."""
         try:
             return look(self.watched.source)
         except (InputError, OSError) as error:
@@ -143,13 +143,13 @@ class Watch:
         self._import()
         if self.records.exists():
             for records in cuts(self.records, self.watched.out):
-                # The archive is already ahead of a cut whose dives were all reported.
+                # A cut whose dives were all reported is skipped: the archive already contains more.
                 self._invert_and_report(records, only_news=records != self.records)
             (self.watched.out / "replayed.nc").unlink(missing_ok=True)
         self._complete()
 
     def work_up(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
-        """Copy the files that are ready, and process what is new in them."""
+        """Copy the files that are ready, and process new data."""
         self._take(files, ready)
         if self._inputs() == self.state.inputs:
             return
@@ -185,14 +185,14 @@ class Watch:
             log.warning("%s: no complete file of %s yet", self.watched.source, kind)
 
     def _chosen(self) -> dict[str, str]:
-        """Files to be imported, by name, with their digests; only one of several with the same content."""
+        """Return the files to import, by name, with their digests; only one of several with the same content."""
         same = duplicates(self.state.taken)
         for name, first in same.items():
             log.info("%s: the same as %s", name, first)
         return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
 
     def _inputs(self) -> str:
-        """Digest of everything that determines the archive."""
+        """Return a digest of everything that determines the archive."""
         watched = self.watched
         files = watched.importing.digest(self._chosen())
         return sha256(
@@ -223,16 +223,16 @@ class Watch:
         self.listener.fault(name, why)
 
     def _invert_and_report(self, path: Path, *, only_news: bool = False) -> None:
-        """Invert the dives that are new, or whose record has changed, and report them.
+        """Invert and report the dives that are new or whose record has changed.
 
-        Fixes that arrived later are added to the archive too, unless `only_news` is set.
+        Unless `only_news` is set, fixes that arrived later are added to the archive even if no dive is new.
         """
         with open_observations(path, in_memory=True) as observations:
             if not set(observations.profile_numbers) - set(observations.faults):
                 reason = next(iter(observations.faults.values()), "no dive yet")
                 log.warning("%s: no usable profile; %s", path, reason)
                 return
-            # Times are among the samples, so that no two dives have the same.
+            # The samples include their times, so no two dives have the same digest.
             before = {one.samples for one in self.state.reported}
             new = {number: digest for number, digest in observations.sample_digests().items() if digest not in before}
             if new or not only_news:
@@ -254,7 +254,7 @@ class Watch:
         prepared.run(watched.store, executor, append=grows, overwrite=not grows, check_last=_CHECKED)
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
-        """Report one dive: its message and page first, then its listener, and last the list of those reported."""
+        """Report one dive: write its message and page, call the listener, and then record that it was reported."""
         start, end = span_of(observations, number)
         place = self.state.find(start, end)
         before = None if place is None else self.state.reported[place]
@@ -290,12 +290,12 @@ class Watch:
 
 
 def continues(store: Place, numbers: Iterable[int]) -> bool:
-    """Return whether profiles continue those of an archive; true where there is none yet.
+    """Return whether profiles continue those of an archive; true if there is no archive yet.
 
     Raises
     ------
     InputError
-        The archive holds profiles that are not among them: it is another mission's.
+        The archive contains a profile that is not among them, so it is another mission's.
     """
     if not is_begun(store) or not is_archive(store):
         return True
@@ -307,19 +307,19 @@ def continues(store: Place, numbers: Iterable[int]) -> bool:
 
 
 def _file_name(number: int, start: np.datetime64) -> str:
-    """Name of a dive's message; by its time too, since a late file can change the numbers."""
+    """Return the name of a dive's message; it includes the time, since a late file can change the numbers."""
     stamp = str(np.datetime_as_string(start, unit="s")).replace("-", "").replace(":", "")
     return f"dive-{number:04d}-{stamp}Z.json"
 
 
 @contextmanager
 def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
-    """Open a watch; meanwhile no other process can watch into the same folder.
+    """Open a watch, and lock its output folder against other processes.
 
     Raises
     ------
     InputError
-        Another process watches into the same folder, its state is damaged, or it cannot be written.
+        The output folder is the watched one or cannot be written, another process uses it, or its state is damaged.
     """
     check_folder(watched.out)
     if watched.out.resolve() == folder_of(watched.source).resolve():

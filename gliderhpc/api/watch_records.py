@@ -1,4 +1,4 @@
-"""Records of a watch: all files as one observation file, and its cuts for a replay."""
+"""Records of a watch: one observation file from all files, and truncated copies of it for a replay."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ from gliderhpc.observations.slocum_binary import cache_files
 from gliderhpc.observations.stored_reads import Reads, read_directly
 
 OBSERVATIONS = "observations"
-"""Kind of files that are in the observation format already."""
+"""Kind of files that are already in the observation format."""
 
 KINDS = (OBSERVATIONS, *IMPORTERS)
 
@@ -38,9 +38,9 @@ class Importing:
     Attributes
     ----------
     kind : str, optional
-        Their kind; by default detected from name and content.
+        Kind of the files; by default detected from name and content.
     options : mapping
-        Options of its importer.
+        Options of the importer.
     folder : Path, optional
         Folder in which the files arrive; a Slocum's cache files are expected there, unless an option names another.
     """
@@ -57,9 +57,9 @@ class Importing:
                 raise InputError(f"{name!r} cannot be set for the import of a watch")
 
     def digest(self, files: Mapping[str, str]) -> str:
-        """Digest of files, given by name with the digests of their contents, and of the options."""
+        """Return a digest of the options and of `files`, a mapping from names to digests of content."""
         options = sorted((key, str(value)) for key, value in self.options.items())
-        # A file that lacks its cache file is tried again once that has arrived.
+        # A file without its cache file is tried again once the cache file has arrived.
         content = [self.kind, options, sorted(files.items()), list(map(str, self._cache_files()))]
         return sha256(json.dumps(content).encode()).hexdigest()
 
@@ -80,12 +80,12 @@ class Importing:
         out : Path
             The observation file.
         reads : Reads
-            Reads each file.
+            Function that reads each file.
 
         Returns
         -------
         dict of str to str
-            Files and pieces left out, by name, and why.
+            Reason for each file or piece left out, by name.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Importing:
 
 
 def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
-    """Return whether a file may be a record; where any file is `named` as an instrument's, only those count."""
+    """Return whether a file may be a record; if any file is `named` like an instrument's, accept only such files."""
     netcdf, own = path.suffix.lower() == ".nc", kind_by_name(path)
     if kind is None:
         return own is not None if named else netcdf
@@ -119,7 +119,7 @@ def is_candidate(path: Path, kind: str | None, named: bool) -> bool:
 
 
 def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tuple[str, list[Path], dict[str, str]]:
-    """Return the kind of files, those that are of a kind, and those that cannot be opened with the reason."""
+    """Return the kind of the files, the files of that kind, and those that cannot be opened with the reason."""
     if kind is not None:
         return kind, list(paths), {}
     kinds: dict[str, list[Path]] = {}
@@ -139,7 +139,7 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
 
 
 def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
-    """Return the file that an error names; an error that names none is raised."""
+    """Return the file that an error names; raise the error again if it names none."""
     named = [path for path in paths if str(error).startswith(f"{path}:")]
     if not named:
         raise error
@@ -147,15 +147,15 @@ def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
 
 
 def span_of(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:
-    """Time of a profile's first and last sample."""
+    """Return the times of a profile's first and last sample."""
     span = observations.survey.spans[number]
     return span.start_time, span.end_time
 
 
 def cuts(path: Path, folder: Path) -> Iterator[Path]:
-    """Yield the records of a mission as they were after each dive, in order; the last one is `path` itself.
+    """Yield the records of a mission as they were after each dive, in order, and finally `path` itself.
 
-    A cut contains all samples up to the end of the dive and the first fix after it, but nothing of the next dive.
+    Each truncated file contains all samples up to the end of the dive and the first fix after it, but nothing later.
     """
     with open_observations(path) as observations:
         survey = observations.survey

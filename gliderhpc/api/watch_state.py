@@ -18,20 +18,20 @@ _VERSION = 1
 
 
 class Reported(BaseModel):
-    """A dive that was reported.
+    """Reported dive.
 
     Attributes
     ----------
     profile : int
-        Its number when it was reported.
+        Number of the dive when it was reported.
     start, end : str
-        First and last sample; dives are recognised by them, as numbers can change when a late file comes.
+        Times of the first and last sample. They identify the dive, as numbers can change when a late file arrives.
     samples : str
-        Digest of its samples, number and fixes left out.
+        Digest of the samples, without number and fixes.
     revision : int
-        Of its message.
+        Revision of the message.
     file : str
-        Name of its message's file.
+        Name of the message file.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -43,7 +43,7 @@ class Reported(BaseModel):
     file: str
 
     def overlap(self, start: np.datetime64, end: np.datetime64) -> float:
-        """Seconds that it shares with a span of time."""
+        """Return the overlap with a span of time, s; negative if they are disjoint."""
         first, last = max(np.datetime64(self.start), start), min(np.datetime64(self.end), end)
         return float((last - first) / np.timedelta64(1, "s"))
 
@@ -61,15 +61,15 @@ class WatchState(BaseModel):
     Attributes
     ----------
     files : dict of str to entry
-        Files of which a copy was taken, by name.
+        Copied files, by name.
     unread : dict of str to str
-        Files that may not be read and why, as reported.
+        Files that could not be read, with the reason last reported.
     faults : dict of str to str
-        Files and pieces that could not be used and why, as reported.
+        Files and pieces that could not be used, with the reason last reported.
     inputs : str
         Digest of the files, options, hull and settings that were last processed completely.
     reported : list of Reported
-        Dives that were reported, in that order.
+        Reported dives, in the order of their first report.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -82,15 +82,15 @@ class WatchState(BaseModel):
 
     @property
     def taken(self) -> dict[str, Taken]:
-        """Files of which a copy was taken, by name."""
+        """Copied files, by name."""
         return {name: Taken(FileState(entry.size, entry.modified), entry.digest) for name, entry in self.files.items()}
 
     def add_file(self, name: str, taken: Taken) -> None:
-        """Add a file, or replace it."""
+        """Add or replace a file."""
         self.files[name] = _FileEntry(size=taken.state.size, modified=taken.state.modified, digest=taken.digest)
 
     def find(self, start: np.datetime64, end: np.datetime64) -> int | None:
-        """Return the position of the reported dive that shares most time with a span; None where none shares any."""
+        """Return the position of the reported dive that shares most time with a span; None if there is no overlap."""
         shared = [(one.overlap(start, end), place) for place, one in enumerate(self.reported)]
         longest, place = max(shared, default=(0.0, 0))
         return place if longest > 0.0 else None
@@ -101,7 +101,7 @@ class WatchState(BaseModel):
         return _news(found, before)
 
     def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
-        """Store the files that may not be read, and return those that are new or different from those reported."""
+        """Store the files that could not be read, and return those that are new or different from those reported."""
         before, self.unread = self.unread, dict(found)
         return _news(found, before)
 
@@ -116,7 +116,7 @@ def _news(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]
 
 
 def read_state(folder: Path) -> WatchState:
-    """Read the state of a watch; an empty one where there is none yet.
+    """Read the state of a watch, or return an empty one if there is none yet.
 
     Raises
     ------

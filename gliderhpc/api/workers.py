@@ -25,15 +25,15 @@ def executor_of(
     Parameters
     ----------
     workers : int, optional
-        Local processes, 0 for this process alone; None for one a core.
+        Number of local worker processes, 0 to compute in this process; None for one per core.
     cluster : ClusterAddress, optional
-        A running cluster.
+        Running cluster.
     needed : tuple of Path
-        Files and folders that its workers must see.
+        Files and folders that the cluster's workers must see.
     most : int, optional
         Largest useful number of local processes.
     warm : callable
-        Run before the first job, once on every host.
+        Function called before the first job, once on every host.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def executor_of(
 
 
 def cluster_of(scheduler: Scheduler) -> ClusterAddress | None:
-    """Return the cluster of an argument: an address holds ``://``, anything else is a file."""
+    """Return the cluster of an argument: a text with ``://`` is an address, anything else a file."""
     if scheduler is None or isinstance(scheduler, ClusterAddress):
         return scheduler
     if isinstance(scheduler, str) and "://" in scheduler:
