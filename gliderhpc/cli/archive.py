@@ -1,4 +1,4 @@
-"""``gliderhpc info``, ``check`` and ``compare``: the content of an archive, its faults, and how two archives differ."""
+"""``gliderhpc info``, ``check`` and ``compare``: content of an archive, its faults, and differences of two archives."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -44,7 +44,7 @@ def info(archive: Place, all_messages: bool) -> int:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
     with reading(archive):
-        # An archive of another version has other variables, so that theirs would seem to be missing.
+        # An archive of another version has other variables, so chunks of this version would seem to be missing.
         other = other_version(archive)
         missing = [] if other else missing_chunks(archive)
     if other:

@@ -44,13 +44,13 @@ class LogFormatter(logging.Formatter):
 
 
 def results() -> Console:
-    """Return a console on stdout; wide where that is a file or a pipe, so that no column is cut."""
+    """Return a console on stdout, wide if stdout is a file or a pipe, to avoid cutting columns."""
     console = _Console(markup=False, emoji=False)
     return console if console.is_terminal else _Console(width=_FILE_WIDTH, markup=False, emoji=False)
 
 
 def table(title: str, rows: Sequence[tuple[str, ...]], headings: Sequence[str], words: Collection[str]) -> Table:
-    """Return a table of texts; columns with a heading in `words` are aligned to the left, the others to the right."""
+    """Return a table of texts; columns whose heading is in `words` are left-aligned, the others right-aligned."""
     made = Table(title=title, title_justify="left")
     for heading in headings:
         made.add_column(heading, justify="left" if heading in words else "right")
@@ -61,12 +61,12 @@ def table(title: str, rows: Sequence[tuple[str, ...]], headings: Sequence[str], 
 
 _FORMAT = "%(asctime)s %(levelname)s %(message)s"
 _LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")
-"""Beginning of a log line in that format."""
+"""Pattern of the beginning of a log line in that format."""
 
 
 @contextmanager
 def logging_to(log_file: Path | None) -> Iterator[None]:
-    """Send the package's log to a file, and to stderr where that is no terminal.
+    """Send the package's log to a file, and to stderr unless that is a terminal.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def _check_is_log(log_file: Path) -> None:
     Raises
     ------
     InputError
-        It may not; the message names the remedy.
+        The file is something else or cannot be read; the message names the remedy.
     """
     if not log_file.exists() or stat.S_ISCHR(log_file.stat().st_mode):
         return

@@ -72,7 +72,7 @@ def currents(
 
 def _write(found: xr.Dataset, out: Path, overwrite: bool) -> None:
     units = {"units": "seconds since 1970-01-01T00:00:00Z", "dtype": "float64", "calendar": "proleptic_gregorian"}
-    # CF allows a coordinate no fill value, which the library would give it (section 2.5.1).
+    # CF forbids a fill value for a coordinate (section 2.5.1), and xarray would add one.
     times = [name for name in map(str, found.variables) if np.issubdtype(found[name].dtype, np.datetime64)]
     encoding = {name: {**units, **({"_FillValue": None} if name == "time" else {})} for name in times}
     try:

@@ -1,4 +1,4 @@
-"""``gliderhpc demo``: a synthetic mission is simulated, inverted, analysed by every study, and reported."""
+"""``gliderhpc demo``: simulate a synthetic mission, invert it, run every study, and write the report."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -68,10 +68,10 @@ PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
 
 FIRST_LOOK = 6
-"""Dives of the demo without `--full`."""
+"""Number of dives of the demo without `--full`."""
 
 QUICK = ("intermittency", "nulls", "drift")
-"""Studies with ensembles, which the demo runs at their quick sizes."""
+"""Studies with ensembles; the demo runs them at their quick sizes."""
 
 _MODELS = {"model_a.nc": 11, "model_b.nc": 12}
 """Files of synthetic ocean models, and the seeds of their errors."""
@@ -89,7 +89,7 @@ class DemoResult:
     observations, truth, store : Path
         The simulated records, their truth, and the archive.
     report : Written
-        The page, its tables and figures.
+        Page of the report, its tables and figures.
     mission : MissionResult
         Result of the run.
     """
@@ -120,7 +120,8 @@ class _Tour:
 def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResult:
     """Simulate the demo mission into a folder, invert it, run the studies and write the report.
 
-    `say` takes a line at each step, `show` the tables of the inverted mission. Outputs of an earlier demo are replaced.
+    `say` is called with a line at each step, `show` with the tables of the inverted mission. Outputs of an earlier demo
+    are replaced.
 
     Raises
     ------
@@ -152,18 +153,18 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
 
 
 def _scenario(full: bool) -> Scenario:
-    """Return the scenario of the demo, or its first dives."""
+    """Return the scenario of the demo, complete or with its first dives only."""
     scenario = load_scenario(SCENARIO)
     return scenario if full else scenario.replaced({"profiles": min(scenario.profiles, FIRST_LOOK)})
 
 
 def _days(scenario: Scenario) -> float:
-    """Return how long the mission takes, in days."""
+    """Return the duration of the mission, days."""
     return float(scenario.profiles * 2 * np.mean(scenario.surface.half_interval) / 86_400.0)
 
 
 def _light_currents(observations: Path) -> str:
-    """Describe the currents that need no flight model, the first results of the demo."""
+    """Describe the currents estimated without a flight model, the first results of the demo."""
     found = currents(observations)
     north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
     error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
@@ -175,7 +176,7 @@ def _light_currents(observations: Path) -> str:
 
 
 def _check_folder(observations: Path, mission: str) -> None:
-    """Check that a folder contains no other mission, since users may name theirs ``mission.nc`` too."""
+    """Check that a folder contains no other mission; users may also name theirs ``mission.nc``."""
     if not observations.exists():
         if is_archive(observations.with_suffix(".zarr")):
             raise InputError(f"{observations.with_suffix('.zarr')}: was not made by the demo; give another --out")
@@ -209,9 +210,9 @@ def _validate(tour: _Tour) -> None:
 
 
 def _study(tour: _Tour) -> None:
-    """Run every study, those with ensembles at their quick sizes; the ocean models are synthetic.
+    """Run every study on the mission and on synthetic ocean models; studies with ensembles run at their quick sizes.
 
-    The report shows their findings from the archive, so no files are written here.
+    The report reads the findings from the archive, so no files are written here.
     """
     truth = truth_path(tour.observations)
     models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())

@@ -1,4 +1,4 @@
-"""``gliderhpc calibrate`` and ``tune``: a hull, or its disturbance prior, fitted to its own records."""
+"""``gliderhpc calibrate`` and ``tune``: fit of a hull or its disturbance prior to the glider's own records."""
 
 import logging
 from pathlib import Path

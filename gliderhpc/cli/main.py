@@ -1,4 +1,4 @@
-"""Program ``gliderhpc``: its verbs and exit statuses."""
+"""Program ``gliderhpc``: verbs and exit statuses."""
 
 import _thread
 import importlib
@@ -21,7 +21,7 @@ from gliderhpc.garbage import seldom_collected
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses: done; it ran and something failed; wrong usage or input; interrupted."""
+"""Exit statuses: done; something failed during the run; wrong usage or input; interrupted."""
 
 VERBS = {
     "run-mission": "run_mission",
@@ -45,7 +45,7 @@ VERBS = {
     "doctor": "doctor",
     "completion": "main",
 }
-"""Module of each verb, imported on use."""
+"""Module of each verb, imported when the verb is used."""
 
 SUMMARIES = {
     "run-mission": "Estimate currents and disturbances of every profile.",
@@ -69,7 +69,7 @@ SUMMARIES = {
     "doctor": "Check what a run needs on this machine.",
     "completion": "Print the completion script of a shell.",
 }
-"""Summary of each verb, here so that the list of verbs is shown without importing them."""
+"""Summary of each verb, defined here to list the verbs without importing their modules."""
 
 INTERRUPTED_STATE = {
     "run-mission": "the archive is intact",
@@ -85,25 +85,25 @@ INTERRUPTED_STATE = {
     "twin": "nothing was written",
     "report": "the page may be that of an earlier report",
 }
-"""State after an interrupted verb, for the message."""
+"""State after an interruption of each verb, for the message."""
 
 RESUMABLE = ("run-mission",)
-"""Verbs that can be resumed; any other is run again."""
+"""Verbs that can be resumed; any other verb is run again."""
 
 
 SHELLS = ("bash", "zsh", "fish")
-"""Shells that have a completion script."""
+"""Shells for which there is a completion script."""
 
 
 class Verbs(click.Group):
-    """Group of the verbs, each imported only when it is used; listing them imports none."""
+    """Group of the verbs. A verb's module is imported only when the verb is used; listing the verbs imports none."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the verbs."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a verb's command."""
+        """Import and return a verb's command."""
         if cmd_name not in VERBS:
             return None
         module = importlib.import_module(f"gliderhpc.cli.{VERBS[cmd_name]}")
@@ -154,7 +154,7 @@ def completion_script(shell: str) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the program and exit with its status; every error is reported in one line."""
+    """Run the program, report any error in one line, and exit with the status."""
     _open_standard_streams()
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     status = _run(arguments, verb)
@@ -166,7 +166,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     remedy = "finish it with --resume" if verb in RESUMABLE else "run it again"
     try:
         with _terminated_as_interrupted(), seldom_collected(), warnings.catch_warnings():
-            # Files that a killed run had not completed are no part of an archive and need no warning.
+            # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
@@ -185,7 +185,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         return _say_interrupted(verb, remedy)
     except BrokenPipeError:
         _discard("stdout")
-        return FAILED  # the reader of the output has ended, as `head` does, so no message can be shown
+        return FAILED  # the reader of the output, such as `head`, has ended, so no message can be shown
     except MemoryError:
         return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
@@ -202,9 +202,9 @@ def _say_interrupted(verb: str, remedy: str) -> int:
 
 
 def _follows_interruption(error: BaseException | None) -> bool:
-    """Whether an error was raised on the way out of an interruption.
+    """Return whether an error was raised while an interruption was handled.
 
-    A signal may arrive while a lock is taken again, and the lock's own error then replaces the interruption.
+    A signal may arrive while a lock is acquired again, and the lock's own error then replaces the interruption.
     """
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
@@ -231,7 +231,7 @@ def _say(line: str, status: int) -> int:
 
 
 def _flushed(status: int) -> int:
-    """Flush the output; output that cannot be written is a failure."""
+    """Flush the output and return the status, which is a failure if the output cannot be written."""
     for name in ("stdout", "stderr"):
         try:
             getattr(sys, name).flush()
@@ -245,14 +245,14 @@ def _flushed(status: int) -> int:
 
 
 def _discard(name: str) -> None:
-    """Replace a closed stream by the null device, so that closing it raises no error."""
+    """Replace a closed stream by the null device, to avoid an error when it is closed."""
     setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - it stays open
 
 
 def _open_standard_streams() -> None:
     """Open standard streams that the caller has closed.
 
-    Otherwise the next file opened gets their number, and with it all that libraries print.
+    Otherwise the next file opened gets their descriptor, and libraries print into that file.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -260,15 +260,15 @@ def _open_standard_streams() -> None:
 
 
 _AGAIN = 0.02
-"""Seconds after which an interruption that Python has dropped is raised again."""
+"""Delay after which an interruption that Python has dropped is raised again, s."""
 
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
     """Treat SIGTERM, which batch systems send before they kill a job, like Ctrl-C.
 
-    Either may arrive where Python has no caller to raise it to, in the callback of a weak reference; then it is raised
-    again at the next moment.
+    A signal may arrive in the callback of a weak reference, where Python has no caller to raise the interruption to. It
+    is then raised again shortly afterwards.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -279,7 +279,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
     def raise_again(unraisable: "sys.UnraisableHookArgs") -> None:
         if unraisable.exc_type is KeyboardInterrupt:
-            # Not from here: raised within the hook it would be dropped too.
+            # Raised within this hook, it would be dropped too.
             again.append(threading.Timer(_AGAIN, _thread.interrupt_main))
             again[-1].start()
         else:

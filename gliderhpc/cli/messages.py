@@ -1,6 +1,6 @@
-"""Text for a terminal, through which every printed line passes, and one-line reports of unexpected errors.
+"""Text for a terminal, and one-line reports of unexpected errors. Every printed line passes through this module.
 
-Names, messages and attributes come from files and may contain control characters, which a terminal must not obey.
+Names, messages and attributes come from files and may contain control characters, which must not reach a terminal.
 """
 
 import errno
@@ -26,7 +26,7 @@ _CONTROLS = {code: _REPLACED for first, end in _RANGES for code in range(first, 
 
 
 def printable(text: str, *, lines: bool = True) -> str:
-    """Return a text with control characters replaced, and line ends too unless `lines` is set."""
+    """Replace the control characters of a text, and its line ends unless `lines` is set."""
     shown = text.translate(_CONTROLS)
     return shown if lines else shown.replace("\n", " ")
 
@@ -37,7 +37,7 @@ def say(text: object = "", *, err: bool = False, nl: bool = True) -> None:
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a full disk."""
+"""Error numbers of a full disk."""
 
 _UNUSABLE = (
     errno.EACCES,
@@ -52,11 +52,11 @@ _UNUSABLE = (
     errno.ENXIO,
     errno.EINVAL,
 )
-"""Errors of the file system that another name or other permissions would avoid."""
+"""Error numbers of the file system that another name or other permissions would avoid."""
 
 
 class UnexpectedError(Exception):
-    """An error of the program itself, and the file with its traceback."""
+    """Error of the program itself, with the file that contains its traceback."""
 
     def __init__(self, error: BaseException, file: Path) -> None:
         super().__init__(str(error))
@@ -74,7 +74,7 @@ _EXPECTED = (
 
 
 def is_expected(error: BaseException) -> bool:
-    """Return whether an error can be caused by the user or the machine and has a message of its own."""
+    """Return whether the user or the machine can cause an error, and it has a message of its own."""
     if isinstance(error, OSError):
         return error.errno in FULL or is_of_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
@@ -91,7 +91,7 @@ def is_unusable(error: OSError) -> bool:
 
 
 def describe_unexpected(found: Exception) -> str:
-    """Describe an unexpected error in one line; its traceback is written to a file."""
+    """Write the traceback of an unexpected error to a file, and describe the error in one line."""
     if not isinstance(found, UnexpectedError):
         found = UnexpectedError(found, _write_traceback(found))
     what = (str(found.error).splitlines() or ["no message"])[0]
@@ -102,7 +102,7 @@ def describe_unexpected(found: Exception) -> str:
 
 
 def environment() -> str:
-    """Return command and versions, for the maintainers."""
+    """Return the versions and the command, for the maintainers."""
     return (
         f"gliderhpc {__version__}, Python {platform.python_version()}, {platform.platform()}: "
         f"{shlex.join(map(str, sys.argv))}"
@@ -110,7 +110,7 @@ def environment() -> str:
 
 
 def _write_traceback(error: BaseException) -> Path:
-    """Write the traceback to a new file in the temporary folder, or to stderr where that fails."""
+    """Write the traceback to a new file in the temporary folder, or to stderr if that fails."""
     text = f"{environment()}\n\n{''.join(traceback.format_exception(error))}"
     try:
         descriptor, name = tempfile.mkstemp(prefix="gliderhpc-error-", suffix=".txt", text=True)

@@ -23,7 +23,7 @@ Command = Callable[..., Any]
 
 
 class _Place(click.ParamType):  # type: ignore[type-arg]
-    """Parameter type of a folder or of an address in an object store."""
+    """Parameter type of a folder or an address in an object store."""
 
     name = "archive"
 
@@ -65,7 +65,7 @@ MAX_PATIENCE = 1e7
 
 
 def _hulls_and_files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the names of shipped hulls, or files where none matches."""
+    """Complete the names of shipped hulls, or files if none matches."""
     names = [CompletionItem(name) for name in shipped_platforms() if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
 
@@ -129,7 +129,7 @@ def cluster(command: Command) -> Command:
 
 
 def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
-    """Return the cluster given by either option, None where neither is given."""
+    """Return the cluster of either option, None if neither is set."""
     if scheduler is not None and file is not None:
         raise click.UsageError("--scheduler and --scheduler-file exclude each other")
     return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
@@ -138,7 +138,7 @@ def cluster_address(scheduler: str | None, file: Path | None, patience: float = 
 def executor_for(
     workers: int | None, cluster: ClusterAddress | None = None, *further: Any
 ) -> Callable[[], AbstractContextManager[Executor]]:
-    """Return the function that opens the executor, as `executor_of` of the same arguments, checked as options."""
+    """Check the arguments as options, and return the function of `executor_of` that opens the executor."""
     if cluster is not None and workers is not None:
         raise click.UsageError("--workers starts local workers; leave it out, since a running cluster has its own")
     return executor_of(workers, cluster, *further)

@@ -1,4 +1,4 @@
-"""``gliderhpc platforms``: list of the hulls, and properties of one hull."""
+"""``gliderhpc platforms``: list of the hulls, or properties of one hull."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NET_MASSES = (0.2, 0.3, 0.4, 0.5)
 PITCHES = (20.0, 25.0, 30.0, 35.0)
 
 MAX_SIGN_DOUBT = 0.05
-"""Fraction of 15 % coefficient draws with the opposite sign above which the yaw moment determines no current."""
+"""Largest fraction of 15 % coefficient draws with the opposite sign for which the yaw moment determines a current."""
 
 
 @click.command("platforms")
@@ -95,7 +95,7 @@ def show(
     Parameters
     ----------
     platform : Platform
-        The hull, valid key by key; it need not glide stably.
+        The hull; each key must be valid, but a stable glide is not required.
     console : rich.console.Console
         Output.
     net_masses : tuple of float

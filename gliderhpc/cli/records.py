@@ -1,4 +1,4 @@
-"""``gliderhpc import`` and ``inspect``: an instrument's files to the observation format, and checks of the records."""
+"""``gliderhpc import`` and ``inspect``: import of an instrument's files, and checks of the records."""
 
 import json
 from collections.abc import Iterable
@@ -206,7 +206,7 @@ def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwri
 
 
 def _print_summary(summary: ImportSummary, console: Console) -> int:
-    """Print the summary; the exit status, 1 where a file could not be used."""
+    """Print the summary and return the exit status, 1 if a file could not be used."""
     console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -214,7 +214,7 @@ def _print_summary(summary: ImportSummary, console: Console) -> int:
 
 
 def _lines(summary: ImportSummary) -> list[str]:
-    """Return the lines below the table; files left out come last, before the result."""
+    """Return the lines below the table; excluded files come just before the last line, the result."""
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
@@ -230,7 +230,7 @@ def _lines(summary: ImportSummary) -> list[str]:
 
 
 def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -> Table:
-    """Tabulate the profiles that an import found; `parts` heads the column of the vehicle's own pieces."""
+    """Tabulate the profiles found by an import; `parts` is the heading of the column of the vehicle's own pieces."""
     table = Table(title=title)
     for heading in ("profile", parts, "start", "minutes", "samples", "depth m"):
         table.add_column(heading, justify="right", no_wrap=True)

@@ -1,4 +1,4 @@
-"""``gliderhpc run-mission``: observations in, disturbances and current out, in an archive."""
+"""``gliderhpc run-mission``: inversion of observations into an archive of disturbances and currents."""
 
 import logging
 from collections.abc import Sequence
@@ -109,7 +109,7 @@ def _warn(warning: str) -> None:
 
 
 def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
-    """Print the profiles that would fail at once, and why."""
+    """Print the profiles that would fail at once, with the reason."""
     faulty = [number for number in chosen if number in observations.faults]
     for number in faulty[:_SHOWN_FAULTS]:
         say(f"will fail: {observations.faults[number]}")

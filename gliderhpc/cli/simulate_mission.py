@@ -30,7 +30,7 @@ from gliderhpc.simulator import (
 log = logging.getLogger("gliderhpc.simulate")
 
 MAX_TABLE_ROWS = 24
-"""Rows of the table; of a longer mission every second, third, ... profile is listed."""
+"""Largest number of rows of the table; for a longer mission, every second, third, ... profile is listed."""
 
 MAX_SERIAL_PROFILES = 8
 """Largest mission that is simulated in this process by default."""
@@ -101,7 +101,7 @@ def _workers(scenario: Scenario, requested: int | None) -> int:
 
 
 def _note_ocean(platform: Platform, scenario: Scenario) -> None:
-    """Say which compressibility a hull that states none is simulated with."""
+    """Log the compressibility assumed in the simulation if the platform file has none."""
     if scenario.ocean is None or platform.buoyancy.compressibility is not None:
         return
     found = compressible(platform).buoyancy

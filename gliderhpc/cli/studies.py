@@ -1,4 +1,4 @@
-"""``gliderhpc analyze`` and ``validate``: studies of a finished mission, and the forward model against its records."""
+"""``gliderhpc analyze`` and ``validate``: studies of a finished mission, and comparison of model and records."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,7 +118,7 @@ def analyze(
 
 
 def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the assignments if each names its study."""
+    """Check that each assignment names its study, and return the assignments."""
     for text in assignments:
         if text.partition(".")[0] not in STUDIES:
             raise InputError(f"--set {text}: write STUDY.KEY=VALUE, for example --set currents.bin=5")
@@ -133,7 +133,7 @@ def _folder(out: Path | None, archive: Path, name: str, estimate: str, alone: bo
 
 
 def _names(study: str, request: Request) -> Iterator[str]:
-    """Yield the studies to run; whether the inputs of one are there is checked in its turn, after those before it."""
+    """Yield the studies to run; check the inputs of each only after the previous studies have run."""
     if study != ALL:
         yield study
         return

@@ -1,4 +1,4 @@
-"""``gliderhpc twin``: simulated dives inverted like real ones, and the estimates compared with the known truth."""
+"""``gliderhpc twin``: inversion of simulated dives like real ones, and comparison of the estimates with the truth."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,7 +49,7 @@ _PLATFORM = click.option(
 
 
 def _common(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options that all studies have to a command."""
+    """Add to a command the options common to all studies."""
     for option in reversed(_COMMON):
         command = option(command)
     return command
@@ -145,7 +145,7 @@ def _run(
     workers: int | None,
     log_file: Path | None,
 ) -> int:
-    """Run a study on local workers with a progress bar; the output folder is checked first."""
+    """Check the output folder, and run a study on local workers with a progress bar."""
     plan = study.plan([load_platform(name) for name in platforms], quick=quick, seeds=seeds)
     check_folder(out)
     total = len(study.runs(plan))

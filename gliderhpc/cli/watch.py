@@ -1,4 +1,4 @@
-"""``gliderhpc watch``: every new dive into the archive as its files arrive, with a JSON message for each."""
+"""``gliderhpc watch``: inversion of every new dive as its files arrive, with a JSON message for each."""
 
 import json
 from dataclasses import dataclass
@@ -139,7 +139,7 @@ def _folder(store: Place) -> Path:
 
 @dataclass
 class _Speaker:
-    """Prints dives and their alerts, and sends the latter."""
+    """Printer of dives and their alerts, which also sends the alerts."""
 
     alerts: Alerts | None
     failed: int = 0
