@@ -1,4 +1,4 @@
-"""Sizes, colours, panels and shading that the studies' figures share."""
+"""Sizes, colours, panels and shading shared by the studies' figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette, which colour-blind readers can distinguish.
+# Okabe and Ito's palette, whose colours colour-blind readers can distinguish.
 MEASURED = "#E69F00"
 MODEL = "#0072B2"
 ESTIMATE = ADJOINT = MODEL
@@ -33,18 +33,18 @@ DPI = 200
 LANDSCAPE = (11.0, 7.6)
 _OPAQUE = 255
 _COMPRESSION = 3
-"""Effort of PNG's compression, of 9."""
+"""Level of the PNG compression, 0 to 9."""
 
 _LETTERS_AN_INCH = 18.0
-"""Of the small type, with room to spare."""
+"""Letters of the small type per inch, a low estimate."""
 
 _LETTERS_A_PANEL = 36
-"""Of the larger type, in the narrowest panels."""
+"""Letters of the larger type per line in the narrowest panels."""
 
 
 def new_figure(size: tuple[float, float], dpi: int = DPI) -> Figure:
-    """Empty figure of a size in inches; built without pyplot's global state, so that any thread or worker can draw."""
-    # Matplotlib takes half as long to import as everything else together, and most commands draw nothing.
+    """Return an empty figure of a size in inches, without pyplot's global state: any thread or worker can draw it."""
+    # Importing Matplotlib takes half as long as all other imports together, and most commands draw nothing.
     from matplotlib.figure import Figure
 
     return Figure(figsize=size, dpi=dpi, layout="constrained")
@@ -53,7 +53,7 @@ def new_figure(size: tuple[float, float], dpi: int = DPI) -> Figure:
 def panels(
     rows: int, columns: int, size: tuple[float, float], title: str, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Figure with a title and a grid of dressed panels, row by row."""
+    """Return a figure with a title and a grid of styled panels, row by row."""
     figure = new_figure(size)
     figure.suptitle(title, fontsize=11, fontweight="bold", parse_math=False)
     grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
@@ -64,7 +64,7 @@ def panels(
 
 
 def dress(axes: Axes) -> None:
-    """Give a panel small labels, a faint grid and no frame on two sides."""
+    """Style a panel: small labels, a faint grid, and no frame at the top and on the right."""
     axes.tick_params(labelsize=SMALL, length=2.0, width=0.6, pad=2.0)
     axes.tick_params(which="minor", labelsize=SMALL)
     axes.grid(True, linewidth=0.3, color="#CCCCCC")
@@ -74,14 +74,14 @@ def dress(axes: Axes) -> None:
 
 
 def rendered(figure: Figure, form: Literal["png", "svg"]) -> bytes:
-    """Image of a figure, drawn once: `Figure.savefig` draws twice, the first time for a layout that is made anyway."""
+    """Return the image of a figure, drawn once. `Figure.savefig` would draw it twice, first for a needless layout."""
     return _svg(figure) if form == "svg" else _png(figure)
 
 
 def _png(figure: Figure) -> bytes:
-    """Encode a figure without its opacity, which figures on white do not need, and with little effort.
+    """Encode a figure as PNG with fast compression, and without an alpha channel if every pixel is opaque.
 
-    Matplotlib's own PNG of the same pixels takes nearly twice as long and is as large.
+    Matplotlib's own PNG encoder takes nearly twice as long for the same pixels, and its file is as large.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -105,7 +105,7 @@ def _svg(figure: Figure) -> bytes:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.StringIO()
-    # Without a fixed salt the identifiers in an SVG are random, and equal figures give different files.
+    # Without a fixed salt the identifiers in an SVG are random, so equal figures would give different files.
     with mpl.rc_context({"svg.hashsalt": "gliderhpc"}):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
     return buffer.getvalue().encode()
@@ -113,7 +113,7 @@ def _svg(figure: Figure) -> bytes:
 
 @dataclass(frozen=True)
 class Images:
-    """A figure as PNG and as SVG, and its width and height in inches."""
+    """Images of a figure as PNG and SVG, and its width and height in inches."""
 
     png: bytes
     svg: bytes
@@ -121,16 +121,16 @@ class Images:
 
 
 def images_of(figure: Figure) -> Images:
-    """Draw a figure as PNG and as SVG; it is not to be drawn again."""
+    """Draw a figure as PNG and SVG; the figure must not be drawn again, since its layout engine is removed."""
     png = rendered(figure, "png")
-    # The SVG takes the layout of the PNG: laying out again would take as long as drawing.
+    # The SVG uses the layout of the PNG; a second layout would take as long as the drawing.
     figure.set_layout_engine("none")
     width, height = (float(inches) for inches in figure.get_size_inches())
     return Images(png, rendered(figure, "svg"), (width, height))
 
 
 def footnote(figure: Figure, text: str) -> None:
-    """Write below the panels how a figure is read and what it does not resolve, in lines as long as it is wide."""
+    """Write a note on the reading and the limits of a figure below its panels, wrapped to its width."""
     width = int(_LETTERS_AN_INCH * figure.get_figwidth())
     lines = [line for part in text.splitlines() for line in textwrap.wrap(part, width)]
     figure.supxlabel("\n".join(lines), fontsize=SMALL)
@@ -144,13 +144,13 @@ def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
 
 
 def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "best") -> None:
-    """Draw a panel's legend where anything in it has a name."""
+    """Draw a panel's legend if any of its curves has a name."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
 
 
 def nothing_here(axes: Axes, text: str) -> None:
-    """Write into a panel why nothing is drawn in it, and take the scale off its empty axes."""
+    """Write into an empty panel the reason why nothing is drawn, and remove the ticks of its axes."""
     axes.set(xticks=[], yticks=[])
     axes.text(
         0.5,
@@ -164,7 +164,7 @@ def nothing_here(axes: Axes, text: str) -> None:
 
 
 def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = None, colour: str = SHADE) -> None:
-    """Mark the stretches of a mask along time in a panel's background."""
+    """Shade the intervals of a mask along time in a panel's background."""
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     bars = [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in stretches(mask)]
     if bars:
@@ -181,7 +181,7 @@ def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = N
 
 
 def limits(values: Array, share: float = 0.5, room: float = 0.08) -> tuple[float, float]:
-    """Limits of an axis around the percentiles `share` to 100 - `share` of the finite values."""
+    """Return limits of an axis around the percentiles `share` to 100 - `share` of the finite values."""
     known = values[np.isfinite(values)]
     if not known.size:
         return -1.0, 1.0

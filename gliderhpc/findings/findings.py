@@ -1,4 +1,4 @@
-"""Findings of a study: comparisons with the paper, tables, figures, and their files, the same for every study."""
+"""Findings of any study: comparisons with the paper, tables, figures, and their files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Row = Mapping[str, Any]
 _ABSENT = "–"
 
 COLUMNS = ("quantity", "unit", "paper", "ours", "spread", "ratio", "remark")
-"""Of the table."""
+"""Columns of the table of comparisons."""
 
 _OF_NUMBERS = ("paper", "ours", "spread", "ratio")
 
@@ -34,11 +34,11 @@ _OPTIONAL = ("spread", "remark")
 
 
 Paper = float | tuple[float, float] | None
-"""A figure of the paper's, its range (lower end first), or None where it has none."""
+"""Value of the paper, its range (lower end first), or None if the paper states none."""
 
 
 def number(value: float | None) -> str:
-    """Three significant digits without an exponent where that reads well, and a dash for what is missing."""
+    """Format a number with three significant digits, without an exponent if legible; a missing one as a dash."""
     if value is None or not math.isfinite(value):
         return _ABSENT
     if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
@@ -48,14 +48,14 @@ def number(value: float | None) -> str:
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]], of_numbers: Collection[str] = ()) -> str:
-    """Lay cells out as a Markdown table, the columns `of_numbers` to the right."""
+    """Format cells as a Markdown table, with the columns `of_numbers` right-aligned."""
     rules = ["---:" if column in of_numbers else "---" for column in columns]
     lines = [columns, rules, *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> Path:
-    """Write one line a row; the columns are all keys in order of appearance, NaN and None are left empty."""
+    """Write rows as CSV; the columns are all keys in order of appearance, and NaN and None are left empty."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -65,13 +65,13 @@ def write_csv(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Write a study's figures."""
+    """Write content as JSON, with NaN and infinities as null."""
     path.write_text(json.dumps(as_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
     return path
 
 
 def as_plain(value: Any) -> Any:
-    """Turn numpy's and missing values into what JSON holds: NaN and infinities become null."""
+    """Convert values of numpy into plain values for JSON; NaN and infinities become None."""
     if isinstance(value, Mapping):
         return {str(key): as_plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -91,24 +91,24 @@ def _csv_cell(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure of the paper and ours.
+    """Value of one quantity in the paper and in this study.
 
     Attributes
     ----------
     quantity : str
-        Its name.
+        Name of the quantity.
     unit : str
-        Of all its numbers; ``1`` for a ratio or a count.
+        Unit of all its numbers; ``1`` for a ratio or a count.
     ours : float
-        Value of this study, NaN where it gives none.
+        Value of this study, NaN if there is none.
     paper : float, (float, float), optional
-        Value of the paper, or a range with its lower end first; None where it gives none.
+        Value of the paper, or its range with the lower end first; None if the paper states none.
     spread : (float, float), optional
-        Range of ours over the runs; the quartiles unless `remark` states otherwise.
+        Range of our values over the runs: quartiles, unless `remark` states otherwise.
     paper_text : str
-        The paper's own words where neither a number nor a range does (``<= 0.24``).
+        Text of the paper if neither a number nor a range can express it (``<= 0.24``).
     remark : str
-        Note for the reader, such as the data that ours was made from.
+        Note for the reader, such as the data behind our value.
     """
 
     quantity: str
@@ -121,7 +121,7 @@ class Comparison:
 
     @property
     def ratio(self) -> float | None:
-        """Ours over the paper's, with a range over its nearest end and 1 inside it; None where that is meaningless."""
+        """Ratio of our value to the paper's (the nearest end of a range, 1 inside it); None if that is meaningless."""
         reference = self.paper
         if isinstance(reference, tuple):
             reference = min(max(self.ours, reference[0]), reference[1])
@@ -131,7 +131,7 @@ class Comparison:
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """The row as text, in the order of `COLUMNS`."""
+        """Texts of the row, in the order of `COLUMNS`."""
         paper = self.paper_text or figure_text(self.paper)
         return (
             self.quantity,
@@ -145,12 +145,12 @@ class Comparison:
 
 
 def figure_text(value: Paper) -> str:
-    """A figure or a range as text."""
+    """Format a value or a range as text."""
     return f"{number(value[0])} to {number(value[1])}" if isinstance(value, tuple) else number(value)
 
 
 def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
-    """Lay comparisons out for a terminal; spread and remark only where some row has one."""
+    """Format comparisons as a table for a terminal, with spread and remark only if a row has one."""
     shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
     table = Table(title=Text(title), title_justify="left")
     for column in _shown_of(COLUMNS, shown):
@@ -161,17 +161,17 @@ def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
 
 
 def comparison_markdown(rows: Iterable[Comparison]) -> str:
-    """Lay comparisons out as a Markdown table, all columns."""
+    """Format comparisons as a Markdown table with all columns."""
     return markdown(COLUMNS, (row.cells for row in rows), _OF_NUMBERS)
 
 
 def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:
-    """Comparisons as plain values, ratio included."""
+    """Return comparisons as plain values, including the ratio."""
     return [{**asdict(row), "ratio": row.ratio} for row in rows]
 
 
 def comparison_from_json(content: Mapping[str, Any]) -> Comparison:
-    """Read back what `comparisons_as_json` gave, after a JSON file has held it."""
+    """Restore a comparison from an entry of `comparisons_as_json` that was read from a JSON file."""
     values = {name: value for name, value in content.items() if name != "ratio"}
     if "paper_said" in values:  # its name in files of earlier versions
         values["paper_text"] = values.pop("paper_said")
@@ -191,12 +191,12 @@ def _shown_of(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
 
 
 class Drawings(Mapping[str, "Figure"]):
-    """Figures by stem, each drawn when it is first asked for, as most runs of a study need its numbers alone.
+    """Figures by stem, each drawn at its first use, since most runs of a study need only its numbers.
 
     Parameters
     ----------
     draw : mapping of str to callable
-        Draws each figure.
+        Function that draws each figure, by stem.
     """
 
     def __init__(self, draw: Mapping[str, Callable[[], Figure]]) -> None:
@@ -224,19 +224,19 @@ class Findings:
     comparisons : mapping of str to sequence of Comparison
         Comparisons with the paper, by the title of their table.
     tables : mapping of str to sequence of mapping
-        Rows, written as CSV by the file's stem.
+        Rows by stem of the CSV file.
     figures : mapping of str to matplotlib.figure.Figure
-        Written as PNG by the file's stem, at the figure's own resolution.
+        Figures by stem of the PNG file, written at the figure's own resolution.
     content : mapping
         Content of the study's JSON.
     documents : mapping of str to str
-        Further files of text, by name.
+        Further text files, by name.
     failed : mapping of int to str
-        Profiles that could not be studied, and why.
+        Profiles that could not be studied, with the reason.
     remarks : tuple of str
-        For the reader, such as an input that was not given.
+        Remarks for the reader, such as a note on an input that was not supplied.
     captions : mapping of str to str
-        By stem of a figure or table: what was done, on which data, how sure it is and what it does not resolve.
+        Captions by stem of a figure or table: method, data, uncertainty and limits of resolution.
     """
 
     comparisons: Mapping[str, Sequence[Comparison]]
@@ -255,11 +255,11 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
     Parameters
     ----------
     findings : Findings
-        To write.
+        Findings to write.
     study : str
-        Its name; the JSON is ``STUDY.json``.
+        Name of the study; the JSON file is ``STUDY.json``.
     folder : str or Path
-        Made where it is missing; files of the same names are replaced.
+        Output folder, created if missing; files of the same names are replaced.
 
     Returns
     -------
@@ -300,10 +300,10 @@ def archive_findings(
     *,
     captions: Mapping[str, str],
 ) -> Findings:
-    """Findings of a study of an archive: one table of comparisons, and a JSON that holds it and the facts.
+    """Assemble the findings of a study of an archive: one table of comparisons, and JSON content with it and the facts.
 
-    Figures are given by the functions that draw them. Every figure and table needs its caption; captions of what is not
-    there are left out.
+    Figures are passed as functions that draw them. Every figure and table needs a caption; superfluous captions are
+    dropped.
     """
     return Findings(
         comparisons={study: comparisons},
