@@ -1,7 +1,7 @@
 """Reports: figures and tables of profiles, missions and studies, and the page that shows them.
 
-The package itself can be called: ``gliderhpc.report("m12.zarr", "out")`` is `gliderhpc.report.page.write_report`. A
-function of that name in `gliderhpc` would be replaced by this package as soon as one of its modules is imported.
+The package itself can be called: ``gliderhpc.report("m12.zarr", "out")`` calls `gliderhpc.report.page.write_report`. A
+function of that name in `gliderhpc` would be replaced by this package at the first import of one of its modules.
 """
 
 import sys
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class _Report(ModuleType):
-    """The package as a callable, which writes a report."""
+    """Package that can be called to write a report."""
 
     @speaks_python
     def __call__(
@@ -30,7 +30,7 @@ class _Report(ModuleType):
         twins: str | Path | None = None,
         truth: str | Path | None = None,
     ) -> "Written":
-        """Write one or several archives as pages of HTML; parameters as of `gliderhpc.report.page.write_report`."""
+        """Write one or several archives as HTML pages; parameters as in `gliderhpc.report.page.write_report`."""
         from gliderhpc.report.page import write_report
 
         return write_report(store, out, profile=profile, twins=twins, truth=truth)

@@ -79,7 +79,7 @@ class AccuracyRow:
 def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow]:
     """Compare a synthetic mission's estimates with its truth.
 
-    Only samples of steady glide count: outside vibration and gaps, without the first minute.
+    Only samples in steady glide are used: outside vibration and gaps, and after the first minute.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Results of a calibration as text: tables for terminal and pages, and the provenance in the platform file."""
+"""Results of a calibration as text: tables for terminal and pages, and provenance in the platform file."""
 
 import math
 from collections.abc import Sequence
@@ -114,13 +114,13 @@ def profiles_text(found: Calibration) -> str:
 
 
 def interval_text(parameter: CalibratedParameter) -> str:
-    """Format the 95 % interval, empty where the parameter was held."""
+    """Format the 95 % interval, empty if the parameter was held fixed."""
     low, high = parameter.interval
     return "" if math.isnan(low) else f"{low:.4g} to {high:.4g}"
 
 
 def remark_of(parameter: CalibratedParameter) -> str:
-    """Return the remark on a parameter, empty where it was estimated."""
+    """Return the remark on a parameter, empty if it was estimated."""
     if parameter.verdict is CalibrationVerdict.ESTIMATED:
         return ""
     alike = f" (moves with {', '.join(parameter.alike)})" if parameter.alike else ""

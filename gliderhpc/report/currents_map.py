@@ -1,4 +1,4 @@
-"""Map of depth-averaged currents: an arrow for each dive with its error ellipse, and the way under water."""
+"""Map of depth-averaged currents: an arrow for each dive with its error ellipse, and the track under water."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 SIZE = (7.6, 6.4)
 DPI = 110
 ARROW_SHARE = 0.28
-"""Length of the fastest current's arrow, of the longer side of the region with the dives."""
+"""Length of the fastest current's arrow, relative to the longer side of the region with the dives."""
 
 _COLOURS = "viridis"
 CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace(0.0, 2.0 * np.pi, 61))])
@@ -35,7 +35,7 @@ _NOTE = (
 
 
 def currents_map(table: xr.Dataset) -> Figure:
-    """Draw the currents of a table of profiles, as of `gliderhpc.currents` or of an archive's root."""
+    """Draw the currents of a table of profiles, returned by `gliderhpc.currents` or read from an archive's root."""
     current = adopted_current(table)
     if "entry_latitude" not in table or not current.known.any():
         raise InputError("currents: no profile has a current; give what currents, run_mission or open_mission returned")
@@ -71,13 +71,13 @@ def _middles(rows: xr.Dataset) -> Array:
 
 
 def _degrees_a_speed(places: Array, narrowing: float, fastest: float) -> float:
-    """Return the length of an arrow, in degrees of latitude, of a current of 1 m/s."""
+    """Return the length of the arrow of a current of 1 m/s, in degrees of latitude."""
     width, height = np.ptp(places, axis=0) * [narrowing, 1.0]
     return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
 
 
 def covariance_factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
-    """Return factors ``(n, 2, 2)`` of the covariances of (east, north): the ellipse is the circle's image."""
+    """Return factors ``(n, 2, 2)`` of the covariances of (east, north); they map the unit circle to the ellipse."""
     matrices = np.moveaxis(np.array([[east_std**2, covariance], [covariance, north_std**2]]), -1, 0)
     values, vectors = np.linalg.eigh(np.nan_to_num(matrices))
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
@@ -96,7 +96,7 @@ def _draw_tracks(axes: Axes, table: xr.Dataset) -> None:
 
 
 def _joined(track: Array) -> Array:
-    """Return the known positions of a track, its longitudes without a jump."""
+    """Return the known positions of a track, with continuous longitudes."""
     known = track[np.isfinite(track).all(axis=1)]
     known[:, 0] = np.unwrap(known[:, 0], period=360.0)
     return known
@@ -122,7 +122,7 @@ def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start:
 
 
 def _set_limits(axes: Axes, points: Array, narrowing: float) -> None:
-    """Show every arrow and ellipse, undistorted."""
+    """Set limits that include every arrow and ellipse, and an undistorted aspect ratio."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = _MARGIN * (high - low).max()
     axes.set_xlim(low[0] - room / narrowing, high[0] + room / narrowing)
@@ -133,7 +133,7 @@ def _set_limits(axes: Axes, points: Array, narrowing: float) -> None:
 
 
 def _draw_key(axes: Axes, fastest: float, stretch: Array) -> None:
-    """Draw an arrow of a round speed at the lower left."""
+    """Draw a scale arrow of a round speed at the lower left."""
     power = 10.0 ** np.floor(np.log10(max(fastest, 1e-3)))
     speed = max(step * power for step in _ROUND if step * power <= max(fastest, 1e-3))
     left, bottom = axes.transData.inverted().transform(axes.transAxes.transform((0.04, 0.05)))

@@ -14,7 +14,7 @@ from gliderhpc.archive.profile import ProfileData
 
 
 def facts(summary: Summary) -> dict[str, str]:
-    """Return mission, platform, versions, profiles, times, current and computing time; unknown ones are left out."""
+    """Return mission, platform, versions, profiles, times, current and computing time; omit unknown ones."""
     attributes = summary.attributes
     values = {
         "mission": attributes.get("mission"),
@@ -48,7 +48,7 @@ def _platform_name(platform: object) -> object:
 
 
 def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
-    """Format a time in ISO 8601 to the second, UTC; None where it is not known."""
+    """Format a time in ISO 8601 to the second, UTC; None if it is not known."""
     return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
 
 
@@ -87,14 +87,14 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
 
 
 def ellipse_axes(covariance: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Semi-axes of the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east, and direction of the longer one.
+    """Return the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east: semi-axes, direction of the longer one.
 
     Returns
     -------
     longer, shorter : float
-        In the unit whose square is that of the covariance.
+        Semi-axes, in the unit whose square is that of the covariance.
     angle : float
-        Direction of the longer one, degree anticlockwise from east, as used in figures with east to the right.
+        Direction of the longer semi-axis, degree anticlockwise from east, as used in figures with east to the right.
     """
     variances, vectors = np.linalg.eigh(covariance)
     shorter, longer = np.sqrt(np.maximum(variances, 0.0))
@@ -108,7 +108,7 @@ def instant(epoch: np.datetime64) -> str:
 
 
 def signed(value: float, form: str = ".3f") -> str:
-    """Format a number with its sign, with the minus sign of the axes."""
+    """Format a number with its sign, using the minus sign of the figures' axes."""
     return f"{value:+{form}}".replace("-", "−")
 
 
@@ -137,7 +137,7 @@ def _describe_adopted_current(data: ProfileData) -> str:
 
 
 def _describe_other_current(data: ProfileData) -> list[str]:
-    """Describe the inversion's current where the smoother's is adopted; empty where there is none."""
+    """Describe the inversion's current if the smoother's is adopted; empty if there is none."""
     values = [float(data.table.get(f"dac_{name}", np.nan)) for name in ("north", "north_std", "east", "east_std")]
     if not (adopted_current(data.table).smoothed and np.isfinite(values).all()):
         return []

@@ -8,7 +8,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.studies.hull import HullSettings, change_in_units, read_dives, sum_up
 
 _DIVES = 100
-"""Number of latest dives that are summed up, so that the time for a dive does not grow with the mission."""
+"""Largest number of dives that are combined; without a limit, the computing time would grow with the mission."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class HullNews:
     first : float
         Value at the first of the dives.
     probability : float
-        Probability that it changed since.
+        Probability that the number has changed since.
     change, change_std : float
-        Change if it changed, and its standard deviation.
+        Size of the change, if there was one, and its standard deviation.
     since : int
-        Number of the first dive that is changed, median.
+        Number of the first dive after the change, median.
     dives : int
-        Number of dives.
+        Number of dives used.
     """
 
     parameter: str
@@ -42,13 +42,13 @@ class HullNews:
     dives: int
 
     def probability_above(self, part: float) -> float:
-        """Probability that the number grew by more than a part of its value at the first dive."""
+        """Return the probability that the number grew by more than a fraction of its value at the first dive."""
         beyond = (self.change - part * abs(self.first)) / self.change_std
         return self.probability * 0.5 * math.erfc(-beyond / math.sqrt(2.0))
 
 
 def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
-    """Return the changes shown by the dives up to a profile; none where they are too few to show a change."""
+    """Return the changes shown by the dives up to a profile; empty if they are too few to show a change."""
     numbers = [each for each in done_profiles(archive) if each <= number][-_DIVES:]
     mission = read_dives(archive, numbers)
     if not mission.dives:

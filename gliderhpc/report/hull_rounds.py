@@ -1,4 +1,4 @@
-"""Hull estimated from a mission's dives, as text: tables, notes, and the provenance in the platform file."""
+"""Results of a hull estimated from dives, as text: tables, notes, and provenance in the platform file."""
 
 from collections.abc import Sequence
 
@@ -17,20 +17,20 @@ HELD_OUT = ("profile", "chi-square", "degrees of freedom")
 """Headings of the tables; *left* is the remaining deviation as a fraction of the plausible one."""
 
 UNDETERMINED = 0.9
-"""Remaining fraction of the plausible deviation from which a parameter counts as undetermined by the dives."""
+"""Remaining fraction of the plausible deviation above which the dives do not determine a parameter."""
 IMPLAUSIBLE = 3.0
-"""Number of plausible deviations beyond which something else must be wrong."""
+"""Number of plausible deviations beyond which something other than the parameter must be wrong."""
 
 _NORMAL_95 = 1.96
 _SHOWN = 0.3
 _DETERMINED = 0.5
-"""Remaining fraction of the plausible deviation below which a direction counts as determined."""
+"""Remaining fraction of the plausible deviation below which the dives determine a direction."""
 _DOUBTED = 0.5
-"""Weight below which a dive is listed."""
+"""Weight below which a dive is listed as doubtful."""
 
 
 def parameter_table(found: HullRounds) -> pd.DataFrame:
-    """One row for each parameter: unit, before, after, 95 % interval, remaining plausible deviation, and a remark."""
+    """Tabulate the parameters: unit, before, after, 95 % interval, remaining plausible deviation, and a remark."""
     mean, std = found.errors.mean, found.errors.std
     rows = [
         {
@@ -64,7 +64,7 @@ def parameter_rows(found: HullRounds) -> list[tuple[str, ...]]:
 
 
 def direction_rows(found: HullRounds) -> list[tuple[str, ...]]:
-    """Return the rows of the directions that the dives determine, the best determined first."""
+    """Return the rows of the directions that the dives determine, beginning with the best determined one."""
     left, vectors = found.mission.directions()
     rows: list[tuple[str, ...]] = []
     for part, vector in zip(left, vectors, strict=True):
@@ -76,12 +76,12 @@ def direction_rows(found: HullRounds) -> list[tuple[str, ...]]:
 
 
 def held_out_rows(found: HullRounds) -> list[tuple[str, ...]]:
-    """Return the rows of the dives held out."""
+    """Return the rows of the table of held-out dives."""
     return [(str(number), f"{value:.1f}", str(freedom)) for number, value, freedom in found.held_out]
 
 
 def history_table(found: HullRounds) -> pd.DataFrame:
-    """One row for each dive and parameter: estimates from all dives and from those up to it, with deviations."""
+    """Tabulate each dive and parameter: estimates from all dives and from those up to it, with standard deviations."""
     rows = []
     for index, number in enumerate(found.mission.numbers.tolist()):
         smoothed, sequential = found.mission.smoothed[index], found.mission.sequential[index]
@@ -126,7 +126,7 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
 
 
 def profiles_text(found: HullRounds) -> str:
-    """Describe the dives fitted and those held out."""
+    """Describe the fitted and the held-out dives."""
     apart = f"; held out {', '.join(str(number) for number, *_ in found.held_out)}" if found.held_out else ""
     return f"fitted on the dives of profiles {', '.join(map(str, found.mission.numbers.tolist()))}{apart}"
 

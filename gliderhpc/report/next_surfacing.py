@@ -1,4 +1,4 @@
-"""Next surfacing: place and time at which a dive like the last one would end, with the current predicted so far."""
+"""Next surfacing: predicted place and time of the end of a dive like the last one, in the predicted current."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,36 +17,36 @@ MOST_DIVES = 60
 """Largest number of past dives used by the nowcast."""
 
 _COMPARED, _USUAL_DIFFERENCES, _USUAL_SHARE = 20, 3, 0.1
-"""Number of dives whose displacement is compared with that of the next one; number and size (as a fraction of the
-displacement) of the differences that are assumed at first."""
+"""Largest number of differences between displacements of successive dives that are used; number of prior differences
+assumed in addition, and their size as a fraction of the displacement."""
 
 _LONGEST_STAY = 3600.0
-"""Longest time at the surface, s; a longer time between two dives means that records are missing."""
+"""Longest plausible time at the surface, s; a longer time between two dives means that records are missing."""
 
 _SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted end of a next dive with the displacement and duration of the last one.
+    """Predicted end of the next dive, assuming the displacement and duration of the last one.
 
     Attributes
     ----------
     time : numpy.datetime64
-        Time of its surfacing.
+        Time of the surfacing.
     latitude, longitude : float
-        Degrees.
+        Position of the surfacing, degrees.
     covariance : (2, 2) array
         Covariance of the position, north and east, m2.
     current : (2,) array
         Mean current until then, north and east, m/s.
     current_covariance : (2, 2) array
-        Covariance of its error, including that of the last dive's current, m2/s2.
+        Covariance of the error of this current, including that of the last dive's current, m2/s2.
     dives : int
         Number of dives whose currents were used.
     deviation, correlation_time : float
-        Deviation and correlation time of the variable part of the current without the tide in the most probable
-        process, m/s and s.
+        Standard deviation (m/s) and correlation time (s) of the most probable process for the variable, non-tidal part
+        of the current.
     """
 
     time: np.datetime64
@@ -73,7 +73,7 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     Returns
     -------
     Prediction or None
-        None if the last dive has no smoothed current, for lack of a fix on either side.
+        Prediction; None if the last dive has no smoothed current, for lack of a fix before or after it.
     """
     dives = _dives(archive, number)
     if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
@@ -90,22 +90,23 @@ def predict_from(
     Parameters
     ----------
     dives : xarray.Dataset
-        Rows of the archive's table in the order of time, at least one, with ``displacement_north`` and
-        ``displacement_east`` of its group ``smoothed``.
+        One or more rows of the archive's table in order of time, with ``displacement_north`` and
+        ``displacement_east`` of the group ``smoothed``.
     fix_error : float
         Error of a fix, north and east each, m.
     surface_shear : float
         Difference between the drift at the surface and the current below, m/s.
     tides : sequence of str
-        Tidal lines of the current, of `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; none for a current without a tide.
+        Tidal lines of the current, from `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; empty for a current without tide.
 
     Notes
     -----
-    The position follows from the last fix, the smoothed displacement of the last dive, and the filter's integral of the
-    current. An error that is the same in all dives, such as a wrong drag, changes displacement and current in
-    opposite ways and does not change the position. So the filter's observations have the errors of the fixes and of the
-    time at the surface only; those of the hull are added to the predicted current. The difference between the next
-    dive's displacement and the last one's is assumed to have the mean square of such differences so far.
+    The position is the sum of the last fix, the smoothed displacement of the last dive, and the filter's integral of
+    the current. An error common to all dives, such as a wrong drag, changes displacement and current in opposite
+    directions and leaves the position unchanged. The errors of the filter's observations are therefore only those of
+    the fixes and of the time at the surface; those of the hull are added to the predicted current. The difference
+    between the next dive's displacement and the last one's is assumed to have the mean square of such differences so
+    far.
     """
     observations = _observations(dives, fix_error, surface_shear)
     state = nowcast(observations, tides)
@@ -172,7 +173,7 @@ def _observations(dives: xr.Dataset, fix_error: float, surface_shear: float) -> 
 
 
 def _cycle(dives: xr.Dataset) -> tuple[xr.Dataset, float, float]:
-    """Return the last dive's row, and the times (s) that a cycle like it spends at the surface and below."""
+    """Return the last dive's row, and the times (s) at the surface and below for a cycle like that dive's."""
     last = dives.isel(profile=-1)
     below = float(last["duration"])
     surface = (last["exit_time"].values - last["entry_time"].values) / _SECOND - below
@@ -187,7 +188,7 @@ def _displacements(dives: xr.Dataset) -> Array:
 
 
 def displacement_scatter(displacements: Array) -> Array:
-    """Mean square (2, 2) of the latest differences of displacements ``(n, 2)`` from dive to dive (m2)."""
+    """Return the mean square (2, 2) of the latest differences of displacements ``(n, 2)`` from dive to dive (m2)."""
     differences = np.diff(displacements[-_COMPARED - 1 :], axis=0)
     usual = (_USUAL_SHARE**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
     total = differences.T @ differences + _USUAL_DIFFERENCES * usual

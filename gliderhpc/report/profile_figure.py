@@ -1,4 +1,4 @@
-"""Figure of one profile: measured and reconstructed motion, and the disturbances by every estimator."""
+"""Figure of one profile: measured and reconstructed motion, and the disturbances from every estimator."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ A4 = (8.27, 11.69)
 """Width and height in inches."""
 
 DPI = 150
-"""Dots an inch, where a figure is written as PNG."""
+"""Resolution of a figure that is written as PNG, dots per inch."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> F
     number : int
         Number of an estimated profile.
     truth : xarray.Dataset or None
-        Truth, as :func:`gliderhpc.observations.truth.read_profile_truth` returns it, where it is known.
+        Truth, as returned by :func:`gliderhpc.observations.truth.read_profile_truth`, if it is known.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> F
 
 
 def _smoothed(archive: Archive, number: int) -> ProfileData | None:
-    """Read the smoother's estimate, None where the archive has none of the profile."""
+    """Read the smoother's estimate; return None if the archive has none for the profile."""
     if SMOOTHED not in archive.children:
         return None
     data = read_profile_data(archive, number, SMOOTHED)
@@ -108,7 +108,7 @@ def _smoothed(archive: Archive, number: int) -> ProfileData | None:
 
 
 def _panels(figure: Figure, data: ProfileData, top: float) -> list[Axes]:
-    """Create ten empty panels over one time axis, up to `top` as a fraction of the page's height."""
+    """Create ten empty panels with a common time axis, up to `top`, a fraction of the page's height."""
     names = [*TRACKED, *CHANNELS]
     panels: list[Axes] = figure.subplots(
         len(names),
@@ -137,7 +137,7 @@ def _style(axes: Axes) -> None:
 
 
 def _shade(axes: Axes, data: ProfileData) -> None:
-    """Mark the stretches with a quality bit in the background of a panel."""
+    """Shade the intervals with a quality bit in the background of a panel."""
     for meaning, shade in SHADES.items():
         stretches = _bars(data.flagged(meaning), data.time, data.step)
         if stretches:
@@ -162,7 +162,7 @@ def _bars(mask: Mask, time: Array, step: float) -> list[tuple[float, float]]:
 
 
 def _draw_tracked(axes: Axes, data: ProfileData, column: int) -> None:
-    """Draw one of roll, pitch, heading and depth, the measurements below the reconstruction."""
+    """Draw roll, pitch, heading or depth, with the reconstruction on top of the measurements."""
     name = list(TRACKED)[column]
     unit = _UNITS[TRACKED[name]]
     minutes = data.record_time / 60.0
@@ -190,7 +190,7 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int) -> None:
 def _draw_disturbance(
     axes: Axes, data: ProfileData, smoothed: ProfileData | None, channel: int, true: Array | None
 ) -> None:
-    """Draw one disturbance: the adjoint's, the filter's and the smoother's over it, the truth on top."""
+    """Draw one disturbance: estimates of adjoint, filter and smoother, with the truth on top."""
     name, (unit, _) = list(CHANNELS.items())[channel]
     minutes = data.time / 60.0
     curves = {"adjoint": data.disturbances[:, channel], "filter": data.prior[:, channel]}
@@ -238,7 +238,7 @@ def _note(axes: Axes, text: str, side: Literal["left", "right"]) -> None:
 
 
 def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
-    """Write title and facts of the profile at the top of the page; return their lower end."""
+    """Write title and facts of the profile at the top of the page, and return the height of their lower end."""
     lines = facts_of(data, truth)
     # A dollar sign in a mission's name must not start a formula.
     style: dict[str, Any] = {"va": "top", "parse_math": False}
@@ -281,12 +281,12 @@ def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
     )
 
 
-# The axis of a disturbance spans these percentiles of steady glide, or its full range where that is not much larger: a
+# The axis of a disturbance spans these percentiles of steady glide, or the full range if that is not much larger. A
 # rare excursion then does not compress everything else, and an impulse of ordinary size is not cut off.
 PERCENTILES = (0.1, 99.9)
 MAX_EXTREMES_RATIO = 2.5
 MIN_SPAN = 0.02
-"""Smallest span of an axis, N or N m, so that rounding and noise do not look like a signal."""
+"""Smallest span of an axis, N or N m; it keeps rounding and noise from looking like a signal."""
 
 
 def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
@@ -295,15 +295,15 @@ def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
     Parameters
     ----------
     curves : sequence of (n,) array
-        Curves on the axis, N or N m; NaN is missing.
+        Curves on the axis, N or N m; NaN where missing.
     steady : (n,) array of bool
         Samples that determine the limits.
 
     Returns
     -------
     tuple of float
-        Lower and upper limit: around percentiles 0.1 to 99.9 of the steady samples, or all of these where they span no
-        more than 2.5 times as much.
+        Lower and upper limit, around percentiles 0.1 to 99.9 of the steady samples, or around all of these samples if
+        they span at most 2.5 times as much.
     """
     inside = np.concatenate([curve[steady & np.isfinite(curve)] for curve in curves])
     if not inside.size:
@@ -317,7 +317,7 @@ def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:
 
 
 def outside_axis(curves: Mapping[str, Array], limits: tuple[float, float], unit: str) -> str:
-    """Describe the curves that exceed the axis and by how much; empty where none does."""
+    """List the curves that exceed the axis and their extreme values; empty if none does."""
     parts = []
     for name, curve in curves.items():
         below, above = curve[curve < limits[0]], curve[curve > limits[1]]

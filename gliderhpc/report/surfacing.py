@@ -33,12 +33,12 @@ PROBABILITY = 0.68
 """Probability that an ellipse contains the true value."""
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
-"""Quality flags, and the fraction of a dive above which each is worth a remark."""
+"""Quality flags, and the fraction of a dive above which a remark is added for each."""
 
 _FIFTH = 0.2
 
 _MANY_GATED = 0.02
-"""Fraction of samples rejected by the filter above which this is worth a remark."""
+"""Fraction of samples rejected by the filter above which a remark is added."""
 
 
 def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellipse:
@@ -70,7 +70,7 @@ def surfacing_message(
     number : int
         Number of a profile that is done or has failed.
     revision, changes
-        Revision of the message, and the changes since the one before.
+        Revision of the message, and the changes since the previous one.
     """
     row = archive.to_dataset().sel(profile=number).load()
     done = str(row["status"].values) == "done"
@@ -142,7 +142,7 @@ def _next_surfacing(archive: Archive, number: int) -> NextSurfacing | None:
 
 
 def current_of_dive(row: xr.Dataset) -> Current | None:
-    """Return the adopted current of a profile's row of the archive's table; None where it is not known."""
+    """Return the adopted current from a profile's row of the archive's table; None if it is not known."""
     found = adopted_current(row)
     if not found.known:
         return None
@@ -164,7 +164,7 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
 
 
 def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water:
-    """Return the motion of a done profile through the water, with errors where the smoother has an estimate."""
+    """Return the motion through the water of a done profile, with errors if the smoother has an estimate."""
     data = read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
     motion, duration = data.motion, float(data.time[-1])
     north, east = (float(value) for value in motion[-1, :2] - motion[0, :2])
@@ -183,7 +183,7 @@ def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water:
 
 
 def displacement_covariance(row: xr.Dataset) -> Array:
-    """Covariance (2, 2) of the displacement north and east (m2) from a row of group ``smoothed``."""
+    """Return the covariance (2, 2) of the displacement north and east (m2) from a row of group ``smoothed``."""
     north, east, both = (float(row[f"displacement_{name}"]) for name in ("north_std", "east_std", "covariance"))
     return np.array([[north**2, both], [both, east**2]])
 
@@ -200,7 +200,7 @@ def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) 
 
 
 def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
-    """List anything odd in the records of a profile, the archive's own remark first."""
+    """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = int(row["gated_count"]), int(row["sample_count"])
     if gated > _MANY_GATED * samples:

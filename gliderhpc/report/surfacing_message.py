@@ -1,4 +1,4 @@
-"""Message of a surfacing, as a model that states its own JSON schema."""
+"""Message of a surfacing, as a model with a JSON schema."""
 
 from typing import Any
 
@@ -136,7 +136,7 @@ class SurfacingMessage(_Part):
     hull_changes: tuple[HullChange, ...] = _of("", "changes of the parameters that can change, from the fourth dive on")
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:
-        """List what differs from an earlier message, given as JSON."""
+        """List the differences from an earlier message, which is passed as JSON."""
         before = SurfacingMessage.model_validate_json(earlier)
         pairs = {
             "samples": (before.samples, self.samples),
@@ -150,7 +150,7 @@ class SurfacingMessage(_Part):
 
     @property
     def line(self) -> str:
-        """One line for a terminal."""
+        """Summary of the message in one line, for a terminal."""
         parts = [f"dive {self.profile}" + (f" (revision {self.revision})" if self.revision else "")]
         if self.max_depth is not None:
             parts.append(f"{self.max_depth:.0f} m, {self.duration / 60.0:.0f} min")

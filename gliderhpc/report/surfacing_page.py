@@ -1,4 +1,4 @@
-"""Page of a surfacing: current, next surfacing, hull, and anything odd, on the first screen."""
+"""Page of a surfacing, with current, next surfacing, hull and anomalies on the first screen."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing_message import Ellipse, SurfacingMessage
 
 _DETERMINED = 0.7
-"""Fraction of its plausible deviation below which an error of the hull counts as determined by one dive."""
+"""Standard deviation, in plausible deviations, below which one dive determines an error of the hull."""
 
 _LISTED = 5
 
@@ -23,7 +23,7 @@ def write_surfacing_page(message: SurfacingMessage, folder: Path, name: str) -> 
     folder : Path
         Output folder.
     name : str
-        Name of the file; one that exists is replaced.
+        Name of the file; an existing one is replaced.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results of a tuning and of the record checks as text: tables, provenance in the platform file, plain values."""
+"""Results of a tuning and of the record checks: tables, provenance in the platform file, and plain values."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
 
 
 def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
-    """Return the rows of whiteness: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
+    """Return the whiteness rows: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
     rows: list[tuple[str, ...]] = []
     for sensor in tuned.whiteness_before:
         for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
@@ -71,7 +71,7 @@ def provenance(
 
 
 def used_text(used: Sequence[int], settings: TuneSettings) -> str:
-    """Describe the profiles used, and which part of each."""
+    """Describe the profiles used, and the part of each."""
     numbers = ", ".join(map(str, used))
     return (
         f"profile{'s' if len(used) > 1 else ''} {numbers}, the first {settings.tuning.longest / 60.0:.0f} min of each"
@@ -102,7 +102,7 @@ def factor_text(error: float) -> str:
 
 
 def remark_of(verdict: TuningVerdict) -> str:
-    """Return the remark on a number, empty where it was estimated."""
+    """Return the remark on a number, empty if it was estimated."""
     return "" if verdict is TuningVerdict.ESTIMATED else verdict.value
 
 
@@ -150,7 +150,7 @@ def finding_row(finding: Finding) -> tuple[str, ...]:
 
 
 def content(inspection: Inspection) -> dict[str, Any]:
-    """Return the findings as JSON values, null where undetermined."""
+    """Return the findings as plain values for JSON, None where undetermined."""
     return {
         "profiles": list(inspection.profiles),
         "findings": [

@@ -1,4 +1,4 @@
-"""Exports of an archive: location of the file, and profiles that are excluded."""
+"""Exports of an archive: check of the output file, and excluded profiles."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def check_place(archive: str | Path, out: Path, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        As `check_output`.
+        The file is a folder, cannot be written, exists and `overwrite` is not set, or lies inside the archive.
     """
     if out.is_dir():
         raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")

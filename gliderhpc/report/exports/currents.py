@@ -1,7 +1,7 @@
 """Currents of a mission as a CF netCDF file for assimilation centres: one profile for each dive, with depth bins.
 
-Depth-averaged currents have their CF standard names, ``u`` and ``v`` as in the glider data centres, with errors and
-covariance. The shear-sensitive part has no standard name, since it is not a velocity of the water.
+Depth-averaged currents have CF standard names and are called ``u`` and ``v``, as in the glider data centres; errors and
+covariance are included. The shear-sensitive part has no standard name, since it is not a velocity of the water.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,7 @@ class CurrentsSummary:
 def export_currents(
     archive: str | Path, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
 ) -> CurrentsSummary:
-    """Write the currents of an archive from its study ``currents``.
+    """Write the currents of an archive, from its study ``currents``.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ def export_currents(
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Replace the study's current and error ellipse by the smoother's, where it is usable.
+    """Replace the study's current and error ellipse by the smoother's where it is usable.
 
-    The ellipse has the error terms of the study: those of a budget, where one was given.
+    The error terms of the ellipse are those of the study, from a budget if one was used.
     """
     smoothed = adopted_current(table).smoothed & np.isfinite(study["current_north"].values)
     estimate = str(study.attrs.get("estimate", ADJOINT))
@@ -196,7 +196,7 @@ def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
 
 
 def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict[str, str]]]:
-    """Return the shear-sensitive part by depth, of dive and climb together, with its errors."""
+    """Return the shear-sensitive part by depth, from dive and climb together, with its errors."""
     dims, variables = ("profile", "depth"), {}
     for name, along in _ALONG.items():
         noise = study[f"both_shear_noise_std_{along}"].values
@@ -289,12 +289,12 @@ def _seconds(times: xr.DataArray) -> Array:
 
 
 _NEVER_MISSING = ("time", "latitude", "longitude", "depth", "time_bounds", "depth_bounds")
-"""Coordinates and their bounds, which CF allows no fill value (sections 2.5.1 and 7.1)."""
+"""Coordinates and their bounds, for which CF forbids a fill value (sections 2.5.1 and 7.1)."""
 
 
 def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
     for name in _NEVER_MISSING:
-        # None keeps xarray from adding the fill value that it gives every float.
+        # None keeps xarray from adding its default fill value for floats.
         content[name].encoding["_FillValue"] = None
     with_content_types(content)
     try:

@@ -1,4 +1,4 @@
-"""Description of a deployment by its operator, from a YAML file: people, institutions, identifiers.
+"""Operator's description of a deployment, from a YAML file: people, institutions, identifiers.
 
 The file of pyglider (``deployment.yml``) can be used unchanged: its section ``metadata`` is read.
 """
@@ -11,7 +11,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
 
 SECTION = "metadata"
-"""Section of pyglider's files that holds the global attributes."""
+"""Section of pyglider's files that contains the global attributes."""
 
 
 def read_deployment(path: str | Path) -> dict[str, str]:
@@ -20,17 +20,17 @@ def read_deployment(path: str | Path) -> dict[str, str]:
     Parameters
     ----------
     path : str or Path
-        A YAML file of ``name: text``, or one with these in the section ``metadata``.
+        YAML file with entries ``name: text``, at the top level or in the section ``metadata``.
 
     Returns
     -------
     dict of str to str
-        Text by name of the attribute; lists are joined by commas, and names without a value are left out.
+        Texts by name of the attribute; lists are joined by commas, and names without a value are omitted.
 
     Raises
     ------
     InputError
-        There is no such file, it is not YAML, a name is not valid for an attribute, or a value is not text.
+        There is no such file, it is not YAML, a name is not valid for an attribute, or a value has an unsuitable type.
     """
     content = parse_yaml(read_yaml_text(Path(path), "deployment"), str(path))
     if isinstance(content, Mapping) and SECTION in content:

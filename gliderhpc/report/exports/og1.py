@@ -1,4 +1,4 @@
-"""Export to OG1, profile by profile into a file that appears only when it is complete."""
+"""Export to OG1, written profile by profile into a file that appears only when it is complete."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -39,9 +39,9 @@ class ExportSummary:
     left_out : dict of int to str
         Excluded profiles with the reason.
     rows, fixes : int
-        Numbers of rows of the file, and of those with a fix.
+        Number of rows of the file, and number of those with a fix.
     unknown : tuple of str
-        Entries that OG1 requires and neither archive nor user provides.
+        Entries required by OG1 that neither archive nor user provides.
     """
 
     path: Path
@@ -74,14 +74,14 @@ def export_og1(
         Global attributes (``contributor_name`` ...) and values of the text variables (``WMO_IDENTIFIER`` ...), which
         take precedence over those of the archive.
     community : bool
-        Write a strict file for data centres: the variables of the OG1 manual alone, each with its term.
+        Write a strict file for data centres: only the variables of the OG1 manual, each with its term.
     overwrite : bool
         Replace an existing file.
 
     Raises
     ------
     InputError
-        There is no archive, it is not finished, none of its profiles is done, or the file cannot be written.
+        The archive does not exist, is not finished or has no profile that is done, or the file cannot be written.
     OSError
         The disk is full.
     """

@@ -1,7 +1,7 @@
 """Strict OG1 file for data centres: the variables of the OG1 manual and nothing else, each with its term.
 
-The terms are data (``og1_terms.yaml``), with where each is written down. OG1 has no terms for standard deviations,
-disturbances, controls, and the vertical velocity of the water: these are in the full file alone.
+The file ``og1_terms.yaml`` lists the terms with their sources. OG1 has no terms for standard deviations, disturbances,
+controls, and the vertical velocity of the water; only the full file contains these.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,7 +36,7 @@ _COMPUTED = ("ROLL", "PITCH", "HEADING", "WCUR_X", "WCUR_Y")
 _SAME = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PROFILE_NUMBER",
          "PHASE", "ROLL", "PITCH", "HEADING")  # fmt: skip
 _OLDER_NAMES = frozenset({"time_vocabulary", "latitude_vocabulary", "longitude_vocabulary", "depth_vocabulary"})
-"""Attributes in place of which the manual has had `vocabulary` since December 2025."""
+"""Attributes that the manual replaced by `vocabulary` in December 2025."""
 
 
 def _terms() -> Iterator[Term]:
@@ -67,16 +67,16 @@ def _terms() -> Iterator[Term]:
 
 
 COMMUNITY_TERMS: Mapping[str, Term] = {term.name: term for term in _terms()}
-"""Variables of the file along its axis, by name."""
+"""Variables of the file along the axis of measurements, by name."""
 
 
 def community_rows(rows: Rows) -> Rows:
-    """Return the rows of a strict file from those of the full one.
+    """Return the rows of a strict file from those of the full file.
 
     Parameters
     ----------
     rows : dict of str to (m,) array
-        Rows of one profile, as of `profile_rows`.
+        Rows of one profile, as returned by `profile_rows`.
     """
     phase, fixed = rows["PHASE"], np.isfinite(rows["LATITUDE_GPS"].astype(np.float64))
     reckoned = np.where(fixed, RECKONINGS["position_of_a_fix"], RECKONINGS["dead_reckoning"])
@@ -94,7 +94,7 @@ def community_rows(rows: Rows) -> Rows:
 
 
 def _after_the_dive(current: NDArray[np.generic], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Leave a dive's current in the row of its last fix alone."""
+    """Return a dive's current in the row of the dive's last fix, and NaN in all others."""
     place = np.flatnonzero(fixed)[-1:]
     values = np.full(len(current), np.nan)
     values[place] = current[place]
@@ -102,8 +102,8 @@ def _after_the_dive(current: NDArray[np.generic], fixed: NDArray[np.bool_]) -> N
 
 
 def described_attributes(described: Mapping[str, str]) -> dict[str, str]:
-    """Return the operator's global attributes for a strict file, those in small letters.
+    """Return the operator's global attributes for a strict file: those in lower case.
 
-    OG1 has no others but ``Conventions`` and ``featureType``, which follow from how the file is made.
+    The only others in OG1 are ``Conventions`` and ``featureType``, which the export itself sets.
     """
     return {name: text for name, text in described.items() if name.islower()}

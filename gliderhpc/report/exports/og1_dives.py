@@ -1,8 +1,8 @@
-"""Depth-averaged currents of an OG1 file on an axis of their own: one row a dive between two fixes.
+"""Depth-averaged currents of an OG1 file on a separate axis: one row for each dive between two fixes.
 
-OG1 1.0 has the axis of measurements alone; an axis of surfacings (``N_SURFACING``) has been proposed for quantities
-that belong to a dive, since two fixes make one current. The variables are in a group of their own, since programs that
-select rows of a whole file by xarray would repeat them for every row.
+OG1 1.0 has only the axis of measurements. An axis of surfacings (``N_SURFACING``) has been proposed for quantities of a
+dive, such as the current between two fixes. The variables are in a separate group, since programs that select rows of a
+whole file with xarray would otherwise repeat them for every row.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from gliderhpc.studies.library.tracks import fix_of
 AXIS = "N_SURFACING"
 GROUP = "surfacings"
 CHUNK = 512
-"""Rows in a chunk of the file along the axis of surfacings."""
+"""Number of rows in a chunk along the axis of surfacings."""
 
 _AT = "DAC_TIME DAC_LATITUDE DAC_LONGITUDE"
 _COORDINATES = frozenset({"DAC_TIME", "DAC_TIME_START", "DAC_TIME_END", "DAC_LATITUDE", "DAC_LONGITUDE"})
@@ -70,7 +70,7 @@ _ATTRIBUTES: Mapping[str, Mapping[str, Any]] = {
 
 
 def dive_columns(data: ProfileData) -> dict[str, Column]:
-    """Return the row of one dive; nothing where it has no current, for then a fix on one of its sides is missing."""
+    """Return the row of one dive; nothing if it has no current, because a fix before or after it is missing."""
     entry, last, current = fix_of(data.table, "entry"), fix_of(data.table, "exit"), adopted_current(data.table)
     if entry is None or last is None or not bool(current.known):
         return {}

@@ -1,4 +1,4 @@
-"""Global attributes of an OG1 file and its variables of one value: platform, deployment, people, origin."""
+"""Global attributes and single-valued variables of an OG1 file: platform, deployment, people, origin."""
 
 import datetime
 import json
@@ -38,13 +38,13 @@ _STRICT_COMMENT = (
 
 @dataclass
 class Extent:
-    """Minimum and maximum of the written values, by name."""
+    """Minimum and maximum of the written values, by name, and number of rows."""
 
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     rows: int = 0
 
     def update(self, rows: Rows) -> None:
-        """Extend by the rows of a profile."""
+        """Extend the limits by the rows of a profile."""
         self.rows += len(rows["TIME"])
         for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH"):
             known = rows[name][np.isfinite(rows[name].astype(np.float64))].astype(np.float64)
@@ -53,7 +53,7 @@ class Extent:
                 self.limits[name] = min(low, float(known.min())), max(high, float(known.max()))
 
     def attributes(self) -> dict[str, str | float]:
-        """Return the attributes of the extent in time and space."""
+        """Return the global attributes for the extent in time and space."""
         names = {"LATITUDE": "geospatial_lat", "LONGITUDE": "geospatial_lon", "DEPTH": "geospatial_vertical"}
         found: dict[str, str | float] = {}
         for name, prefix in names.items():
@@ -72,7 +72,7 @@ class Extent:
 def describe_file(
     file: AppendedFile, tree: Archive, hull: str, rows: Rows, described: Mapping[str, str], *, community: bool
 ) -> tuple[str, ...]:
-    """Write the global attributes and the variables of one value; return the names of the unknown ones.
+    """Write the global attributes and the single-valued variables, and return the names of the unknown ones.
 
     Parameters
     ----------
@@ -81,13 +81,13 @@ def describe_file(
     tree : Archive
         The archive.
     hull : str
-        Name of its platform.
+        Name of the platform.
     rows : dict of str to array
-        Rows of its first profile.
+        Rows of the first profile.
     described : mapping of str to str
-        The operator's attributes and texts.
+        Attributes and texts from the operator.
     community : bool
-        The file is a strict one.
+        True for a strict file.
     """
     start = _stamp(float(rows["TIME"][0]))
     texts = _texts(tree, hull, start, described)
@@ -101,7 +101,7 @@ def describe_file(
 
 
 _OF_VARIABLES = frozenset({*SINGLE, *(f"{name.lower()}_vocabulary" for name in SINGLE)})
-"""What the operator gives for variables, not for the file."""
+"""Entries of the operator that describe variables instead of the file."""
 
 
 def _texts(tree: Archive, hull: str, start: str, described: Mapping[str, str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Rows of an OG1 file, and the ground track of a profile's records where its fixes determine it."""
+"""Rows of an OG1 file, and the ground track of a profile's records if fixes determine it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -41,9 +41,9 @@ class GroundTrack:
     Attributes
     ----------
     latitude, longitude : (m,) arrays
-        Degrees, NaN where no fix determines them.
+        Positions, degrees; NaN if no fix determines them.
     method : int
-        One of `POSITION_METHODS`.
+        Method of the positions, a value of `POSITION_METHODS`.
     """
 
     latitude: Array
@@ -54,8 +54,9 @@ class GroundTrack:
 def ground_track(archive: Archive, data: ProfileData, platform: Platform) -> GroundTrack:
     """Determine the positions of a profile's records.
 
-    Between two fixes the track ends on both and includes each cycle's current (`anchored_tracks`). With only one fix
-    the motion through the water starts or ends there, without the current; without any there is no position.
+    Between two fixes the track begins and ends on a fix and includes the current of each cycle (`anchored_tracks`).
+    With only one fix, the track through the water starts or ends there, without the current. Without a fix there are no
+    positions.
     """
     entry, last = fix_of(data.table, "entry"), fix_of(data.table, "exit")
     if entry is not None:
@@ -104,13 +105,13 @@ def profile_rows(
     data : ProfileData
         The adjoint's estimate of the profile.
     smoothed : xarray.Dataset, optional
-        Its row of the archive's group of the smoother.
+        Row of the profile in the smoother's group of the archive.
     vertical : xarray.Dataset, optional
-        Its row of the group of study ``vertical``.
+        Row of the profile in the group of study ``vertical``.
     track : GroundTrack
-        Positions of its records.
+        Positions of the profile's records.
     counter : Counter
-        State of the file, updated by the profile.
+        State of the file, updated for this profile.
     """
     rows = _records(data, smoothed, track)
     if vertical is not None:
@@ -157,7 +158,7 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
 
 
 def _legs(depth: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the number of the leg, from 1, and its phase for each of the m records."""
+    """Return the number of the leg, from 1, and its phase, for each of the m records."""
     bounds = [0]
     for start, stop in pairwise(cycle_boundaries(depth)):
         bounds += [int(start) + int(np.argmax(np.nan_to_num(depth[start : stop + 1], nan=-np.inf))), int(stop)]
@@ -193,7 +194,7 @@ def _smoothed(row: xr.Dataset, count: int) -> Iterator[tuple[str, Array]]:
 
 
 def _vertical(row: xr.Dataset, count: int) -> Rows:
-    """Return the vertical velocities, upward, and the flag of the water's."""
+    """Return the upward vertical velocities, and the quality flag of that of the water."""
     columns = (-row["depth_rate"], -row["depth_rate_still"], row["water_up"], row["water_up_std"])
     rows: Rows = {term.name: column.values[:count] for term, column in zip(VERTICAL_TERMS, columns, strict=True)}
     apart, allowed = abs(float(row["difference"])), LARGEST_DIFFERENCE * float(row["difference_std"])
@@ -252,7 +253,7 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
 
 
 _REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")
-"""Variables that a fix's row takes from its neighbour."""
+"""Variables that the row of a fix copies from the neighbouring row."""
 
 
 def wrapped_longitude(longitude: float) -> float:
@@ -261,11 +262,11 @@ def wrapped_longitude(longitude: float) -> float:
 
 
 def since_1970(time: np.datetime64) -> float:
-    """Return an instant in seconds since 1970."""
+    """Convert an instant to seconds since 1970."""
     return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
 def names_of(parts: Iterable[str]) -> list[str]:
-    """Sort names in the order of the vocabulary."""
+    """Return names in the order of the vocabulary."""
     wanted = set(parts)
     return [name for name in TERMS if name in wanted]

@@ -1,8 +1,8 @@
 """Variables of an OG1 file as data: name, number type and attributes.
 
-OG1 1.0 prescribes the coordinates, the fixes and the platform's metadata; its vocabulary (NERC collection OG1) names
-attitude. Seaglider files in OG1 have further names for controls, currents and speeds that diagnostic programs know;
-they are adopted with their units and signs. This program's own estimates have the archive's names in capitals followed
+OG1 1.0 prescribes the coordinates, the fixes and the platform's metadata; its vocabulary (NERC collection OG1) has
+names for attitude. The names of controls, currents and speeds are those of Seaglider files in OG1, with the same units
+and signs, since diagnostic programs use them. Estimates of this program have the archive's names in capitals, followed
 by the estimator: ``B_CU_ADJOINT``, ``B_CU_SMOOTHED``, ``B_CU_SMOOTHED_STD``.
 """
 
@@ -18,7 +18,7 @@ from gliderhpc.vocabulary import CHANNELS, QUALITY
 AXIS = "N_MEASUREMENTS"
 
 _TERM = "http://vocab.nerc.ac.uk/collection/OG1/current/{}/"
-"""Identifier of a term: those of the server begin with http, and checkers compare the text."""
+"""Identifier of a term. The server's identifiers begin with http, and checkers compare the text."""
 _PHASES = "https://github.com/OceanGlidersCommunity/OG-format-user-manual/blob/main/vocabularyCollection/phase.md"
 TIME_ATTRIBUTES = {
     "calendar": "gregorian",
@@ -122,7 +122,7 @@ def _coordinates() -> Iterator[Term]:
 
 
 def flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Term:
-    """Return the term of a variable of flags: `kind` is ``flag_values`` or ``flag_masks``."""
+    """Return the term of a flag variable; `kind` is ``flag_values`` or ``flag_masks``."""
     values: list[Any] = list(meanings.values())
     return Term(
         name, dtype, {"long_name": long_name, kind: values, "flag_meanings": " ".join(meanings), "units": "1", **more}
@@ -214,7 +214,7 @@ def _estimates(estimator: str) -> Iterator[Term]:
 
 
 def quantity(name: str, units: str, long_name: str, **more: str) -> Term:
-    """Return the term of a quantity at the rows' times and positions."""
+    """Return the term of a quantity at the times and positions of the rows."""
     return Term(name, "f4", {"long_name": long_name, "units": units, "coordinates": _AT, **more})
 
 
@@ -256,20 +256,20 @@ VERTICAL_TERMS = (
            observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
     quantity(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
 )  # fmt: skip
-"""Terms that are written if study ``vertical`` has been run."""
+"""Terms that are written only if study ``vertical`` has been run."""
 
 WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS", "PHASE")
-"""Variables with a quality-control flag, which always states that none was applied."""
+"""Variables with a quality-control flag, whose value is always that no quality control was applied."""
 
 
 def quality_control(name: str, **more: str) -> Term:
-    """Return the term of a variable's flag of quality control."""
+    """Return the term of a variable's quality-control flag."""
     meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
     return flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
 
 
 LARGEST_DIFFERENCE = 2.0
-"""Standard deviations by which dives and climbs may differ for the water's vertical velocity to be probably good."""
+"""Largest difference of dives and climbs, in standard deviations, for a probably good velocity of the water."""
 
 VERTICAL_QC = quality_control(
     _WATER,
@@ -303,7 +303,7 @@ TERMS: Mapping[str, Term] = {
 """Variables along the axis of measurements, by name."""
 
 MEASURED_TERMS = frozenset(term.name for term in _measured())
-"""Names of the variables that the glider measured."""
+"""Names of the variables measured by the glider."""
 
 SINGLE: Mapping[str, Mapping[str, Any]] = {
     "TRAJECTORY": {"long_name": "trajectory name", "cf_role": "trajectory_id"},
@@ -321,7 +321,7 @@ SINGLE: Mapping[str, Mapping[str, Any]] = {
     "DEPLOYMENT_LATITUDE": {"long_name": "latitude of deployment", **LATITUDE_ATTRIBUTES},
     "DEPLOYMENT_LONGITUDE": {"long_name": "longitude of deployment", **LONGITUDE_ATTRIBUTES},
 }
-"""Attributes of the variables of one value, by name."""
+"""Attributes of the single-valued variables, by name."""
 
 REQUIRED = (
     "contributor_name",
@@ -332,4 +332,4 @@ REQUIRED = (
     "contributing_institutions_role",
     "contributing_institutions_role_vocabulary",
 )
-"""Global attributes that OG1 requires and that only the user knows."""
+"""Global attributes required by OG1 that only the user can supply."""

@@ -38,33 +38,33 @@ def write_report(
 ) -> Written:
     """Write an archive, or one profile of it, as one self-contained HTML page with its tables and figures.
 
-    Of several archives each gets its page in a folder of its own below `out`, and ``index.html`` is the page of the
-    fleet, with a row for each and a map.
+    For several archives, each page is written into a separate folder below `out`, and ``index.html`` is the page of the
+    fleet, with a row for each archive and a map.
 
     Parameters
     ----------
-    store : str or Path, or sequence of them
+    store : str or Path, or sequence of these
         The archive, or the archives of a fleet.
     out : str or Path
-        Folder for the page, its tables as CSV and its figures as PNG and SVG; made where it is missing.
+        Folder for the page, its tables as CSV and its figures as PNG and SVG; created if missing.
     profile : int, optional
-        Write the page of this profile only.
+        Number of a profile, to write only its page.
     twins : str or Path, optional
-        Output folder of ``gliderhpc twin windows``, to be shown on the page of the mission.
+        Output folder of ``gliderhpc twin windows``, for the page of the mission.
     truth : str or Path, optional
-        Truth file of a synthetic mission, to be drawn with a profile.
+        Truth file of a synthetic mission, to draw with a profile.
 
     Returns
     -------
     Written
-        Paths of the ``page``, the ``tables`` and the ``figures``; of several archives, those of the fleet's page, and
-        in ``failed`` a line for each archive that has no page.
+        Paths of the ``page``, the ``tables`` and the ``figures``. For several archives they are those of the fleet's
+        page, and ``failed`` has a line for each archive without a page.
 
     Raises
     ------
     InputError
         Archive, twins or truth cannot be read, there is no such profile or it is not done, or the folder cannot be
-        written; of several archives, none can be read, or `profile`, `twins` or `truth` is given.
+        written; or, for several archives, none can be read, or `profile`, `twins` or `truth` is set.
     """
     stores = [store] if isinstance(store, str | Path) else list(store)
     if not stores:
@@ -100,11 +100,11 @@ def write_mission_page(
     out : Path
         Folder for ``index.html``, ``*.csv``, ``*.png`` and ``*.svg``; created if missing.
     twins : Path, optional
-        Output folder of ``twin windows``, to be shown too.
+        Output folder of ``twin windows``, for a section of the page.
     truth : Path, optional
         Truth of a synthetic mission, for the representative profile.
     executor : Executor, optional
-        Workers that make the sections; this process by default.
+        Executor whose workers make the sections; by default this process.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def mission_page(
 
 
 MakeSection = Callable[..., Section | None]
-"""Makes a section, or None, of an archive given by name."""
+"""Function that makes a section, or None, from an archive passed as the keyword argument `archive`."""
 
 
 def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[Section | None]:
@@ -163,7 +163,7 @@ def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Execu
 
 
 def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
-    """Make one section; the job of a worker."""
+    """Make one section, as the job of a worker."""
     index, make = job
     with reading(place), open_for_reading(place) as archive:
         section = make(archive=archive)
@@ -205,7 +205,7 @@ def _made(source: Place) -> str:
 
 
 def _write_platform(archive: Archive, out: Path) -> None:
-    """Write the platform file if it differs from all shipped platforms, so that the page's commands work."""
+    """Write the platform file, which the page's commands need, if no shipped platform is the same."""
     platform = own_platform(archive)
     if platform is not None and platform_option(archive) == PLATFORM_FILE:
         (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")

@@ -74,7 +74,7 @@ class Grid:
     rows : sequence of mapping
         Values by column name; the columns are all keys in order of appearance.
     shown : int, optional
-        Number of columns on the page, all when None; the CSV file has all of them.
+        Number of columns on the page, None for all; the CSV file has all of them.
     """
 
     kind: ClassVar[str] = "grid"
@@ -97,7 +97,7 @@ class Picture:
     alternative : str
         Description for readers who cannot see the figure.
     figure : matplotlib.figure.Figure, Images or Path
-        A figure to be drawn, its images, or a PNG file to be copied.
+        Figure to draw, its images, or a PNG file to copy.
     """
 
     kind: ClassVar[str] = "picture"
@@ -109,7 +109,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Index:
-    """Links to sections of the page: name, subject, anchor of the section, and a remark of each."""
+    """Links to sections of the page, each with name, subject, anchor of the section, and a remark."""
 
     kind: ClassVar[str] = "index"
     entries: tuple[Mapping[str, str], ...]
@@ -124,11 +124,11 @@ class RosterEntry:
     title, detail : str
         Heading of the row, and a line below it.
     address : str or None
-        Page of its own, relative to this one.
+        Address of the separate page for this row, relative to this page; None if there is none.
     cells : mapping of str to tuple of str
         Lines by column.
     fault : str
-        Why it cannot be shown; empty where it can.
+        Reason why the row cannot be shown; empty if it can.
     """
 
     title: str
@@ -145,9 +145,9 @@ class Roster:
     Attributes
     ----------
     stem, caption : str
-        As of a `Grid`.
+        Stem of the CSV file's name, and caption.
     columns : tuple of str
-        Headings of the cells; that of the entries' titles comes first.
+        Headings; the first is that of the entries' titles, the others are those of the cells.
     entries : tuple of RosterEntry
         Rows on the page.
     rows : sequence of mapping
@@ -199,7 +199,7 @@ _MAX_WARNINGS = 10
 
 
 def limited_warnings(texts: Sequence[str], remainder: str) -> list[Block]:
-    """Return at most ten warnings; a last one counts the others, followed by the rest of its sentence."""
+    """Return at most ten warnings, and one more with the number of the others, followed by `remainder`."""
     blocks: list[Block] = [Notice(text, "warning") for text in texts[:_MAX_WARNINGS]]
     if len(texts) > _MAX_WARNINGS:
         blocks.append(Notice(f"{len(texts) - _MAX_WARNINGS} more {remainder}", "warning"))
@@ -207,7 +207,7 @@ def limited_warnings(texts: Sequence[str], remainder: str) -> list[Block]:
 
 
 def heading(variable: xr.DataArray) -> str:
-    """Return a variable's name with its unit, as the head of a column."""
+    """Return a variable's name with its unit, as the heading of a column."""
     units = str(variable.attrs.get("units", "1"))
     timed = np.issubdtype(variable.dtype, np.datetime64)
     return str(variable.name) if units == "1" or timed else f"{variable.name}, {units}"

@@ -1,4 +1,4 @@
-"""Report of a fleet: the page of each mission in its own folder, and one page with a row for each."""
+"""Report of a fleet: a page for each mission, in its own folder, and one page with a row for each mission."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MAP_CAPTION = (
 
 @dataclass(frozen=True, eq=False)
 class _Member:
-    """Mission of a fleet: archive, folder of its page, state where it can be read, and why something failed."""
+    """Mission of a fleet: archive, folder of its page, state if it can be read, and reason of a failure."""
 
     number: int
     place: Place
@@ -65,7 +65,7 @@ class _Member:
 
 
 def _encodable(text: str) -> str:
-    """Replace what no file in UTF-8 can hold: bytes of a file's name that are no text."""
+    """Replace the parts of a text that UTF-8 cannot encode: bytes of a file's name that are not text."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -76,7 +76,7 @@ def write_fleet(
     made: Callable[[str], str],
     write_mission: Callable[[Place, Path], object],
 ) -> Written:
-    """Write the page of every mission into a folder of its own, and the page of the fleet.
+    """Write the page of every mission into a separate folder, and the page of the fleet.
 
     Parameters
     ----------
@@ -85,16 +85,16 @@ def write_fleet(
     out : Path
         Folder for the fleet's page and the missions' folders.
     page : str
-        Name of the page, of the fleet and of each mission.
+        File name of the fleet's page and of each mission's page.
     made : callable
-        Makes the line at the foot of the page from a description of its source.
+        Function that makes the line at the foot of the page from a description of its source.
     write_mission : callable
-        Writes the page of an archive into a folder.
+        Function that writes the page of an archive into a folder.
 
     Returns
     -------
     Written
-        Files of the fleet's page; `failed` has a line for each archive that has no page of its own.
+        Files of the fleet's page; `failed` has a line for each archive without a page of its own.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
 
 
 def _reported(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
-    """Read the state of a mission and write its page; an archive that cannot be used fails alone."""
+    """Read the state of a mission and write its page; record the reason if the archive cannot be used."""
     try:
         member = replace(member, state=read_state(member.place))
         write_mission(member.place, out / member.folder)

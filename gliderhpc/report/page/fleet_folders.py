@@ -1,4 +1,4 @@
-"""Folders of the missions of a fleet, one for each archive, by the archives' names."""
+"""Names of the folders for the missions of a fleet, derived from the names of the archives."""
 
 import itertools
 from collections import Counter
@@ -9,13 +9,13 @@ from gliderhpc.store_schema.place import Place, absolute, is_address
 
 _SUFFIX = ".zarr"
 _RESERVED = ("index.html", "fleet.csv", "fleet_map.png", "fleet_map.svg")
-"""Names of the fleet's own files."""
+"""File names reserved for the fleet's page."""
 
 
 def folder_names(places: Sequence[Place]) -> list[str]:
-    """Return a name for each archive: its own without ``.zarr``; of the same names, with the folders above them.
+    """Return a folder name for each archive: its name without ``.zarr``, preceded by parent folders if names are equal.
 
-    Names that differ by case alone count as the same, as they are on some file systems.
+    Names that differ only in case are regarded as equal, since some file systems do not distinguish them.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def folder_names(places: Sequence[Place]) -> list[str]:
 
 def _parts(place: Place) -> list[str]:
     """Return the parts of a place's name that can name a folder, the last one without ``.zarr``."""
-    # The scheme of an address is no folder.
+    # The scheme of an address is not a folder.
     name = absolute(place).partition("://")[2] if is_address(place) else absolute(place)
     parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".", "..")] or ["archive"]
     return [*parts[:-1], parts[-1].removesuffix(_SUFFIX) or parts[-1]]
@@ -51,7 +51,7 @@ def _ambiguous(names: Sequence[str]) -> list[int]:
 
 
 def _numbered(names: Sequence[str]) -> list[str]:
-    """Number the names that the folders above do not tell apart, from the second on."""
+    """Number the names that the parent folders do not distinguish, from the second on."""
     numbered: list[str] = []
     taken, wanted = set(_RESERVED), {name.casefold() for name in names}
     for name in names:

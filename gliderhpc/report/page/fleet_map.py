@@ -1,4 +1,4 @@
-"""Map of a fleet: every track, and the last current of each glider with its error ellipse."""
+"""Map of a fleet: all tracks, and the last current of each glider with its error ellipse."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LEGEND_ROW = 0.18
 """Height of a row of the legend, inches."""
 
 _COLOURS = (MODEL, FILTER, GLIDE_ANGLE, "#CC79A7", MEASURED, "#56B4E9", TRUTH)
-"""Okabe and Ito's, repeated for more gliders; the number tells these apart."""
+"""Okabe and Ito's palette, repeated for more gliders, which their numbers then distinguish."""
 
 _ARROW_LENGTH = 0.2
 """Length of the fastest current's arrow, relative to the map's diagonal."""
@@ -58,11 +58,11 @@ class Track:
     number, name : int, str
         Number on the map, and name in the legend.
     fixes : (n, 2) array
-        Longitude and latitude of all fixes in order, degrees, without missing ones.
+        Longitude and latitude of all fixes in order, degrees; missing ones are omitted.
     place : (2,) array
-        Longitude and latitude of the current, degrees; NaN where there is none.
+        Longitude and latitude of the current, degrees; NaN without a current.
     current : (2,) array
-        East and north, m/s; NaN where there is none.
+        East and north component of the current, m/s; NaN without a current.
     deviations : (3,) array
         Standard deviations of north and east (m/s), and their covariance (m2/s2).
     """
@@ -80,13 +80,13 @@ class Track:
         return bool(np.isfinite(self.place).all() and np.isfinite(self.current).all())
 
     def shifted(self, longitude: float) -> tuple[Array, Array]:
-        """Return fixes and place with the longitudes nearest to one, so that the date line splits no map."""
+        """Return fixes and place, shifted by full turns near a longitude, to avoid a split at the date line."""
         shift = np.array([360.0 * round((longitude - self.fixes[:, 0].mean()) / 360.0), 0.0])
         return self.fixes + shift, self.place + shift
 
 
 def fleet_map(tracks: Sequence[Track]) -> Figure | None:
-    """Draw the tracks of a fleet and their last currents; None where no mission has a fix."""
+    """Draw the tracks of a fleet and their last currents; return None if no mission has a fix."""
     shown = [track for track in tracks if len(track.fixes)]
     if not shown:
         return None
@@ -129,7 +129,7 @@ def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
 def _draw_currents(
     axes: Axes, tracks: Sequence[Track], placed: Sequence[tuple[Array, Array]], every: Array, shrink: float
 ) -> list[Array]:
-    """Draw arrows in their true direction and their ellipses, and return what the map must show of them."""
+    """Draw arrows in their true direction with their ellipses, and return the outlines that the map must include."""
     known = [(track, place) for track, (_, place) in zip(tracks, placed, strict=True) if track.has_current]
     if not known:
         return []
@@ -150,7 +150,7 @@ def _draw_currents(
         width=0.006, zorder=4.0,
     )  # fmt: skip
     shown = round_speed(0.7 * fastest)
-    # Above the panel, where it covers no track.
+    # The key is above the panel, where it covers no track.
     axes.quiverkey(
         arrows, 0.76, 1.03, shown * stretch[0], f"{shown:g} m/s", labelpos="W", color=TRUTH,
         fontproperties={"size": SMALL + 1},

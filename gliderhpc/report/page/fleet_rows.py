@@ -1,4 +1,4 @@
-"""State of one mission of a fleet: what its row on the fleet's page, its track and its CSV row are made of."""
+"""State of one mission of a fleet, the source of its row on the fleet's page, its track and its CSV row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ POORLY_CONVERGED = 0.8
 """Share of converged windows below which a profile is listed as odd."""
 
 _LISTED = 3
-"""Number of failed profiles whose messages are listed."""
+"""Largest number of failed profiles whose messages are listed, and of profile numbers in a list."""
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
 
@@ -41,15 +41,15 @@ class MissionState:
     summary : Summary
         Summary of the archive.
     table : MissionTable
-        Its profiles.
+        Profiles of the archive.
     current_of, current : int, Current or None
         Number of the last profile with a current, and that current.
     water_of, water : int, Water or None
         Number of the last profile that is done, and its motion through the water.
     hull : tuple of StoredChange or None
-        Findings of the study on the hull.
+        Findings of study ``hull``; None if there are none.
     odd : tuple of str
-        What needs attention.
+        Points that need attention.
     """
 
     summary: Summary
@@ -94,7 +94,7 @@ class MissionState:
 
     @property
     def _span(self) -> tuple[str | None, str | None]:
-        """First sample of the first profile, and last sample of the last one."""
+        """Times of the first sample of the first profile and of the last sample of the last profile."""
         start = self.table.dataset["start_time"].values.astype("datetime64[ns]")
         length = np.round(np.nan_to_num(self.table.duration)).astype("timedelta64[s]")
         ends = (start + length)[~np.isnat(start)]
@@ -171,7 +171,7 @@ class MissionState:
         if not (np.isfinite([a, b, c, d]).all() and len(fixes)):
             return np.full(2, np.nan)
         latitude, longitude = midpoint((a, b), (c, d))
-        # On the branch of the track, which may have crossed the date line.
+        # The longitude is on the branch of the track, which may have crossed the date line.
         return np.array([longitude + 360.0 * round((fixes[-1, 0] - longitude) / 360.0), latitude])
 
 
@@ -219,7 +219,7 @@ def _has_smoothed(archive: Archive, number: int) -> bool:
 
 
 def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
-    """List what needs attention."""
+    """Yield the points that need attention."""
     yield from _failures(summary)
     if pending := summary.statuses.get("pending", 0):
         yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"

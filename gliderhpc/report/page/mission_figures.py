@@ -1,4 +1,4 @@
-"""Table of the mission's profiles, and its figures: the map, profiles by number, and computing time."""
+"""Table of the mission's profiles, and its figures: map, profiles by number, and computing time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Pair = tuple[Array, Array] | tuple[float, float]
 
 LEADING_COLUMNS = ("status", "start_time", "max_depth", "duration", "converged_fraction")
-"""Columns of the archive that follow the profile's number."""
+"""Columns of the archive that follow the profile number on the page."""
 
 CURRENT = (
     "current_north, m s-1",
@@ -47,10 +47,10 @@ CURRENT = (
     "current_east_std, m s-1",
     "current_by",
 )
-"""Columns of the adopted current, which follow those; the message comes after them."""
+"""Columns of the adopted current, between the leading columns and the message."""
 
 SHOWN = len(LEADING_COLUMNS) + len(CURRENT) + 2
-"""Columns on the page, including the number and the message."""
+"""Number of columns on the page, including the profile number and the message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +94,12 @@ class MissionTable:
 
     @cached_property
     def adopted(self) -> AdoptedCurrent:
-        """Adopted current: the smoother's where it is usable, else the adjoint's."""
+        """Adopted current: the smoother's where it is usable, otherwise the adjoint's."""
         return adopted_current(self.dataset)
 
     @property
     def current(self) -> tuple[Array, Array]:
-        """Adopted depth-averaged current, north and east (m/s), shape (n,) each, NaN where there is none."""
+        """Adopted depth-averaged current, north and east (m/s), shape (n,) each, NaN if unknown."""
         return self.adopted.north, self.adopted.east
 
     @property
@@ -132,7 +132,7 @@ class MissionTable:
         return np.asarray(self.dataset[name].values.astype(np.float64))
 
     def rows(self) -> list[Row]:
-        """Return the rows of the whole table, the most relevant columns first."""
+        """Return the rows of the whole table, with the most relevant columns first."""
         adopted = self.adopted
         current = (adopted.north, adopted.north_std, adopted.east, adopted.east_std, adopted.estimate)
         rest = [
@@ -159,7 +159,7 @@ def _plain(value: Any) -> Any:
 
 
 def _unwrapped(longitude: Array) -> Array:
-    """Unwrap longitudes at the antimeridian, missing values left missing."""
+    """Unwrap longitudes at the antimeridian; missing values stay missing."""
     running = longitude.copy()
     known = np.isfinite(longitude)
     running[known] = np.unwrap(longitude[known], period=360.0)
@@ -177,11 +177,11 @@ MIN_EXTENT = 2000.0
 """Smallest extent of a map, m."""
 
 _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
-"""Width over height of the map, and its size relative to what it shows."""
+"""Width over height of the map, and size of the map relative to its content."""
 
 
 def map_figure(table: MissionTable) -> Figure | None:
-    """Draw the dives and their currents, latitude and longitude (degrees) to one scale.
+    """Draw the dives and their currents, with latitude and longitude (degrees) to the same scale.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def map_figure(table: MissionTable) -> Figure | None:
     Returns
     -------
     matplotlib.figure.Figure or None
-        None where no profile has a fix before and after it.
+        Map; None if no profile has a fix before and after it.
     """
     latitude, longitude = table.fixes
     if not np.isfinite(latitude).all(axis=1).any():
@@ -249,7 +249,7 @@ def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:
 
 
 def frame_map(axes: Axes, seen: np.ndarray, shrink: float) -> None:
-    """Set limits around everything shown, with a margin and a fixed aspect ratio."""
+    """Set limits around the points `seen`, with a margin and a fixed aspect ratio."""
     low, high = seen.min(axis=0), seen.max(axis=0)
     middle, (width, height) = 0.5 * (low + high), (high - low) * [shrink, 1.0]
     height = _MARGIN_FACTOR * max(height, width / _ASPECT_RATIO, MIN_EXTENT / DEGREE)
@@ -279,7 +279,7 @@ def draw_arrows(axes: Axes, tails: Pair, lengths: Pair, *, width: float, name: s
 
 
 def scale_arrow(axes: Axes, arrows: Quiver, length: float, text: str) -> None:
-    """Draw a labelled scale arrow, its length in units of the x axis, at the lower right."""
+    """Draw a labelled scale arrow at the lower right; its length is in units of the x axis."""
     axes.quiverkey(arrows, 0.86, 0.04, length, text, labelpos="N", fontproperties={"size": SMALL + 1})
 
 
@@ -310,7 +310,7 @@ def profiles_figure(table: MissionTable) -> Figure:
 
 
 def timing_figure(table: MissionTable) -> Figure:
-    """Draw the computing time of every profile, and the dive's duration relative to it."""
+    """Draw the computing time of every profile, and the ratio of the dive's duration to it."""
     figure, (seconds, ratio) = panels(2, 1, _FLAT, "Computing time", share_x=True)
     seconds.plot(table.number, table.seconds, "o", color=ESTIMATE, markersize=4)
     seconds.set_ylim(bottom=0.0)
@@ -323,7 +323,7 @@ def timing_figure(table: MissionTable) -> Figure:
 
 
 def _by_number(axes: Axes) -> None:
-    """Label the lower axis with profile numbers, in integers."""
+    """Label the lower axis with integer profile numbers."""
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -33,11 +33,11 @@ def overview_section(archive: Archive, summary: Summary) -> Section:
 
 _FIRST = ("mission", "platform", "profiles", "from", "to", "median current")
 _LAST = ("computing time", "preset", "observations")
-"""Facts of any archive that the overview shows; versions and digests are at the end of the page."""
+"""Facts of the archive that the overview shows; versions and digests are at the end of the page."""
 
 
 def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
-    """Collect the facts of most interest to an operator."""
+    """Collect the facts of greatest interest to an operator."""
     known, done = facts(summary), table.done
     hours = float(np.nansum(table.duration[done])) / 3600.0
     flight = {"time under water": f"{hours:.1f} h in {int(done.sum())} profiles"}

@@ -68,7 +68,7 @@ def vibration_rows(data: ProfileData) -> list[Row]:
 
 
 def track_figure(archive: Archive, data: ProfileData) -> Figure:
-    """Draw the track through the water and, where fixes anchor it, over the ground, with the depth-averaged current."""
+    """Draw the track through the water, that over the ground if fixes anchor it, and the depth-averaged current."""
     motions = motions_of(data, platform_of(archive))
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     figure, (axes,) = panels(1, 1, _TRACK_SIZE, f"Track of profile {data.number}")
@@ -115,13 +115,13 @@ _MARKS = {
     Outcome.DIVERGED: (FILTER, "X"),
     Outcome.NO_DATA: (SHADE, "P"),
 }
-"""Colour and marker of every outcome, each distinct."""
+"""Distinct colour and marker of every outcome."""
 
 _COLUMNS = ("cost", "iterations", "evaluations", "gradient_norm")
 
 
 def windows_of(archive: Archive, data: ProfileData) -> pd.DataFrame:
-    """Read the windows of a profile, a row a window: start and stop (s since its first sample), outcome, scores."""
+    """Read the windows of a profile, one per row: start and stop (s since its first sample), outcome, scores."""
     table = archive["windows"].to_dataset().sel(profile=data.number).load()
     known = np.isfinite(table["outcome"].values)
     columns = {name: table[name].values[known].astype(np.float64) for name in ("start", "stop", *_COLUMNS)}
@@ -144,7 +144,7 @@ def window_rows(windows: pd.DataFrame) -> list[Row]:
 
 
 def outcome_name(outcome: Outcome) -> str:
-    """Name of an outcome in tables and legends."""
+    """Return the name of an outcome for tables and legends."""
     return outcome.name.lower().replace("_", " ")
 
 

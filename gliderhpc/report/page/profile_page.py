@@ -34,7 +34,7 @@ from gliderhpc.vocabulary import QUALITY
 
 
 def profile_page(archive: Archive, number: int, place: Place, command: str, truth: Path | None) -> Page:
-    """Assemble the page of an estimated profile, compared with the truth of a synthetic mission where it is given.
+    """Assemble the page of an estimated profile, compared with `truth` if that of a synthetic mission is passed.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _row(archive: Archive, number: int) -> list[dict[str, Any]]:
 
 
 def format_value(variable: xr.DataArray) -> str:
-    """Format a value, a flag by its meaning."""
+    """Format a value; a flag is shown by its meaning."""
     value, meanings = variable.values[()], variable.attrs.get("flag_meanings")
     if meanings is None or not np.isfinite(value):
         return cell(value)
@@ -189,7 +189,7 @@ _WITH_TRUTH = " Dashed: the truth of this synthetic mission, and the errors agai
 
 
 def representative_section(archive: Archive, command: str, truth: Path | None) -> Section | None:
-    """Show the estimated profile of median depth, None without any; `truth` is that of a synthetic mission."""
+    """Return a section on the profile of median depth, None without any; `truth` is that of a synthetic mission."""
     number = representative_profile(archive)
     if number is None:
         return None
@@ -203,7 +203,7 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
 
 
 def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> Picture:
-    """Draw a profile's motion and disturbances, with their truth where it is known."""
+    """Draw a profile's motion and disturbances, with the truth if it is known."""
     known = None if truth is None else read_profile_truth(truth, number)
     return Picture(
         stem,
@@ -214,7 +214,7 @@ def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None)
 
 
 def representative_profile(archive: Archive) -> int | None:
-    """Return the number of the estimated profile of (lower) median depth, None without any."""
+    """Return the number of the estimated profile of (lower) median depth, None if no profile is done."""
     done = done_profiles(archive)
     if not done:
         return None

@@ -1,4 +1,4 @@
-"""Tables, figures and HTML of a page, written as files."""
+"""Files of a page: tables, figures and HTML."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_TABLE_ROWS = 60
-"""Rows of a table on the page; the CSV file has all."""
+"""Largest number of rows of a table on the page; the CSV file has all rows."""
 
 _PLACES = ("latitude", "longitude")
 
 _PROSE_LENGTH = 30
-"""Characters; longer text is prose."""
+"""Number of characters above which a text is regarded as prose."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def shown_rows(grid: Grid) -> Sequence[Any]:
 
 
 def describe_omitted(grid: Grid) -> str:
-    """Describe the rows and columns that the page does not show; empty where it shows all."""
+    """Describe the rows and columns that the page does not show; empty if it shows all."""
     rows = max(0, len(grid.rows) - MAX_TABLE_ROWS)
     columns = 0 if grid.shown is None else max(0, len(_names(grid)) - grid.shown)
     parts = [f"{count} more {what}" for count, what in ((rows, "rows"), (columns, "columns")) if count]
@@ -64,7 +64,7 @@ def _names(grid: Grid) -> list[str]:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a number, aligned to the right."""
+    """Return whether a value is a number, which is aligned to the right."""
     return isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_)
 
 
@@ -79,7 +79,7 @@ def _holds_numbers(values: Iterable[Any]) -> bool:
 
 
 def cell(value: Any, column: str = "") -> str:
-    """Format one value: three significant digits, positions to 10 m, times to the second, a dash for a missing one."""
+    """Format one value: three significant digits, positions to 10 m, times to the second, a dash if missing."""
     if value is None:
         return number(None)
     if isinstance(value, np.datetime64 | datetime.datetime):
@@ -144,7 +144,7 @@ def _size_of(png: bytes) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Written:
-    """Files of a report: its page, tables and figures (as PNG); of several archives, a line on each that failed."""
+    """Files of a report: page, tables and figures (as PNG); for several archives, also a line for each failure."""
 
     page: Path
     tables: tuple[Path, ...]
@@ -164,7 +164,7 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
     name : str
         Name of the page's file.
     made : str
-        Time and source, for the page's footer.
+        Footer of the page, with time and source.
 
     Raises
     ------

@@ -21,10 +21,10 @@ from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
-"""Name of the platform file that a report writes if no shipped platform is the same."""
+"""Name of the platform file that a report writes if no shipped platform is identical."""
 
 _MODEL_STUDY = "reanalysis"
-"""The study that takes files of ocean models."""
+"""Name of the study that uses files of ocean models."""
 
 _OPTION_SETTINGS = ("preset", "engine", "start")
 """Settings with a command-line option of their own."""
@@ -61,7 +61,7 @@ def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def study_command(name: str, archive: Archive, place: Place) -> str:
-    """Return the command that runs a study, with the options of the stored one where the archive holds it."""
+    """Return the command that runs a study, with the options of the archived run if there is one."""
     made = archive[name].attrs if name in archive.children else {}
     if name == "validation":
         observations, platform = observations_of(archive.attrs), platform_option(archive)
@@ -77,13 +77,13 @@ def study_command(name: str, archive: Archive, place: Place) -> str:
 
 
 def _models(made: Mapping[Any, Any]) -> list[str]:
-    """Return the files of ocean models that a study was made with, or a placeholder."""
+    """Return the files of ocean models used in a study, or a placeholder."""
     labels = [str(label) for files in dict(made.get("models") or {}).values() for label in files]
     return labels or ["MODEL.nc"]
 
 
 def platform_option(archive: Archive) -> str:
-    """Return the value of ``--platform``: the name of a shipped platform, else the file that the report writes."""
+    """Return the value of ``--platform``: the name of a shipped platform, or the file that the report writes."""
     platform = own_platform(archive)
     if platform is None:
         return PLATFORM_FILE
@@ -92,7 +92,7 @@ def platform_option(archive: Archive) -> str:
 
 
 def own_platform(archive: Archive) -> Platform | None:
-    """Return the platform that an archive was made with, None where this version cannot read it."""
+    """Return the platform used for an archive, None if this version cannot read it."""
     try:
         return Platform.model_validate(archive.attrs.get("platform"))
     except ValidationError:

@@ -1,4 +1,4 @@
-"""Sections of the studies and the windows' twin experiment, and an index of the publication's figures and tables."""
+"""Sections of the studies and of the twin experiment on windows; index of the publication's figures and tables."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
 
 _MAX_COLUMNS = 14
-"""Columns of a study's table on the page, except for the publication's own tables."""
+"""Largest number of columns of a study's table on the page, except for the publication's own tables."""
 
 
 HEADINGS = {
@@ -49,7 +49,7 @@ HEADINGS = {
     "hull": ("The hull by the dives", ""),
     "drift": ("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
-"""Heading of a study's section and the publication's figures and tables in it, in the order of the publication."""
+"""Heading of each study's section and the publication's figures and tables in it, in the publication's order."""
 
 
 def study_names() -> list[str]:
@@ -58,7 +58,7 @@ def study_names() -> list[str]:
 
 
 def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
-    """Return the section of one study: its findings, or why there are none and the command that computes them."""
+    """Return the section of one study: its findings, or the reason why there are none and the command for them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
@@ -82,7 +82,7 @@ def _introduction(name: str, published: str) -> str:
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:
-    # A group that the mission wrote, and a study extends, has nothing of the study until it has begun.
+    # A group that the mission writes and a study extends has this attribute only after the study has begun.
     if name in archive.children and COMPLETE in archive[name].attrs:
         return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
     return [Commands("The archive does not hold this study. To run it:", (command,))]
@@ -149,12 +149,12 @@ def _alternative(name: str, stem: str, found: Findings) -> str:
 
 
 def comparison_grid(stem: str, rows: Sequence[Comparison], title: str = "") -> Grid:
-    """Return a table of the publication's values and ours."""
+    """Return a table that compares the publication's values with ours."""
     return Grid(stem, f"{title}{_COMPARISON_CAPTION}", [comparison_row(row) for row in rows])
 
 
 def comparison_row(row: Comparison) -> Row:
-    """Return one value of the publication and ours, numbers as numbers."""
+    """Return the row of one comparison, with numbers left unformatted."""
     values = (
         row.quantity,
         row.unit,
@@ -182,7 +182,7 @@ _WINDOWS_CAPTION = (
 
 
 def windows_section(twins: Path | None, platform: str) -> Section:
-    """Return the section of the twin experiment in a folder, or with the command that runs it."""
+    """Return the section of the twin experiment in a folder; without a folder, it has the command that runs it."""
     if twins is None:
         command = f"gliderhpc twin windows --platform {platform} --out twins"
         remedy = "They were not given with --twins. To run them, for `gliderhpc report ... --twins twins`:"
@@ -210,7 +210,7 @@ def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     Raises
     ------
     InputError
-        The folder does not contain it.
+        The folder does not contain this output.
     """
     try:
         content: dict[str, Any] = json.loads((twins / f"{_WINDOWS}.json").read_text("utf-8"))
@@ -250,7 +250,7 @@ PUBLISHED = (
     ("Table 5", "statistics of the drift", "drift"),
     ("Table 6", "robustness of the drift", "drift"),
 )
-"""Name, subject, and study of each of them; the study is the anchor of its section."""
+"""Name, subject and study of the publication's figures and tables; the study is the anchor of its section."""
 
 
 def published_section(archive: Archive, with_windows: bool) -> Section:

@@ -1,7 +1,7 @@
-"""Tables, figures and captions of a study, by its name, from an archive that contains it.
+"""Tables, figures and captions of a study, from an archive that contains it.
 
-They are made by the function ``show`` of the module with the study's name in this package; a study without such a
-module has only its table.
+The function ``show`` of the module named after the study in this package makes them; a study without such a module has
+only its table.
 """
 
 import importlib
@@ -34,7 +34,7 @@ def analyze_archive(name: str, request: Request) -> Findings:
     Parameters
     ----------
     name : str
-        Name of the study, one of `gliderhpc.studies.registry.STUDIES`.
+        Name of the study, in `gliderhpc.studies.registry.STUDIES`.
     request : Request
         Archive, workers, estimate, profiles and inputs.
 
@@ -64,7 +64,7 @@ def validate_archive(
     quick: bool = False,
     report: Callable[[int], None] = lambda _: None,
 ) -> Findings:
-    """Compare the forward model with an archive's records; parameters as `gliderhpc.studies.validation.validate`.
+    """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def _findings(name: str, store: str | Path) -> Findings:
 
 
 def show_table(name: str, archive: Archive) -> Findings:
-    """Make the findings of a study from its rows and their declaration in the schema alone."""
+    """Make the findings of a study from nothing but its rows and their declaration in the schema."""
     made, table = provenance_of(archive, name), study_table(archive, name)
     failed, known = failed_profiles(table)
     variables = {variable.name: variable for variable in study_called(name).variables}
@@ -105,12 +105,12 @@ SHOWN = (VALIDATION, *STUDIES)
 
 
 def study_title(name: str) -> str:
-    """Return one line about a group of `SHOWN`."""
+    """Return a one-line title of a group of `SHOWN`."""
     return TITLE if name == VALIDATION else load_study(name).title
 
 
 def studies_in(archive: Archive) -> list[str]:
-    """Names of the complete studies in an archive, in the order of `SHOWN`."""
+    """Return the names of the complete studies in an archive, in the order of `SHOWN`."""
     return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
 
 
@@ -120,14 +120,14 @@ def show_study(name: str, archive: Archive) -> Findings:
     Parameters
     ----------
     name : str
-        One of `SHOWN`.
+        Name of the study, in `SHOWN`.
     archive : Archive
-        As `gliderhpc.archive.mission.open_for_reading` opens it.
+        Archive, as opened by `gliderhpc.archive.mission.open_for_reading`.
 
     Raises
     ------
     InputError
-        There is no such study, the archive does not contain it complete, or it is of an earlier version.
+        There is no such study, or that of the archive is missing, incomplete or of an earlier version.
     """
     if name not in SHOWN:
         raise InputError(f"{name}: an archive shows no such study; there are {', '.join(SHOWN)}")

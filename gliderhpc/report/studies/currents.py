@@ -49,16 +49,16 @@ if TYPE_CHECKING:
 
 _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
-"""Number of shear vectors along the track."""
+"""Largest number of shear vectors along the track."""
 
 _LONGEST = 0.2
-"""Length of the longest of them, relative to the width of the panel."""
+"""Length of the longest shear vector, relative to the width of the panel."""
 
 
 def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
     """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
 
-    The vertical scales that the settings and the hull's motion remove are written below the panels.
+    A note below the panels names the vertical scales removed by the settings and by the hull's motion.
     """
     study = archive["currents"].to_dataset().sel(profile=data.number).load()
     title = f"Depth-resolved current of profile {data.number}: {mission_of(archive)}"
@@ -83,7 +83,7 @@ def _figure_7_of(archive: Archive, number: int, estimate: str, settings: DepthRe
 
 
 def nothing_retrieved(study: xr.Dataset) -> str:
-    """Describe why a profile has no depth-resolved current: its message, or why its samples were masked."""
+    """Describe why a profile has no depth-resolved current: its message, or the reasons why samples were masked."""
     message = str(study["message"].values)
     if message:
         return message
@@ -128,7 +128,7 @@ def _draw_shear(axes: Axes, data: ProfileData, study: xr.Dataset) -> None:
 
 
 def _passband(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> Passband:
-    """Passband at the profile's median speeds in steady glide."""
+    """Return the passband at the profile's median speeds in steady glide."""
     steady = data.steady_records
     if not steady.any():
         steady = np.ones_like(steady)
@@ -175,7 +175,7 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
     if known.size:
         rows = known[np.linspace(0, known.size - 1, min(_VECTORS, known.size)).astype(np.int64)]
         longest = float(np.max(np.hypot(*shear[rows].T)))
-        # By default the scale follows the mean, so that one strong vector would leave the panel.
+        # By default the scale depends on the mean, and one strong vector would leave the panel.
         arrows = axes.quiver(
             track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy",
             scale=max(longest, 1e-9) / _LONGEST, scale_units="width",
@@ -190,7 +190,7 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
 def captions(
     made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
 ) -> dict[str, str]:
-    """Captions of the table and of the figures, by stem."""
+    """Return the captions of the table and of the figures, by stem."""
     figures = {
         stem: _of_figure(made, table[table["profile"] == profile].iloc[0], settings) for stem, profile in drawn.items()
     }
@@ -236,7 +236,7 @@ _MEDIANS = (
 
 
 def reference_rows(table: pd.DataFrame) -> tuple[Comparison, ...]:
-    """Rows of the comparison with a reference, if there is one; the publication has no counterpart."""
+    """Return the comparisons with a reference, if there is one; the publication has no counterpart."""
     medians = [
         Comparison(quantity, unit, float(table[name].median()))
         for name, unit, quantity in _MEDIANS
@@ -262,7 +262,7 @@ DRAWN = 3
 """Number of profiles with a figure."""
 
 PAPER_COEFFICIENT_SHARE, PAPER_ABSOLUTE_SHARE = 0.30, 0.015
-"""Effect of errors of 15 % in the moment coefficients on the shear and on the absolute current, from the paper."""
+"""Relative effect of 15 % errors of the moment coefficients on shear and absolute current, from the paper."""
 
 
 def show(archive: Archive) -> Findings:

@@ -65,16 +65,16 @@ _NOTE = (
 def figure_9(
     title: str, table: pd.DataFrame, found: Sequence[EstimateTrends], changes: Sequence[Change] = ()
 ) -> Figure:
-    """Draw Figure 9: the longitudinal plane above, the lateral one below.
+    """Draw Figure 9: the longitudinal plane in the upper row, the lateral plane in the lower row.
 
     Parameters
     ----------
     title : str
-        Of the mission.
+        Title of the mission.
     table : pandas.DataFrame
-        A row a profile.
+        One row for each profile.
     found : sequence of EstimateTrends
-        The estimates to draw.
+        Trends of each estimate to draw.
     changes : sequence of Change
         Changes to shade.
     """
@@ -92,7 +92,7 @@ def figure_9(
 
 
 def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
-    """Draw the change of K_D0 equivalent to the disturbances, one panel for each estimate, with changes shaded."""
+    """Draw the change of K_D0 equivalent to the disturbances, in one panel for each estimate, with changes shaded."""
     figure, axes = panels(1, len(drags), (11.0, 4.6), f"Drag that the drift is equivalent to: {title}")
     for one, drag in zip(axes, drags, strict=True):
         label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
@@ -143,7 +143,7 @@ def captions(
     band: Sequence[float],
     segments: int,
 ) -> dict[str, str]:
-    """Captions by stem."""
+    """Return the captions by stem."""
     epochs = int(table["epoch"].nunique())
     data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
     reference = found.verdict.drags[0].reference
@@ -188,7 +188,7 @@ def captions(
 
 
 def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
-    """Describe what study `hull` finds on the drag, and whether it agrees; empty if it has not been run."""
+    """Describe the finding of study `hull` on the drag, and any disagreement; empty if there is no such finding."""
     finding = drag_finding(archive)
     if finding is None:
         return ()
@@ -253,7 +253,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _inputs(found: DriftFindings) -> tuple[str, ...]:
-    """Remarks on missing inputs."""
+    """Return remarks on missing inputs."""
     remarks = []
     if found.check is None:
         remarks.append(

@@ -1,4 +1,4 @@
-"""Comparisons with the paper, Table 5 and Table 6 of study ``drift``."""
+"""Study ``drift``: comparisons with the paper, Table 5 and Table 6."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,10 +12,11 @@ from gliderhpc.studies.library.drift.series import EstimateTrends
 from gliderhpc.studies.library.drift.verdict import DriftVerdict, ForwardModelCheck
 
 PAPER_DRIFTS = {("B_cu", "dive"): -0.56, ("B_cu", "climb"): -1.39, ("B_cw", "climb"): -4.41, ("B_cq", "climb"): -1.69}
-"""Drifts over the mission of Table 5, N and N m."""
+"""Drifts over the mission from the paper's Table 5, N and N m."""
 
 PAPER_SAME_SIGN, PAPER_RISE, PAPER_WITH_DAY, PAPER_WITH_AXIAL = 1.0, 0.66, 0.69, 0.75
-"""Of Table 6."""
+"""Values from the paper's Table 6: fraction of draws that keep the slope's sign, relative rise of the forward model's
+error, and Spearman correlations of this error with the day and with |B_cu| on the climb."""
 
 
 def comparisons(
@@ -25,7 +26,7 @@ def comparisons(
     check: ForwardModelCheck | None,
     increase: float,
 ) -> tuple[Comparison, ...]:
-    """Rows of the study's table."""
+    """Return the rows of the study's table of comparisons."""
     return (
         *(_drift(own, key, paper) for key, paper in PAPER_DRIFTS.items() for own in trends),
         *_drag(verdict, increase),
@@ -131,7 +132,7 @@ _TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
 
 
 def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
-    """Rows of Table 5: forces in N, moments in N m, slopes per day, drift in percent of the first value of the line."""
+    """Return the rows of Table 5: forces in N, moments in N m, slopes per day, drift in % of the line's first value."""
     return [
         {
             "estimate": own.estimate, "component": channel, "unit": UNITS[channel], "phase": phase,
@@ -147,7 +148,7 @@ def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
 
 
 def table_5_text(rows: Sequence[dict[str, Any]]) -> str:
-    """Lay the table out as Markdown."""
+    """Format the table as Markdown."""
     heading = (
         "Trends. tau, p: plain Mann-Kendall test; slope: Theil-Sen, its interval by drawing epochs; "
         "floor: standard deviation within epochs; tier: as the paper grades it (p < 0.05 and an interval without zero: "
@@ -174,14 +175,14 @@ _COLUMNS_6 = (
 
 
 def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
-    """Rows of Table 6, slopes per day.
+    """Return the rows of Table 6, with slopes per day.
 
     Parameters
     ----------
     slopes : sequence of CoefficientSlopes
         Slopes from the segments.
     whole : dict
-        The adjoint's slopes over all samples that count, by quantity and phase.
+        The adjoint's slopes over all samples used, by quantity and phase.
     """
     return [
         {
@@ -197,7 +198,7 @@ def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], fl
 
 
 def table_6_text(rows: Sequence[dict[str, Any]], settings: CoefficientSettings, check: ForwardModelCheck | None) -> str:
-    """Format the table as Markdown, with the check by the forward model below it."""
+    """Format the table as Markdown, followed by the check by the forward model."""
     return _coefficient_rows(rows, settings) + "\n" + _check_rows(check)
 
 

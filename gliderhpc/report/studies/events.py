@@ -36,7 +36,7 @@ PAPER_CEILING = 0.48
 """The paper's null ceiling, N m."""
 
 PAPER_OVER_CEILING = (1.0, 6.2)
-"""The paper's twelve strongest events reach six times its null ceiling."""
+"""Range of the paper's twelve strongest events relative to its null ceiling."""
 
 PAPER_AMPLITUDES = (0.36, 2.98)
 """Range of the paper's strongest events, N m."""
@@ -71,7 +71,7 @@ def show(archive: Archive) -> Findings:
 
 
 def catalogue(archive: Archive) -> pd.DataFrame:
-    """Return the events of an archive, strongest first."""
+    """Return the events of an archive, beginning with the strongest."""
     group = archive[NAME].to_dataset()
     events = pd.DataFrame({variable.name: as_cells(group[variable.name].values) for variable in CATALOGUE})
     # Without any event the group has one missing entry, since an array cannot be empty.
@@ -86,7 +86,7 @@ def _threshold_name(settings: EventSettings, floor: NullFloor | None) -> str:
 
 
 def _width_remarks(archive: Archive, strongest: pd.DataFrame, estimate: str) -> tuple[str, ...]:
-    """Describe how many of the strongest are too narrow for the records to resolve their shape."""
+    """Describe how many of the strongest events are too narrow for the records to resolve their shape."""
     first = read_profile_data(archive, int(strongest["source_profile"].iloc[0]), estimate)
     interval = sample_interval(first, platform_of(archive))
     narrow = int((strongest["width"] < 2.0 * interval).sum())

@@ -41,11 +41,11 @@ PROBABLE = 0.95
 _DRAG, _VOLUME = "viscous.K_D0", "buoyancy.neutral_volume"
 _NORMAL_95 = 1.96
 _DOUBTED = 0.5
-"""Weight below which a dive is listed."""
+"""Weight below which a dive is listed as doubtful."""
 IMPLAUSIBLE = 3.0
-"""Number of plausible deviations from the platform file beyond which something other than the hull must be wrong."""
+"""Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
 _UNDETERMINED = 0.9
-"""Remaining fraction of the plausible deviation from which a parameter counts as undetermined by the dives."""
+"""Remaining fraction of the plausible deviation from which the dives do not determine a parameter."""
 
 _NOTE = (
     "Line and band: value by all dives and its 95 % interval. Points: by the dives up to each, as it was known then. "
@@ -57,16 +57,16 @@ _NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class HullHistory:
-    """Group ``hull`` of an archive after the study, at the profiles with information on the hull.
+    """Findings of the study in group ``hull`` of an archive, at the profiles with information on the hull.
 
     Attributes
     ----------
     platform : Platform
-        The hull that the mission was estimated with.
+        Hull used to estimate the mission.
     group : xarray.Dataset
-        The group at these profiles.
+        Group at these profiles.
     days : (n,)
-        Since the mission's first observation.
+        Time since the mission's first observation, days.
     """
 
     platform: Platform
@@ -74,12 +74,12 @@ class HullHistory:
     days: Array
 
     def series(self, name: str, key: str) -> Array:
-        """Return a variable (n,) of one parameter."""
+        """Return the values (n,) of a variable for one parameter."""
         return np.asarray(self.group[name].sel(parameter=key).values, dtype=np.float64)
 
     @cached_property
     def parameters(self) -> tuple[HullParameter, ...]:
-        """Errors of hull and records that have an effect."""
+        """Parameters of hull and records that have an estimate."""
         return tuple(p for p in hull_parameters(self.platform) if np.isfinite(self.series("estimate", p.key)).any())
 
     @cached_property
@@ -89,7 +89,7 @@ class HullHistory:
         return tuple(known[str(key)] for key in self.group[SUSPECT].values)
 
     def change(self, key: str) -> dict[str, float]:
-        """Return the findings on a change of one suspect, by variable."""
+        """Return the findings on a change of one of the `suspects`, by variable."""
         keys = [str(name) for name in self.group[SUSPECT].values]
         return {name: float(self.group[name].values[keys.index(key)]) for name in CHANGE_COLUMNS}
 
@@ -103,7 +103,7 @@ def read_history(archive: Archive, profiles: Sequence[int]) -> HullHistory:
 
 
 def parameter_table(history: HullHistory) -> pd.DataFrame:
-    """One row for each parameter: unit, platform file, last dive with 95 % interval, remaining plausible deviation."""
+    """Tabulate the parameters: unit, platform file, last dive with 95 % interval, remaining plausible deviation."""
     rows = []
     for p in history.parameters:
         value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
@@ -129,7 +129,7 @@ def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
 
 
 def change_table(history: HullHistory) -> pd.DataFrame:
-    """One row for each parameter that may change: probability, size (95 % interval), onset (90 % interval), form."""
+    """Tabulate the parameters that may change: probability, size (95 % interval), onset (90 % interval), form."""
     rows = []
     for p in history.suspects:
         change = history.change(p.key)
@@ -144,7 +144,7 @@ def change_table(history: HullHistory) -> pd.DataFrame:
 
 
 def verdict_lines(history: HullHistory) -> tuple[str, ...]:
-    """One sentence for each parameter that may change: whether, by how much and since when, with what certainty."""
+    """Return one sentence for each parameter that may change: probability, size and onset of a change."""
     return tuple(_verdict(history, p) for p in history.suspects)
 
 
@@ -172,7 +172,7 @@ def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> s
 
 
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
-    """Hull at the last dive minus the platform file, in the units that a pilot uses."""
+    """Return the differences of the hull at the last dive from the platform file, in the units that a pilot uses."""
     keys = {p.key for p in history.parameters}
     density = history.platform.buoyancy.water_density
     pieces = (
@@ -293,7 +293,7 @@ def drag_finding(archive: Archive) -> tuple[bool, str] | None:
 
 @dataclass(frozen=True)
 class StoredChange:
-    """Change of one parameter: key, unit, size and standard deviation in it, probability, and a sentence."""
+    """Change of one parameter: key, unit, size and standard deviation in that unit, probability, and a sentence."""
 
     key: str
     unit: str
@@ -304,7 +304,7 @@ class StoredChange:
 
 
 def stored_changes(archive: Archive) -> tuple[StoredChange, ...] | None:
-    """Return the changes that a complete study found in an archive; None where there is none."""
+    """Return the changes found by the complete study of an archive; None if there is no such study."""
     history = _stored_history(archive)
     return None if history is None else notable_changes(history)
 
@@ -323,7 +323,7 @@ def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
 
 
 def _stored_history(archive: Archive) -> HullHistory | None:
-    """Read the findings of a study that is in the archive and complete."""
+    """Read the findings of the study if the archive contains it complete, otherwise return None."""
     if NAME not in archive.children or not archive[NAME].attrs.get(COMPLETE, False):
         return None
     return read_history(archive, provenance_of(archive, NAME).profiles)

@@ -1,4 +1,4 @@
-"""Figure 6, Table 3, verdict and captions of study ``intermittency``, from its group of an archive and its nulls'."""
+"""Study ``intermittency``: Figure 6, Table 3, verdict and captions, from an archive's groups of study and nulls."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def show(archive: Archive) -> Findings:
-    """Make tables, comparisons, figure and captions of the study of an archive, with its nulls where it has them."""
+    """Make tables, comparisons, figure and captions of the study of an archive, with its nulls if it has any."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     settings = IntermittencySettings.model_validate(made.settings)
     failed, studied = failed_profiles(table)
@@ -68,7 +68,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
-    """Relative exponent over every range of lags, one row for each profile and range."""
+    """Tabulate the relative exponent over every range of lags, one row for each profile and range."""
     group = archive[NAME].to_dataset().sel(profile=numbers)
     columns = {name: group[range_column(name)].values for name in RANGE_STATISTICS}
     first, last = (group[range_column(end)].values.tolist() for end in ("from", "to"))
@@ -84,7 +84,7 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
 
 
 def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
-    """Describe the data of figure and tables, and the question that they leave open."""
+    """Return the captions: data of figure and tables, and the question that remains open."""
     settings = ensembles.settings
     series, data = describe_series(made, settings), describe_data(made, ensembles.measured["profile"].tolist())
     resolved = describe_resolution(table, settings)

@@ -1,4 +1,4 @@
-"""Figure, Table 3, verdict and captions of study ``nulls``, from its group of an archive and ``intermittency``."""
+"""Study ``nulls``: figure, Table 3, verdict and captions, from its group and ``intermittency`` of an archive."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _STYLES = {NOISE_ONLY: (MODEL, "s"), MODEL_ERROR: (FILTER, "^"), GAUSSIAN: (SMOO
 
 
 def show(archive: Archive) -> Findings:
-    """Make tables, comparisons, figure and captions of an archive's nulls, with its measured profiles if they fit."""
+    """Make tables, comparisons, figure and captions of an archive's nulls, with comparable measured profiles."""
     made, nulls = provenance_of(archive, NAME), null_table(archive)
     settings = NullSettings.model_validate(made.settings)
     measured, remarks = _measured(archive, made, settings)
@@ -80,7 +80,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _measured(archive: Archive, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Measured profiles of the same estimate and settings, and the remarks."""
+    """Return the measured profiles of the same estimate and settings, and the remarks."""
     measured, of_measured = stored_measured(archive, made.estimate)
     if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):
         return measured, made.remarks
@@ -89,7 +89,7 @@ def _measured(archive: Archive, made: Provenance, settings: NullSettings) -> tup
 
 
 def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
-    """Describe the data of figure and tables, and the small number of realisations."""
+    """Return the captions: data of figure and tables, and the small number of realisations."""
     artefact_count, unit = len(ensembles.artefacts), unit_of(ensembles.settings.channel)
     nulls = (
         f"{len(ensembles.nulls)} missions without turbulence, flown under the recorded actuation of "

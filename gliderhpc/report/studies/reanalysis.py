@@ -111,7 +111,7 @@ def _draw_ellipses(axes: Axes, current: Current) -> None:
 
 
 def _frame(axes: Axes, current: Current, points: Array) -> None:
-    """Return square limits around every point, the 2-sigma ellipse and the origin."""
+    """Set square limits around every point, the 2-sigma ellipse and the origin."""
     reach = 2.0 * np.sqrt(np.nan_to_num(np.diag(current.covariance)))
     corners = np.concatenate([points, [[0.0, 0.0]], [current.velocity - reach, current.velocity + reach]])
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
@@ -127,7 +127,7 @@ _ABSENT = "–"
 
 
 def table_4(compared: Compared, places: list[int]) -> list[dict[str, Any]]:
-    """Rows of Table 4 for the profiles at some positions: speeds in m/s, directions in degree, distances in sigma."""
+    """Return the rows of Table 4 for some positions: speeds in m/s, directions in degree, distances in sigma."""
     return [_row(compared, place) for place in places]
 
 
@@ -165,7 +165,7 @@ _DOUBT = (
 
 
 def captions(made: Provenance, compared: Compared, places: list[int], *, by_study: bool) -> dict[str, str]:
-    """Captions by stem; `places` are those of Table 4 and Figure 8."""
+    """Return the captions by stem; `places` are the positions of the profiles in Table 4 and Figure 8."""
     data, models = describe_data(made), ", ".join(compared.names)
     covered = int(np.isfinite(compared.models.sum(axis=2)).any(axis=1).sum())
     panels = describe_profiles([int(compared.numbers[place]) for place in places])
@@ -220,7 +220,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:
-    """One row for each profile and model."""
+    """Tabulate the study, one row for each profile and model."""
     group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
     names = [str(name) for name in group["model"].values]
     shape = (len(made.profiles), len(names))
@@ -230,14 +230,14 @@ def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:
 
 
 def _left_out(table: pd.DataFrame) -> list[str]:
-    """Describe for how many profiles each model has no value, and why for most of their records."""
+    """List failed profiles, and for each model the number of profiles without a value, by the most common reason."""
     failed, sampled = failed_profiles(table)
     remarks = [f"profile {number}: {message}" for number, message in failed.items()]
     for name in dict.fromkeys(sampled["model"]):
         own = sampled[sampled["model"] == name]
         without = own[own["north"].isna()]
         if len(without):
-            # The most common reason why a model has no value.
+            # The reason is that of most records of a profile.
             reasons = without[list(COUNTS.values())].idxmax(axis=1).tolist()
             reasons = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons

@@ -1,4 +1,4 @@
-"""Figures 2 and 3, recovery of a truth, tables and captions of study ``reconstruction``, from its group alone."""
+"""Study ``reconstruction``: Figures 2 and 3, recovery of a truth, tables and captions, from its group alone."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _NO_ERROR = (
 def captions(
     made: Provenance, table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, drawn: list[int]
 ) -> dict[str, str]:
-    """Captions by stem; `drawn` are the profiles of Figure 3."""
+    """Return the captions by stem; `drawn` are the profiles of Figure 3."""
     estimate = estimate_label(made)
     own = {
         "profiles": _of_profiles(made, table),
@@ -113,7 +113,7 @@ def _of_profiles(made: Provenance, table: pd.DataFrame) -> str:
 
 
 def figure_2(archive: Archive, number: int, estimate: str) -> Figure:
-    """Draw one profile: attitude and depth over the records, X and Y with dead reckoning and fixes."""
+    """Draw one profile: attitude and depth with the records, X and Y with dead reckoning and fixes."""
     data = read_profile_data(archive, number, estimate)
     title = f"Reconstruction of profile {number}: {mission_of(archive)}"
     figure, axes = panels(3, 2, LANDSCAPE, title)
@@ -157,7 +157,7 @@ def _draw_tracked(axes: Axes, data: ProfileData, column: int, name: str, unit: s
 def figure_3(archive: Archive, numbers: list[int], estimate: str) -> Figure:
     """Draw yaw moment of adjoint (or smoother) and filter, heading and battery rotation, one column for each profile.
 
-    The truth is drawn if the study was given one.
+    The truth is drawn too if the study used one.
     """
     title = f"Yaw moment by {LABELS[estimate]} and filter: {mission_of(archive)}"
     figure, axes = panels(4, len(numbers), LANDSCAPE, title, share_x=True)
@@ -203,7 +203,7 @@ def _at_least_a_degree(degrees: Array) -> tuple[float, float]:
 
 
 def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: str) -> Figure:
-    """Draw lag and gain of each channel, and delay and height of the true impulses as found by both estimators."""
+    """Draw lag and gain of each channel, and delay and height of the true impulses, for both estimators."""
     title = f"{LABELS[estimate].capitalize()} and filter against the truth"
     figure, (lag, gain, delay, height) = panels(2, 2, LANDSCAPE, title)
     styles = {estimate: ESTIMATE, "prior": FILTER}

@@ -1,4 +1,4 @@
-"""Comparisons of study ``reconstruction`` with the paper: tracking, open loop, cost, self-motion, yaw moment, truth."""
+"""Study ``reconstruction``: comparisons with the paper: tracking, open loop, cost, self-motion, yaw moment, truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPEN_LOOP = {
     "adjoint": {"roll": 0.057, "pitch": 0.280, "heading": 0.097, "depth": 0.014},
     "prior": {"roll": 0.078, "pitch": 1.015, "heading": 3.340, "depth": 2.985},
 }
-"""Lower block of Table 2."""
+"""Values from the lower block of the paper's Table 2."""
 
 LABELS = {"adjoint": "adjoint", "smoothed": "smoother", "prior": "filter"}
 """Names of the archive's estimates."""
@@ -28,18 +28,18 @@ LABELS = {"adjoint": "adjoint", "smoothed": "smoother", "prior": "filter"}
 def comparisons(
     table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, platform: Platform, estimate: str
 ) -> tuple[Comparison, ...]:
-    """Compare every value that the paper states, and related ones; medians over the profiles.
+    """Compare every value stated in the paper, and related ones, with medians over the profiles.
 
     Parameters
     ----------
     table : pandas.DataFrame
         One row for each profile.
     channels, impulses : pandas.DataFrame
-        Comparison with the truth; empty where there is none.
+        Comparison with the truth; empty if there is none.
     platform : Platform
-        The hull, whose k_z gives the expected slope.
+        Hull, whose k_z determines the expected slope.
     estimate : str
-        Estimate from which the table is made.
+        Estimate used for the table.
     """
     return (
         *_tracking(table, "", f"k_z = {platform.buoyancy.depth_slope:g} N/m"),

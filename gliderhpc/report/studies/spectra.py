@@ -1,4 +1,4 @@
-"""Table 1, Figure 4, comparisons and captions of study ``spectra``, from its group of an archive alone."""
+"""Study ``spectra``: Table 1, Figure 4, comparisons and captions, from its group of an archive alone."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KOLMOGOROV = 11.0 / 3.0
-"""Exponent of Kolmogorov's velocities with the factor f^-2 of the hull's response in the paper."""
+"""Exponent of Kolmogorov's velocity spectrum with the paper's factor f^-2 for the hull's response."""
 
 PAPER = {"whole": (4.33, 5.72), "shallow": (4.01, 6.97), "middle": (3.53, 5.13), "deep": (2.61, 4.98)}
-"""Ranges of the paper's Table 1 by part."""
+"""Ranges from the paper's Table 1, by part."""
 
 PAPER_GROUPS = {"calm": 5.53, "middle": 4.27, "harsh": 3.86}
-"""The paper's means by group of profiles."""
+"""Means of the paper by group of profiles."""
 
 PAPER_R2 = 0.91
 """Coefficient of determination that all fits of the paper exceed."""
@@ -76,7 +76,7 @@ def show(archive: Archive) -> Findings:
 def _captions(
     made: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
 ) -> dict[str, str]:
-    """Describe the data of figure and tables, and the highest frequency that the records resolve."""
+    """Return the captions: data of figure and tables, and the highest frequency that the records resolve."""
     low, high = settings.band
     series, data = describe_series(made, settings), describe_data(made, studied["profile"].tolist())
     resolved = describe_resolution(table, settings)
@@ -97,7 +97,7 @@ def _captions(
 
 
 def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
-    """Mean exponents of each group."""
+    """Return the mean exponents and the mean current speed of each group."""
     names = [name for name in (WHOLE_BETA, WHOLE_BETA_RESOLVED, "speed") if name in table]
     return {str(group): own[names].mean().to_dict() for group, own in table.groupby("group")} if len(table) else {}
 
@@ -106,12 +106,12 @@ def _group_means(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
 
 
 def table_1(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Table 1 of the paper for any profiles: exponents and coefficients of determination by profile and part."""
+    """Return the paper's Table 1 for any profiles: exponents and coefficients of determination by profile and part."""
     return [_table_1_row(row, part) for _, row in table.iterrows() for part in PARTS]
 
 
 def table_1_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Lay the table out."""
+    """Format the table as Markdown."""
     lines = [[number(cell) if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows]
     columns = list(rows[0]) if rows else []
     return (

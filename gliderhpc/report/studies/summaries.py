@@ -1,4 +1,4 @@
-"""Phrases of captions, and medians of columns, shared by the studies."""
+"""Phrases for captions, and medians of columns, shared by the studies."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,7 +8,7 @@ import pandas as pd
 from gliderhpc.studies.archived import Provenance
 
 ESTIMATES = {"adjoint": "the adjoint", "smoothed": "the smoother", "prior": "the filter"}
-"""Names of the archive's estimates in a sentence."""
+"""Names of the archive's estimates for use in a sentence."""
 
 
 def describe_profiles(numbers: Sequence[int]) -> str:
@@ -34,10 +34,10 @@ def estimate_label(made: Provenance) -> str:
 
 
 def shared_facts(made: Provenance) -> dict[str, Any]:
-    """Return the facts that the JSON of most studies begins with: profiles, estimate and size."""
+    """Return the first facts in the JSON of most studies: profiles, estimate and size."""
     return {"profiles": list(made.profiles), "estimate": made.estimate, "quick": made.quick}
 
 
 def median_of(table: pd.DataFrame, name: str) -> float:
-    """Median of a column, NaN where the table has no value."""
+    """Return the median of a column, NaN if the table has no value."""
     return float(table[name].median()) if name in table and table[name].notna().any() else float("nan")

@@ -1,4 +1,4 @@
-"""Captions, remarks, Table 3 and verdict shared by the studies of turbulence."""
+"""Captions, remarks, Table 3 and verdict, shared by the studies of turbulence."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -48,7 +48,7 @@ STATISTICS = {
     "beta": "beta",
     "beta_resolved": "beta, resolved",
 }
-"""Columns of Table 3, of group `intermittency`, with their heads."""
+"""Columns of Table 3, from group `intermittency`, with their headings."""
 
 PAPER: dict[str, dict[str, tuple[float, float]]] = {
     MEASURED: {
@@ -65,13 +65,13 @@ PAPER: dict[str, dict[str, tuple[float, float]]] = {
         "beta": (2.4, 5.2),
     },
 }  # fmt: skip
-"""The paper's Table 3."""
+"""Values of the paper's Table 3."""
 
 Columns = dict[str, NDArray[np.float64]]
 
 
 def unit_of(channel: str) -> str:
-    """Unit of a channel."""
+    """Return the unit of a channel."""
     return "N" if channel in ("B_cu", "B_cv", "B_cw") else "N m"
 
 
@@ -79,7 +79,7 @@ def unit_of(channel: str) -> str:
 
 
 def describe_series(made: Provenance, settings: FastSettings) -> str:
-    """Name the series that is studied."""
+    """Describe the series studied."""
     return f"{settings.channel} by {estimate_label(made)}, its part faster than {settings.cutoff:g} Hz"
 
 
@@ -96,7 +96,7 @@ def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
 
 
 def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tuple[str, ...]:
-    """Describe how far up the records resolve the band, and where a series sampled every `step` (s) ends within it."""
+    """Describe the part of the band resolved by the records, and the upper end of a series sampled every `step` (s)."""
     low, high = settings.band
     nyquist = float(table["nyquist"].median())
     if nyquist >= high:
@@ -115,7 +115,7 @@ def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tu
 
 
 def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
-    """Caption of Table 3."""
+    """Return the caption of Table 3."""
     families = [f"{len(ensembles.family(name))} {LABELS[name]}" for name in FAMILIES]
     nulls = f"nulls without turbulence ({', '.join(families)})" if len(ensembles.nulls) else "no nulls, as none fit"
     return (
@@ -130,7 +130,7 @@ def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
 
 
 def table_3(ensembles: Ensembles) -> pd.DataFrame:
-    """Table 3 of the paper for any profiles: minimum and maximum of each statistic, one row for each ensemble."""
+    """Return the paper's Table 3 for any profiles: minimum and maximum of each statistic, one row per ensemble."""
     rows: list[dict[str, Any]] = []
     for name, columns in _ensemble_columns(ensembles):
         row: dict[str, Any] = {"ensemble": name, "count": len(next(iter(columns.values()), ()))}
@@ -144,7 +144,7 @@ def table_3(ensembles: Ensembles) -> pd.DataFrame:
 
 
 def table_3_text(ensembles: Ensembles) -> str:
-    """Format the ranges with those of the paper in brackets."""
+    """Format the ranges, with those of the paper in brackets."""
     unit = unit_of(ensembles.settings.channel)
     heads = [text.format(lag=ensembles.settings.lag, unit=unit) for text in STATISTICS.values()]
     lines = [
@@ -180,7 +180,7 @@ def _ensemble_comparison(ensembles: Ensembles, name: str, statistic: str, known:
 
 
 def _ensemble_columns(ensembles: Ensembles) -> Iterator[tuple[str, Columns]]:
-    """Yield each ensemble with values of the statistics: the surrogates' are the ends of their envelopes."""
+    """Yield each ensemble with values of the statistics; those of the surrogates are the ends of their envelopes."""
     measured = ensembles.measured
     if len(measured):
         yield MEASURED, {name: measured[name].to_numpy() for name in STATISTICS}
@@ -196,7 +196,7 @@ def _ensemble_columns(ensembles: Ensembles) -> Iterator[tuple[str, Columns]]:
 
 
 def _range_columns(statistic: str) -> tuple[str, str]:
-    """Columns of Table 3 of a statistic."""
+    """Return the columns of Table 3 for a statistic."""
     return f"{statistic}_least", f"{statistic}_most"
 
 

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SHOWN = 2
-"""Consecutive profiles in the upper panels."""
+"""Number of consecutive profiles in the upper panels."""
 
 PAUSE = 0.25
-"""Longest interval between profiles that is shown, hours: dives may be days apart."""
+"""Longest interval shown between profiles, hours; dives may be days apart."""
 
 _HOURS = f"hours, pauses shown as at most {PAUSE:g}"
 
@@ -47,7 +47,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     Parameters
     ----------
     archive : Archive
-        With the group `validation` filled.
+        Archive with results in its group `validation`.
     table : pandas.DataFrame
         One row for each profile, as the study writes it.
     trend : Trend
@@ -65,7 +65,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
 
 
 def _joined(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
-    """Records of some profiles one after another, separated by NaN so that lines break."""
+    """Concatenate the records of some profiles, separated by NaN to interrupt the lines."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
     first, shown = _clock(archive, numbers[0])[0], 0.0
     for profile in numbers:
@@ -153,7 +153,7 @@ def _draw_horizontal(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
-    """Rows of the table for the profiles that were simulated."""
+    """Return the comparisons for the simulated profiles."""
     first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
     last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
     ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
@@ -178,7 +178,7 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
 
 
 def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
-    """Captions by stem."""
+    """Return the captions by stem."""
     numbers = table["profile"].tolist()
     flown = (
         f"the fixed-parameter model of {platform['name']}, driven open loop by the recorded controls in still water: "

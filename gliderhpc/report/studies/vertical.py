@@ -37,12 +37,12 @@ _LEGS = {"dive": MODEL, "climb": FILTER}
 
 
 def vertical_figure(archive: Archive, table: pd.DataFrame) -> Figure:
-    """Draw (a) rates over time and (b) the water's velocity over depth for a profile, (c) the mission, (d) the hull.
+    """Draw (a) rates over time and (b) water velocity over depth for a profile, (c) leg means, (d) effects of the hull.
 
     Parameters
     ----------
     archive : Archive
-        With the group `vertical` filled.
+        Archive with results in its group `vertical`.
     table : pandas.DataFrame
         One row for each profile with velocities, as the study writes it.
     """
@@ -121,20 +121,20 @@ def _rgb(colour: str) -> tuple[float, float, float]:
 
 
 TARGET_ERROR = 0.005
-"""Standard deviation of the vertical velocity that users require, m/s."""
+"""Standard deviation of the vertical velocity required by users, m/s."""
 
 _DOUBTFUL = 2.0
 
 
 def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ...]:
-    """Figures over the profiles, medians unless stated otherwise.
+    """Return comparisons over the profiles: medians, unless stated otherwise.
 
     Parameters
     ----------
     table : pandas.DataFrame
         One row for each profile, as the study writes it.
     errors : HullErrors
-        Errors of the hull's numbers, and their origin.
+        Errors of the hull's parameters, and their origin.
     """
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
     window = median_of(table, "window")
@@ -155,7 +155,7 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
 
 
 def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
-    """Remarks on where the hull's parameters may appear as water velocity."""
+    """Return remarks on cases in which errors of the hull may appear as velocity of the water."""
     remarks = []
     if not errors.calibrated:
         remarks.append(
@@ -217,7 +217,7 @@ def _against_truth(table: pd.DataFrame) -> tuple[Comparison, ...]:
 
 
 def _mean_difference(table: pd.DataFrame) -> tuple[float, float]:
-    """Mean over the profiles of dives minus climbs, and its standard error from their scatter (NaN for one profile)."""
+    """Return the mean of dives minus climbs over the profiles, and its standard error by scatter (NaN for one)."""
     if "difference" not in table:
         return float("nan"), float("nan")
     values = table["difference"].dropna().to_numpy()
@@ -261,7 +261,7 @@ def show(archive: Archive) -> Findings:
 
 
 def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_density: bool) -> dict[str, str]:
-    """Captions of figure and table: their data, and the share of the hull's errors."""
+    """Return the captions of figure and table: their data, and the effect of the hull's errors."""
     data = describe_data(made, known["profile"].tolist())
     buoyancy = "by measured density" if by_density else "by its depth slope"
     window, share = float(known["window"].median()), float(known["share"].median())
