@@ -135,7 +135,7 @@ a metre. Of such a run of fixes, only those of the first surfacing are used."""
 
 _SECOND = np.timedelta64(1, "s")
 _MAX_CHAIN = 400
-"""Maximum number of runs of fixes that are judged together; more runs are judged piece by piece."""
+"""Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
 _PROVEN = 10**9
 """Weight of a run over more than one surfacing; it exceeds the weight of all fixes of the other runs together."""

@@ -322,7 +322,7 @@ def _profile(number: int, parts: Parts, start: int, stop: int, variables: Column
 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str | None:
-    """Return the fault that the reader of the file will find in this profile."""
+    """Return the fault of length or values that the reader of the file will find in this profile; None without one."""
     fault = check_length(number, time)
     for name in REQUIRED:
         if fault is None:

@@ -153,7 +153,7 @@ class ClockStep:
     Attributes
     ----------
     place : int
-        Index of the first row after the step, among the rows that are kept.
+        Index of the first row after the step, among the remaining rows.
     at : numpy.datetime64
         Time of the last row before the step.
     seconds : float
@@ -180,7 +180,7 @@ def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatA
     time : (n,) array
         Times of the rows, in the order of the files; NaT is skipped.
     keep : (n,) array of bool
-        Mask of the rows that are kept: those later than all preceding rows.
+        Mask of the remaining rows: those later than all preceding rows.
     depth : (n,) array
         Depths of the rows (m); NaN where missing.
     """

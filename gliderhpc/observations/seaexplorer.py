@@ -331,7 +331,7 @@ def find_fixes(rows: Rows) -> Fixes:
     # Before its first fix the vehicle reports 0 N, 0 E.
     refreshed &= np.isfinite(latitude) & np.isfinite(longitude) & ((latitude != 0.0) | (longitude != 0.0))
     time = _time_of_position(rows.time)[refreshed]
-    # The row after a pause usually has its own fix at the same time; that fix is kept.
+    # The row after a pause usually has its own fix at the same time; that fix is used.
     last = np.append(time[1:] > time[:-1], True) if len(time) else np.zeros(0, dtype=bool)
     return drop_outliers(Fixes(time[last], latitude[refreshed][last], longitude[refreshed][last]))
 

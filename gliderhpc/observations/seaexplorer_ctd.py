@@ -111,7 +111,7 @@ def read_water(
     time, depth : (n,) array
         Time (UTC) and depth (m) of the navigation rows, in time order, n >= 1.
     interval : float
-        Sample interval of the navigation rows (s); a sample is moved by at most half of it.
+        Sample interval of the navigation rows (s); a sample is moved by at most half an interval.
     reads : Reads
         Function that reads each file.
     """

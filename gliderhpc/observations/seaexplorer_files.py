@@ -187,7 +187,7 @@ def read_rows(
     rows = join_rows(parts, ranges)
     plausible = np.ones(len(rows), dtype=bool)
     for name, (low, high) in ranges.items():
-        # An empty field (NaN) compares false: it is missing, and stays.
+        # An empty field (NaN) compares false: it is missing, and not out of range.
         plausible &= ~((rows[name] <= low) | (rows[name] >= high))
     rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
     keep = increasing(rows.time)

@@ -40,7 +40,7 @@ class Control:
     table : str
         Prefix of its column names in the tables of phases.
     conversion, centre : str
-        Names of the position per count, and of the count at which the position is zero.
+        Names of the variables with the position per count, and with the count at which the position is zero.
     """
 
     column: str

@@ -39,7 +39,8 @@ PLAUSIBLE_SALINITY = (0.0, 42.0)
 """Plausible ranges (degC; practical salinity); samples outside are treated as missing."""
 
 MAX_PRESSURE_OFFSET = 10.0
-"""Greatest deviation (dbar) of recorded pressure less pressure from depth from its median; larger ones are errors."""
+"""Greatest deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
+a pressure that deviates more is not used."""
 
 _NORMAL_LATITUDE = 45.0
 _LEVEL = 1.0

@@ -34,7 +34,7 @@ def write_observations(
     variables : mapping of str to array
         ``time`` (datetime64, n) and the variables of the observation format by name, (n,) each, in the units of the
         format (angles in degrees, ballast in cm3). If there are fixes, also ``fix_time`` (datetime64, m),
-        ``fix_latitude`` and ``fix_longitude``, (m,) each. Any of the reference quantities. NaN where missing.
+        ``fix_latitude`` and ``fix_longitude``, (m,) each. Reference quantities are optional. NaN where missing.
     path : str or Path
         The file to write.
     attributes : mapping
