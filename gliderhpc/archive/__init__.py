@@ -1,1 +1,1 @@
-"""Reading an archive: opening it, one profile's data, and the current to report."""
+"""Reading of an archive: opening it, the data of one profile, and the current to report."""

@@ -1,7 +1,7 @@
 """Adopted depth-averaged current of reports and exports: the smoother's where it is usable, else the adjoint's.
 
-Compared with known truth the smoothed current is more accurate. For the disturbances the adjoint remains the primary
-estimate.
+Comparisons with known truth show that the smoothed current is more accurate. For the disturbances the adjoint remains
+the primary estimate.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ ESTIMATE_LABELS = {SMOOTHED: "by the smoother", ADJOINT: "by the inversion", "":
 
 @dataclass(frozen=True, eq=False)
 class AdoptedCurrent:
-    """Depth-averaged currents of profiles, arrays of any one shape; NaN where there is none.
+    """Depth-averaged currents of profiles, as arrays of the same shape; NaN where there is none.
 
     Attributes
     ----------
@@ -47,12 +47,12 @@ class AdoptedCurrent:
 
     @property
     def estimate(self) -> NDArray[np.str_]:
-        """Name of the estimate of each current, empty where there is none."""
+        """Name of the estimate of each current; empty if there is none."""
         return np.where(self.known, np.where(self.smoothed, SMOOTHED, ADJOINT), "")
 
     @property
     def label(self) -> str:
-        """Label of the currents' estimates, with counts where they differ."""
+        """Label of the currents' estimates, with counts if they differ."""
         names = self.estimate[self.known].tolist()
         counts = {name: names.count(name) for name in (SMOOTHED, ADJOINT) if name in names}
         if len(counts) < 2:
@@ -66,8 +66,8 @@ def adopted_current(table: Mapping[Any, Any]) -> AdoptedCurrent:
     Parameters
     ----------
     table : mapping of str to array_like
-        The columns ``dac_*`` of the archive's root: a Dataset, or a row; absent columns count as missing. There is a
-        smoothed current only where the smoother's outcome is usable.
+        Columns ``dac_*`` of the archive's root, as a Dataset or a row; absent columns are treated as missing. A
+        smoothed current is present only if the smoother's outcome is usable.
     """
 
     def column(name: str) -> Array:

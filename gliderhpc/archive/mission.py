@@ -70,15 +70,15 @@ class Summary:
     statuses : mapping of str to int
         Number of profiles by status.
     messages : mapping of int to tuple of str
-        By profile number, status and message of the profiles that have one, failed ones first.
+        Status and message by profile number, for the profiles with a message, failed ones first.
     groups : mapping of str to mapping of str to int
         Sizes of the dimensions by group.
     variables : mapping of str to int
-        Number of variables by group, coordinates left out.
+        Number of variables by group, without coordinates.
     notes : mapping of str to str
-        Caveat of a study's group: interrupted, or outdated by a change of the archive.
+        Caveat of a study by group: interrupted, or outdated by a change of the archive.
     first_time, last_time : numpy.datetime64
-        First observation of the mission's first and of its last profile, NaT where nothing is done yet.
+        Times of the first observation of the mission's first and last profiles, NaT if no profile is done yet.
     current : MedianCurrent
         Median depth-averaged current.
     run_seconds : float
@@ -104,18 +104,18 @@ def open_mission(path: Place) -> xr.DataTree:
     Parameters
     ----------
     path : str or Path
-        The archive that `gliderhpc run-mission` wrote, finished or not: a folder, or an address such as
+        Archive written by `gliderhpc run-mission`, finished or not: a folder, or an address such as
         ``s3://bucket/mission.zarr`` (extra ``cloud``).
 
     Returns
     -------
     xarray.DataTree
-        The table of profiles at the root, the other groups below it; values are read on use.
+        Table of profiles at the root, and the other groups below it; values are read on use.
 
     Raises
     ------
     InputError
-        There is no archive, or one of a version that this program cannot read.
+        There is no archive, or its version cannot be read by this program.
 
     Examples
     --------
@@ -139,10 +139,10 @@ def open_mission(path: Place) -> xr.DataTree:
 
 
 def open_for_reading(path: Place) -> ArchiveReader:
-    """Open an archive as `open_mission` does, but each group when it is first used, and without Dask.
+    """Open an archive like `open_mission`, but without Dask and with each group opened on first use.
 
-    That takes a fifth of the time, and half of the time to read a profile or two. Values are read on use too, but a
-    selection of a variable is read at once and cached.
+    Opening takes a fifth of the time, and reading a profile or two takes half of the time. Values are also read on use,
+    but a selection of a variable is read at once and cached.
     """
     archive = open_for_job(path)
     with reading(path):
@@ -150,7 +150,7 @@ def open_for_reading(path: Place) -> ArchiveReader:
 
 
 def open_for_job(path: Place) -> ArchiveReader:
-    """Open an archive as `open_for_reading` does, with its table as stored, for a job of a study."""
+    """Open an archive like `open_for_reading`, but with its table as stored, for a job of a study."""
     with reading(path):
         archive = ArchiveReader(_nodes(path))
         _check_attributes(path, archive.attrs)
@@ -158,7 +158,7 @@ def open_for_job(path: Place) -> ArchiveReader:
 
 
 def _nodes(path: Place) -> dict[str, Node]:
-    """Return an archive's groups by path."""
+    """Return an archive's groups by path, with the empty path for the root."""
     store = _store(path)
     content = root_content(store_at(path, read_only=True))
     metadata = None if own_metadata(content) is None else _metadata(content or b"")
@@ -175,7 +175,7 @@ def _same(group: zarr.Group) -> zarr.Group:
 
 @lru_cache(maxsize=2)
 def _metadata(content: bytes) -> ConsolidatedMetadata:
-    """Parse an archive's metadata once for all readers that find the same bytes."""
+    """Parse an archive's metadata once for all readers of the same bytes."""
     return ConsolidatedMetadata(content)
 
 
@@ -199,7 +199,7 @@ def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
 
 
 def _committed_columns(path: Place, count: int) -> Columns:
-    """Return the tables' columns by the profiles' commits, which are newer after a killed run."""
+    """Return the tables' columns from the profiles' commits, which are newer than the tables after a killed run."""
     return dict(mission_columns(read_markers(path), count))
 
 
@@ -207,7 +207,7 @@ def _committed_columns(path: Place, count: int) -> Columns:
 def reading(*places: Place) -> Iterator[None]:
     """Convert errors from a damaged or unreadable archive to an `InputError` of one line; re-raise all others.
 
-    Every command that reads archives does so in this context.
+    All commands read archives in this context.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def reading(*places: Place) -> Iterator[None]:
 
 
 def _describe_fault(place: Place, error: Exception) -> str:
-    """Describe the fault of an archive whose reading ended in an error; empty where it is sound."""
+    """Describe the fault of an archive whose reading ended in an error; empty if it is intact."""
     if isinstance(error, OSError):
         if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(place)):
             return f"cannot be read ({error.filename}: {error.strerror})"
@@ -260,7 +260,7 @@ def _describe_fault(place: Place, error: Exception) -> str:
 
 
 def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> Iterator[str]:
-    """Yield the faults of the root attributes: wrong types, and missing ones where the archive must be `complete`."""
+    """Yield the faults of the root attributes: wrong values, and missing ones if the attributes must be `complete`."""
     for name, kind in ATTRIBUTES.items():
         if name not in attributes:
             if complete:
@@ -272,7 +272,7 @@ def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> I
 
 
 def describe(path: Place) -> Summary:
-    """Summarise an archive from its metadata and its table of profiles alone.
+    """Summarise an archive from its metadata and its table of profiles only.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def describe(path: Place) -> Summary:
     Raises
     ------
     InputError
-        As :func:`open_mission`.
+        As for :func:`open_mission`.
     """
     with reading(path), open_for_reading(path) as archive:
         table = archive.to_dataset().load()

@@ -24,10 +24,10 @@ TRACKED = {"roll": "degree", "pitch": "degree", "heading": "degree", "depth": "m
 
 ADJOINT, SMOOTHED = "adjoint", "smoothed"
 ESTIMATES = (ADJOINT, SMOOTHED)
-"""Estimates of disturbances and motion: the inversion's windows (the primary one), and the smoother."""
+"""Estimates of disturbances and motion: from the inversion's windows (the primary estimate), and from the smoother."""
 
 SETTLING = 60.0
-"""Seconds at the start of a profile excluded from statistics, while the first windows converge on the motion."""
+"""Time at the start of a profile that is excluded from statistics (s), while the first windows converge."""
 
 NOT_STEADY = ("vibration", "gap_in_the_record")
 """Quality bits that exclude a sample from steady glide."""
@@ -55,26 +55,28 @@ class ProfileData:
     estimate : str
         One of `ESTIMATES`: the source of `disturbances`, `reconstructed` and `motion`.
     disturbances, prior : (n, 6) arrays
-        The estimate's and the filter's ``B_cu`` ... ``B_cr``, N and N m; row k acts from sample k to k+1.
+        ``B_cu`` ... ``B_cr`` of the estimate and of the filter, N and N m; row k acts from sample k to k+1.
     disturbances_std : (n, 6) array
-        Standard deviation of the disturbances; NaN where the estimate has none, as the adjoint's.
+        Standard deviation of the disturbances; NaN if the estimate has none (the adjoint).
     quality : (n,) array of uint8
         Flag masks of the samples.
     record_time : (m,) array
         Times of the records, s since the epoch.
     measured, reconstructed : (m, 4) arrays
-        Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN is missing.
+        Roll, pitch, heading (degree, unwrapped, both on the same branch) and depth (m) on the records; NaN where
+        missing.
     sampled : (m,) array of bool
-        Records nearest to samples; the others are interpolated. All false in archives without that variable.
+        Mask of the records nearest to samples; the others are interpolated. All false in archives without that
+        variable.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
     motion_std : (m, 8) array
-        Its standard deviation, NaN where the estimate has none.
+        Its standard deviation, NaN if the estimate has none.
     controls : (m, 4) array
         Recorded controls on the records, in the units of :data:`CONTROLS`.
     seawater : (m, 3) array or None
-        Density, temperature and pressure of the water that the buoyancy went by, in the units of :data:`SEAWATER`; None
-        where it went by the depth slope.
+        Density, temperature and pressure of the water used for the buoyancy, in the units of :data:`SEAWATER`; None if
+        the buoyancy used the depth slope.
     """
 
     number: int
@@ -103,45 +105,45 @@ class ProfileData:
 
     @property
     def steady(self) -> Mask:
-        """Samples ``(n,)`` of steady glide: no vibration, no gap, and settled."""
+        """Mask ``(n,)`` of the samples in steady glide: no vibration, no gap, and after `SETTLING`."""
         return ~self.flagged(*NOT_STEADY) & (self.time >= SETTLING)
 
     @property
     def steady_records(self) -> Mask:
-        """Records ``(m,)`` of steady glide."""
+        """Mask ``(m,)`` of the records in steady glide."""
         return self.on_records(self.steady)
 
     def on_records(self, mask: Mask) -> Mask:
-        """Take the records ``(m,)`` out of a mask on the samples ``(n,)``."""
+        """Convert a mask on the samples ``(n,)`` to a mask on the records ``(m,)``."""
         samples = np.searchsorted(self.time, self.record_time + _TIME_TOLERANCE, side="right") - 1
         return np.asarray(mask[samples], dtype=np.bool_)
 
     @property
     def residuals(self) -> Array:
-        """Measured minus reconstructed ``(m, 4)``, degree (the heading's wrapped) and m."""
+        """Measured minus reconstructed values ``(m, 4)``, degree (heading difference wrapped) and m."""
         difference = self.measured - self.reconstructed
         difference[:, 2] = wrap(difference[:, 2])
         return difference
 
     def disturbance(self, channel: str) -> Array:
-        """One disturbance ``(n,)`` by its name of `CHANNELS`, N or N m."""
+        """One disturbance ``(n,)`` by its name in `CHANNELS`, N or N m."""
         return self.disturbances[:, list(CHANNELS).index(channel)]
 
     def flagged(self, *meanings: str) -> Mask:
-        """Samples ``(n,)`` that carry any of the quality bits of those meanings."""
+        """Mask ``(n,)`` of the samples with any of the quality bits of the given meanings."""
         bits = sum(QUALITY.meanings[meaning] for meaning in meanings)
         return np.asarray((self.quality & np.uint8(bits)) != 0, dtype=np.bool_)
 
 
 def done_profiles(archive: Archive) -> list[int]:
-    """Numbers of an archive's profiles that are done."""
+    """Numbers of the profiles of an archive that are done."""
     table = archive.to_dataset()
     statuses = zip(table["profile"].values, table["status"].values, strict=True)
     return [int(number) for number, status in statuses if str(status) == "done"]
 
 
 def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) -> ProfileData:
-    """Read one profile of an archive that :func:`gliderhpc.archive.mission.open_mission` opened.
+    """Read one profile of an open archive (see :func:`gliderhpc.archive.mission.open_mission`).
 
     Parameters
     ----------
@@ -150,13 +152,13 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     number : int
         Number of the profile.
     estimate : str
-        Of `ESTIMATES`. The smoother's disturbances, which the archive keeps on the records, are interpolated to the
-        samples; they change little from one record to the next.
+        One of `ESTIMATES`. The smoother's disturbances, which the archive stores on the records, are interpolated to
+        the samples; they change little from one record to the next.
 
     Raises
     ------
     InputError
-        The archive has no such profile, or it failed or is still to be done; or the archive has no such estimate.
+        The archive has no such profile, the profile failed or is not yet done, or the archive has no such estimate.
     """
     row = _row(archive, number)
     series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
@@ -200,13 +202,13 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
 
 
 def goes_by_density(archive: Archive, number: int) -> bool:
-    """Return whether a profile's buoyancy follows the measured density; never in archives before version 1.3."""
+    """Return whether a profile's buoyancy uses the measured density; always false in archives before version 1.3."""
     table = archive.to_dataset()
     return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
 
 
 def filter_fallbacks(archive: Archive, numbers: Iterable[int]) -> list[int]:
-    """Return the profiles in which the smoother has no estimate, so that the filter's is used instead.
+    """Return the profiles without a usable smoothed estimate, for which the filter's estimate is the fallback.
 
     Raises
     ------
@@ -220,19 +222,19 @@ def filter_fallbacks(archive: Archive, numbers: Iterable[int]) -> list[int]:
 def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
     """Average the true disturbances over the archive's steps.
 
-    Both are constant over steps of their own, so the average is exact whatever the two steps are.
+    True and estimated disturbances are piecewise constant, each on its own steps, so the average is exact.
 
     Parameters
     ----------
     data : ProfileData
         The profile.
     truth : xarray.Dataset
-        Truth of the profile, as :func:`gliderhpc.observations.truth.read_profile_truth` returns it.
+        Truth of the profile, as returned by :func:`gliderhpc.observations.truth.read_profile_truth`.
 
     Returns
     -------
     (n, 6) array
-        ``B_cu`` ... ``B_cr``, N and N m; NaN where the truth does not reach.
+        ``B_cu`` ... ``B_cr``, N and N m; NaN outside the time of the truth.
 
     Raises
     ------
@@ -259,7 +261,7 @@ def wrap(degrees: Array) -> Array:
 
 
 def unwrap(degrees: Array) -> Array:
-    """Remove the jumps at 360 degrees from angles (degrees); missing values stay missing and are bridged."""
+    """Remove the jumps of 360 degrees from angles (degrees); missing values are bridged and remain missing."""
     unwrapped = degrees.copy()
     known = np.isfinite(degrees)
     unwrapped[known] = np.unwrap(degrees[known], period=360.0)
@@ -301,7 +303,7 @@ def _group_of(archive: Archive, estimate: str) -> str:
 
 
 def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
-    """Interpolate columns from the records to the samples; after the last sample no disturbance acts."""
+    """Interpolate columns from the records to the samples; the last row, after which no disturbance acts, is NaN."""
     known = np.isfinite(values).all(axis=1)
     if not known.any():
         return np.full((len(time), values.shape[1]), np.nan)

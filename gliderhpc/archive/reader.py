@@ -1,6 +1,6 @@
-"""Reader of an archive that opens each group when it is first asked for.
+"""Reader of an archive that opens each group on first use.
 
-An archive with every study has some twenty groups and seven hundred variables; a study or a page reads a few.
+An archive with every study has about twenty groups and seven hundred variables; a study or a page reads only a few.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Node:
-    """A group in the store, with the metadata of its variables parsed when the first is asked for.
+    """A group in the store; the metadata of its variables are parsed on first use.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Node:
     attributes : mapping
         Its attributes.
     open_group : callable
-        Opens it.
+        Function that opens it.
     """
 
     def __init__(self, path: str, attributes: Mapping[str, Any], open_group: Callable[[], zarr.Group]) -> None:
@@ -43,30 +43,30 @@ class Node:
 
     @cached_property
     def group(self) -> zarr.Group:
-        """The group, opened."""
+        """The opened group."""
         return self._open_group()
 
 
 class ConsolidatedMetadata:
     """Consolidated metadata of an archive, parsed group by group.
 
-    Zarr parses that of all seven hundred variables at once, which takes longer than what most readers do with the few
-    that they need.
+    Zarr parses the metadata of all seven hundred variables at once, which takes longer than most readers need for the
+    few variables that they use.
 
     Parameters
     ----------
     content : bytes
-        The root's ``zarr.json``.
+        Content of the root's ``zarr.json``.
 
     Attributes
     ----------
     is_consolidated : bool
-        False where only the root's own metadata is there.
+        False if only the root's own metadata are present.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        It is damaged.
+        The metadata are damaged.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -83,7 +83,7 @@ class ConsolidatedMetadata:
         self._parsed: dict[str, GroupMetadata] = {}
 
     def nodes(self, store: Store) -> dict[str, Node]:
-        """Return all groups by path in a store, the root's path being empty."""
+        """Return all groups by path in a store; the path of the root is empty."""
         opening = {path: partial(self._open, store, path) for path in self._own}
         return {path: Node(path, own["attributes"], opening[path]) for path, own in self._own.items()}
 
@@ -102,7 +102,7 @@ class ArchiveGroup:
     node : Node
         The group.
     columns : mapping of str to array
-        Columns that replace those stored.
+        Columns that replace the stored ones.
     """
 
     def __init__(self, node: Node, columns: Columns) -> None:
@@ -128,7 +128,7 @@ class ArchiveGroup:
 
 
 class ArchiveReader(ArchiveGroup):
-    """A mission's archive: the table of profiles, and the other groups by name, as those of an xarray.DataTree."""
+    """A mission's archive: the table of profiles, and the other groups by name, as in an xarray.DataTree."""
 
     def __init__(self, nodes: Mapping[str, Node], columns: Columns | None = None) -> None:
         super().__init__(nodes[""], columns or {})
@@ -157,15 +157,15 @@ class ArchiveReader(ArchiveGroup):
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing stays open: every read opens the file that it reads."""
+        """Do nothing: no file stays open, because every read opens its own file."""
 
 
 Archive = xr.DataTree | ArchiveReader
-"""An opened archive, by `gliderhpc.archive.mission.open_mission` or `open_for_reading`."""
+"""An archive opened with `gliderhpc.archive.mission.open_mission` or `open_for_reading`."""
 
 
 def with_committed_rows(dataset: xr.Dataset, group: str, columns: Columns) -> xr.Dataset:
-    """Return a group with some columns of its tables replaced; the same dataset where none is."""
+    """Return a group with some columns of its tables replaced; the same dataset if none is replaced."""
     own = {
         name: (array.dims, columns[label], {**array.attrs, **_packing(array)})
         for name, array in dataset.data_vars.items()
@@ -175,5 +175,5 @@ def with_committed_rows(dataset: xr.Dataset, group: str, columns: Columns) -> xr
 
 
 def _packing(variable: xr.DataArray) -> dict[str, Any]:
-    """Return the attributes that decoding has removed from a variable."""
+    """Return the attributes of a variable that were removed by decoding."""
     return {key: variable.encoding[key] for key in ("units", "calendar", "_FillValue") if key in variable.encoding}

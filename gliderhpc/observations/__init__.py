@@ -1,4 +1,4 @@
-"""Records in: the observation format, its checks, and the instrument readers."""
+"""Input of records: the observation format, its checks, and the readers of the instruments' files."""
 
 from gliderhpc.observations.dataset import Observations, open_observations
 from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles

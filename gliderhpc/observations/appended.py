@@ -1,4 +1,7 @@
-"""A netCDF-4 file that grows along its axes: written piece by piece, whole or not there, the same bytes each time."""
+"""A netCDF-4 file that is written piece by piece along growing axes.
+
+The file appears only when it is complete, and the same content always gives the same bytes.
+"""
 
 import errno
 import math
@@ -23,7 +26,7 @@ CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
 
 MIN_FREE_SPACE = 1 << 20
-"""With fewer bytes left than this a failure that the library does not explain is put down to a full disk."""
+"""Free bytes on the disk below which a failure that the library does not explain is attributed to a full disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +38,14 @@ class Column:
     dimensions : tuple of str
         Its axes; none for a single value, which is written once.
     values : array
-        Times as ``datetime64``; they are stored as seconds since the day on which the file's first one falls. A single
-        value may be text.
+        Values of the piece. Times are ``datetime64``; they are stored as seconds since the day of the file's first
+        time. A single value may be text.
     attributes : dict
-        Of the variable; those of its first piece are used.
+        Attributes of the variable; those of its first piece are used.
     grows : bool
-        True where the first axis grows with every piece; otherwise the first piece is all there is.
+        True if the first axis grows with every piece; otherwise only the first piece is written.
     fill : float, optional
-        Value of missing ones; by default NaN for numbers with a fraction, and none for others.
+        Fill value of missing values; by default NaN for floating-point numbers, and none for others.
     """
 
     dimensions: tuple[str, ...]
@@ -53,7 +56,9 @@ class Column:
 
 
 class AppendedFile:
-    """A file under construction (a context manager): aside until it is complete, gone if that fails.
+    """A file under construction (a context manager).
+
+    It is written to a temporary file, which replaces `path` on completion and is removed after a failure.
 
     Parameters
     ----------
@@ -62,14 +67,14 @@ class AppendedFile:
     attributes : mapping
         Global attributes.
     chunks : mapping of str to int, optional
-        Rows in a chunk by axis, `CHUNK` for the others.
+        Rows in a chunk by axis; `CHUNK` for the other axes.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Raises
     ------
     InputError
-        The file exists and may not be replaced, is no regular file, or cannot be written.
+        The file exists and may not be replaced, is not a regular file, or cannot be written.
     """
 
     def __init__(
@@ -100,7 +105,7 @@ class AppendedFile:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
-            # The temporary file is removed where the block, or the last writing of it, has failed.
+            # The temporary file is removed if the block or the final write has failed.
             with self._place:
                 self._file.close()
                 if error is not None:
@@ -109,16 +114,17 @@ class AppendedFile:
             raise self._failure(failure) from failure
 
     def describe(self, attributes: Mapping[str, Attribute]) -> None:
-        """Add global attributes, such as what is known of the whole only at its end."""
+        """Add global attributes, such as those of the whole file that are known only at its end."""
         try:
             self._file.setncatts(dict(attributes))
         except (OSError, RuntimeError) as error:
             raise self._failure(error) from error
 
     def append(self, columns: Mapping[str, Column]) -> None:
-        """Append a piece of every variable that grows; a variable without a growing axis is written by its first piece.
+        """Append a piece of every variable that grows; other variables are written with their first piece.
 
-        A name ``GROUP/NAME`` is a variable of a group, which is made with its first variable; all axes are the file's.
+        A name ``GROUP/NAME`` denotes a variable of a group. The group is created with its first variable; all axes
+        belong to the file.
 
         Raises
         ------
@@ -160,7 +166,7 @@ class AppendedFile:
         variable = self._file.createVariable(
             name, dtype, column.dimensions, zlib=True, complevel=4, shuffle=True, chunksizes=shape, fill_value=fill
         )
-        # Rows only ever come at the end, so two chunks are enough to hold; the library's default is tens of megabytes.
+        # Rows are only appended, so a cache of two chunks is enough; the library's default is tens of megabytes.
         variable.set_var_chunk_cache(2 * math.prod(shape) * dtype.itemsize, 11, 1.0)
         variable.set_auto_maskandscale(False)
         self._variables[name] = variable
@@ -189,7 +195,7 @@ class AppendedFile:
         return seconds
 
     def _failure(self, error: Exception) -> Exception:
-        # The library calls a full disk an HDF error.
+        # The library reports a full disk as an HDF error.
         full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
         if full or (isinstance(error, RuntimeError) and shutil.disk_usage(self._path.parent).free < MIN_FREE_SPACE):
             return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))

@@ -1,4 +1,4 @@
-"""Columns of a file of another program, by name and unit: found under one of several names, converted to our units."""
+"""Columns of another program's file: found under one of several names and converted to our units."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from gliderhpc.observations.times import decode_times
 
 
 def _scales(*groups: tuple[float, str]) -> dict[str, float]:
-    """Factors from groups of spellings, parted by commas, that mean one scale."""
+    """Factors by spelling, from groups of comma-separated spellings of one scale."""
     return {spelling: factor for factor, spellings in groups for spelling in spellings.split(", ")}
 
 
@@ -36,18 +36,18 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
     "s": _scales((1.0, "s, sec, secs, second, seconds")),
     "kg": _scales((1.0, "kg"), (1e-3, "g")),
 }
-"""Factors by the unit wanted and the spelling of the unit declared, in small letters."""
+"""Conversion factors by the wanted unit and the spelling of the declared unit, in lower case."""
 
 
 def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
-    """First of the wanted names that is among some names: exactly, else ignoring case.
+    """First of the wanted names that is among the given names: an exact match, otherwise one that ignores case.
 
     Parameters
     ----------
     names : iterable of str
         Names of a file's variables.
     wanted : sequence of str
-        In order of preference.
+        Names to look for, in order of preference.
     """
     there = list(names)
     folded = {name.casefold(): name for name in reversed(there)}
@@ -56,12 +56,12 @@ def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
 
 
 class NamedColumns(ABC):
-    """Variables of a file or Dataset by their names in it, read in our units.
+    """Variables of a file or Dataset by name, read in our units.
 
     Attributes
     ----------
     source : str
-        Its name in messages.
+        Name of the file or Dataset in messages.
     """
 
     source: str
@@ -73,11 +73,11 @@ class NamedColumns(ABC):
 
     @abstractmethod
     def attribute(self, name: str, variable: str | None = None) -> str:
-        """Text of an attribute, of the whole or of one of the variables; empty where absent."""
+        """Text of a global attribute, or of an attribute of one variable; empty where absent."""
 
     @abstractmethod
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` as they stand, NaN where missing; `InputError` where they are no numbers."""
+        """Values ``(n,)`` without conversion, NaN where missing; `InputError` if they are not numbers."""
 
     def converted(self, name: str, unit: str, *, undeclared: str | None = None) -> FloatArray:
         """Values ``(n,)`` in one of our units.
@@ -85,16 +85,16 @@ class NamedColumns(ABC):
         Parameters
         ----------
         name : str
-            The variable.
+            Name of the variable.
         unit : str
-            The unit wanted.
+            The wanted unit.
         undeclared : str, optional
-            The unit that it has where the file does not say; `unit` if not given.
+            Unit of the variable if the file declares none; by default `unit`.
 
         Raises
         ------
         InputError
-            As `numbers`, or the unit declared does not lead to the one wanted.
+            As for `numbers`, or the declared unit cannot be converted to the wanted one.
         """
         values = self.numbers(name)
         declared = self.attribute("units", name).strip() or undeclared or unit
@@ -104,12 +104,12 @@ class NamedColumns(ABC):
         return values * factor
 
     def times(self, name: str) -> TimeArray:
-        """Times ``(n,)`` by the CF unit declared; NaT where missing, or outside the years of gliders.
+        """Times ``(n,)``, decoded with the declared CF unit; NaT where missing, or outside the years of gliders.
 
         Raises
         ------
         InputError
-            As `numbers`, or the unit is not one of time, or in a time zone by name.
+            As for `numbers`, or the unit is not a unit of time, or it names a time zone.
         """
         values = self.numbers(name)
         units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
@@ -119,18 +119,18 @@ class NamedColumns(ABC):
 
 @dataclass(frozen=True)
 class Term:
-    """One quantity.
+    """Names and units of one quantity.
 
     Attributes
     ----------
     names : tuple of str
-        Names of its variable; the first found is taken.
+        Possible names of its variable; the first one found is taken.
     unit : str
-        The unit that an observation file has it in.
+        Unit of the quantity in an observation file.
     standard_names : tuple of str
-        Its CF standard names, present and past; none where they would not be unambiguous.
+        Its CF standard names, present and past; none where they would be ambiguous.
     undeclared : str
-        Its unit where a file gives none.
+        Its unit in a file that gives none.
     """
 
     names: tuple[str, ...]
@@ -139,7 +139,7 @@ class Term:
     undeclared: str = ""
 
     def find(self, columns: NamedColumns) -> str | None:
-        """Name of the file's variable of this quantity, by name or by standard name."""
+        """Name of the file's variable of this quantity, found by name or by standard name; None if there is none."""
         named = find_name(columns.names, self.names)
         if named is not None:
             return named
@@ -153,7 +153,7 @@ class Term:
         Raises
         ------
         InputError
-            The file has none.
+            The file has no such variable.
         """
         name = self.find(columns)
         if name is None:
@@ -161,5 +161,5 @@ class Term:
         return name
 
     def describe(self) -> str:
-        """Names that are looked for, as a phrase."""
+        """Possible names of the variable, as a phrase."""
         return " or ".join(self.names)

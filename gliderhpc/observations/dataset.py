@@ -1,7 +1,7 @@
 """An observation file: checked once when it is opened, then read profile by profile.
 
-The survey of a file (where its profiles lie, what is wrong with them) is small and can be pickled: a worker process
-opens the file with the survey that the planner made and reads its own profile's slice and nothing else.
+The survey of a file (the places of its profiles and their faults) is small and can be pickled. A worker process opens
+the file with the survey that the planner made, and reads only the slice of its own profile.
 """
 
 import hashlib
@@ -22,10 +22,10 @@ from gliderhpc.observations.survey import PROFILE_VARIABLES, ProfileSpan, Stored
 
 _SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
-"""Times are decoded by `gliderhpc.observations.times`, which judges them too."""
+"""Options that leave times undecoded; `gliderhpc.observations.times` decodes and checks them."""
 
 _MAX_REASONS = 2
-"""Reasons for fixes left out that a profile's row lists one by one."""
+"""Maximum number of reasons for omitted fixes that a profile's notes list one by one."""
 
 
 class Observations:
@@ -38,7 +38,7 @@ class Observations:
     survey : Survey
         Places and faults of its profiles; pass it to `open_observations` in another process.
     platform_name, platform_id, mission, source : str
-        From the global attributes, empty where absent.
+        Values of the global attributes, empty where absent.
     """
 
     def __init__(self, path: Path, dataset: xr.Dataset, survey: Survey | None):
@@ -76,7 +76,7 @@ class Observations:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the file, for the user, once."""
+        """Warnings about the file, to be shown to the user once."""
         return self.survey.warnings
 
     @property
@@ -149,9 +149,9 @@ class Observations:
         return sha.hexdigest()
 
     def profile_digest(self, number: int) -> str:
-        """SHA-256 of a profile's content in the file, in hexadecimal: samples, fixes and faults.
+        """SHA-256 of a profile's content in the file, in hexadecimal: number, samples, fixes and fault.
 
-        It does not depend on how the file stores them, nor on its other profiles.
+        It depends neither on the file's way of storing them nor on the other profiles.
         """
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
@@ -167,9 +167,9 @@ class Observations:
         return sha.hexdigest()
 
     def sample_digests(self) -> dict[int, str]:
-        """SHA-256 of each profile's samples and fault, by number; neither number nor fixes are in it.
+        """SHA-256 of each profile's samples and fault, by number; it includes neither the number nor the fixes.
 
-        Every variable is read once, as a whole, which is faster than profile by profile.
+        Every variable is read once as a whole, which is faster than reading it profile by profile.
         """
         count = self._stored.size("time")
         names = (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored))
@@ -189,7 +189,7 @@ class Observations:
         return self.survey.spans[number]
 
     def _fixes(self, span: ProfileSpan) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
-        """Find the fixes of the surface intervals before and after a profile, and why others are not used."""
+        """Find the fixes of the surface intervals before and after a profile, and the reasons why others are unused."""
         doubt = self.survey.without_fixes.get(span.number)
         if doubt is not None:
             return (), (), (doubt,)
@@ -210,20 +210,20 @@ def open_observations(path: str | Path, *, survey: Survey | None = None, in_memo
     path : str or Path
         A netCDF-4 file or a Zarr folder in the observation format.
     survey : Survey, optional
-        Result of an earlier check of the same file; with it nothing is checked again.
+        Result of an earlier check of the same file; if given, the file is not checked again.
     in_memory : bool
-        Read all values now, which is faster where every profile is looked at.
+        Read all values now, which is faster if every profile is used.
 
     Returns
     -------
     Observations
-        Open; profiles are read on demand.
+        The open file; its profiles are read on demand.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a required variable, has one in a wrong unit, or its time runs backwards.
-        Faults that concern single profiles are collected in `Observations.faults` instead.
+        The file cannot be read, lacks a required variable, has a variable in a wrong unit, or its time runs
+        backwards. Faults of single profiles are collected in `Observations.faults` instead.
     """
     path = Path(path)
     dataset = open_stored(path)
@@ -242,9 +242,9 @@ def _loaded(dataset: xr.Dataset, path: Path) -> xr.Dataset:
 
 
 def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
-    """Open a file with its times as stored and its values read on demand; `InputError` where it cannot be read.
+    """Open a file with undecoded times and with values read on demand; `InputError` if it cannot be read.
 
-    With `cache` values that were read stay in memory, so that they can be changed there.
+    With `cache`, values that have been read stay in memory, where they can be changed.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file")

@@ -1,4 +1,4 @@
-"""Attributes by which data centres find a file and tell what it holds (ACDD 1.3), from the file's own content."""
+"""Discovery attributes (ACDD 1.3), by which data centres find and describe a file, from the file's own content."""
 
 import datetime
 from typing import Any
@@ -12,7 +12,7 @@ _KEYWORDS = (
     "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS, In Situ Ocean-based Platforms > SEAGLIDER, "
     "underwater glider, depth-averaged current"
 )
-"""Terms of NASA's GCMD and plain ones."""
+"""Keywords: terms of NASA's GCMD and plain terms."""
 
 SHARED_ATTRIBUTES = {
     "keywords": _KEYWORDS,
@@ -27,7 +27,7 @@ MEASUREMENT = "physicalMeasurement"
 
 
 def content_type(name: str, *, coordinates: frozenset[str]) -> str:
-    """Return what a variable of estimates holds by its name: a coordinate, an error, a count, or an estimate."""
+    """Classify a variable of a file of estimates by its name: coordinate, quality, auxiliary or estimate."""
     lower = name.lower()
     if name in coordinates:
         return COORDINATE
@@ -46,11 +46,11 @@ def discovery_attributes(
     summary : str
         Paragraph on the content.
     time : (n,) datetime64
-        Times.
+        Times; NaT where missing.
     latitude, longitude, depth : (n,), (n,), (m,)
-        Positions (degrees) and depths (m, positive down); NaT and NaN where missing.
+        Positions (degrees) and depths (m, positive down); NaN where missing.
     identifier : str
-        Of the file.
+        Identifier of the file.
     """
     attributes: dict[str, Any] = {
         "summary": summary,
@@ -86,7 +86,7 @@ def discovery_attributes(
 
 
 def bounding_polygon(latitude: tuple[float, float], longitude: tuple[float, float]) -> str:
-    """Return the rectangle around a region as text (WKT), from the least and greatest latitude and longitude."""
+    """Return the bounding rectangle of a region as text (WKT), from its least and greatest latitude and longitude."""
     (south, north), (west, east) = latitude, longitude
     corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
     return f"POLYGON (({', '.join(f'{a:.5f} {b:.5f}' for a, b in corners)}))"
@@ -98,7 +98,7 @@ def _range(values: np.ndarray) -> tuple[float, float] | None:
 
 
 def with_content_types(content: xr.Dataset) -> xr.Dataset:
-    """Give every variable of a Dataset of estimates its content type, and times their statement on leap seconds."""
+    """Add the content type to every variable of a Dataset of estimates, and the note on leap seconds to every time."""
     coordinates = frozenset(map(str, content.coords))
     for name, variable in content.variables.items():
         # Bounds have the attributes of their coordinate (CF 7.1).

@@ -1,4 +1,4 @@
-"""Files of dives, one or more each: samples, fixes and the source's own solution, and the files joined to a mission."""
+"""Files of one or more dives: samples, fixes and the source's own solution, and joining of the files to a mission."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,18 +16,18 @@ from gliderhpc.observations.validation import Span
 
 @dataclass(frozen=True, eq=False)
 class FileRecords:
-    """Content of one of several files that hold dives one after the other.
+    """Content of one of several files that hold consecutive dives.
 
     Attributes
     ----------
     samples : dict of str to (n,) array
-        Samples in the variables of the observation format, the number of the profile among them.
+        Samples in the variables of the observation format, including the number of the profile.
     solution : dict of str to array
         Reference quantities: the source's own current, speed and flight model.
     fixes : Fixes
-        In the order of the file.
+        GPS fixes in the order of the file.
     rows_dropped : int
-        Samples whose time was missing or did not increase.
+        Number of dropped samples, whose time was missing or did not increase.
     """
 
     samples: Columns
@@ -42,18 +42,18 @@ def join_files(files: Sequence[FileRecords]) -> tuple[Columns, Fixes, list[Clock
     Parameters
     ----------
     files : sequence of FileRecords
-        In time order.
+        Content of the files, in time order.
 
     Returns
     -------
     variables : dict of str to array
-        Samples in time order, those that lie before the end of an earlier file left out, and reference quantities.
+        Samples in time order, without those that precede the end of an earlier file, and reference quantities.
     fixes : Fixes
-        In time order, without repetitions and outliers.
+        GPS fixes in time order, without repetitions and outliers.
     clock_steps : list of ClockStep
         Steps of the clock between the files.
     rows_dropped : Counter
-        Samples left out, by reason.
+        Number of samples left out, by reason.
     """
     variables, backwards, steps = in_time_order(join_columns([file.samples for file in files]))
     variables |= {name: np.concatenate([file.solution[name] for file in files]) for name in files[0].solution}
@@ -68,16 +68,16 @@ def check_samples(samples: Columns, path: str, otherwise: str) -> None:
     Parameters
     ----------
     samples : dict of str to (n,) array
-        Columns of one file, ``time`` and attitude (degree) among them.
+        Columns of one file, including ``time`` and the attitude (degree).
     path : str
-        The file, for messages.
+        Name of the file in messages.
     otherwise : str
-        Verb and remedy for a variable whose length is not that of ``time``.
+        Predicate and remedy of the message on a variable whose length is not that of ``time``.
 
     Raises
     ------
     InputError
-        Naming the first such variable.
+        There are such samples; the message names the first variable concerned.
     """
     odd = [name for name, values in samples.items() if len(values) != len(samples["time"])]
     if odd:
@@ -88,7 +88,7 @@ def check_samples(samples: Columns, path: str, otherwise: str) -> None:
 
 
 def number_samples(spans: Mapping[int, Span], count: int) -> npt.NDArray[np.int64]:
-    """Return the profile of each of `count` samples, 0 outside any, from the spans of the profiles."""
+    """Return the profile number of each of `count` samples, 0 outside any profile, from the spans of the profiles."""
     numbers = np.zeros(count, dtype=np.int64)
     for number, (start, stop) in spans.items():
         numbers[start:stop] = number
@@ -96,7 +96,7 @@ def number_samples(spans: Mapping[int, Span], count: int) -> npt.NDArray[np.int6
 
 
 def read_fixes(file: ForeignFile, names: Sequence[str], usable: npt.ArrayLike = True) -> Fixes:
-    """Read the GPS fixes of a file in its order, those with a time and a position.
+    """Read the GPS fixes of a file that have a time and a position, in the order of the file.
 
     Parameters
     ----------
@@ -105,12 +105,12 @@ def read_fixes(file: ForeignFile, names: Sequence[str], usable: npt.ArrayLike = 
     names : sequence of str
         Names of time, latitude and longitude, ``(m,)`` each.
     usable : (m,) array of bool
-        Mask of the fixes that the file does not call bad.
+        Mask of the fixes that the file does not flag as bad.
 
     Raises
     ------
     InputError
-        The variables are not there, differ in length, or cannot be converted.
+        The variables are missing, differ in length, or cannot be converted.
     """
     file.check_lengths(names)
     time = file.times(names[0])
@@ -121,16 +121,16 @@ def read_fixes(file: ForeignFile, names: Sequence[str], usable: npt.ArrayLike = 
 
 
 def reference_speeds(file: ForeignFile, clock: str, sources: Mapping[str, str | None]) -> Columns:
-    """Read the speeds of the source's own flight model at the times that have one.
+    """Read the speeds of the source's own flight model, at the times with a speed.
 
     Parameters
     ----------
     file : ForeignFile
         The file.
     clock : str
-        Name of the time of the speeds.
+        Name of the time variable of the speeds.
     sources : mapping of str to str or None
-        Name in the file by reference quantity, None where the file has none.
+        Variable name in the file by reference quantity, None where the file has none.
 
     Returns
     -------

@@ -1,11 +1,15 @@
-"""GPS fixes: as the importers pass them on, those of an observation file, and displacements on the WGS84 ellipsoid.
+"""GPS fixes from the importers and in an observation file, and displacements on the WGS84 ellipsoid.
 
-The first position after a surfacing can lie kilometres off, so importers leave out a fix from which no drift leads to
-its neighbours. A reader of a file leaves out a fix where no glider can have been: at 0 N, 0 E, which receivers report
-before they have a position; at exactly the position of an earlier surfacing, which is that position reported again
-(of two such fixes around one dive neither is used); and where a speed over ground leads to it that no glider reaches in
-any current. Of two fixes that contradict each other the one is wrong that its other neighbours contradict; where these
-do not decide, both are left out.
+The first position after a surfacing can be in error by kilometres, so importers leave out a fix that no drift connects
+with its neighbours. The reader of an observation file leaves out a fix where no glider can have been:
+
+- at 0 N, 0 E, which receivers report before they have a position;
+- at exactly the position of an earlier surfacing, which is that position reported again (of two such fixes around one
+  dive neither is used);
+- at a place that would require a speed over ground that no glider reaches in any current.
+
+If two fixes contradict each other, the one that contradicts its other neighbours is left out. If the neighbours do not
+decide, both are left out.
 """
 
 import math
@@ -26,27 +30,27 @@ Position = tuple[float, float]
 
 
 def moved(position: Position, displacement: FloatArray) -> Position:
-    """Move along a geodesic of WGS84 by a displacement ``[north, east]`` in m."""
+    """Return the position moved along a WGS84 geodesic by a displacement ``[north, east]`` (m)."""
     north, east = displacement.tolist()
     end = Geodesic.WGS84.Direct(*position, math.degrees(math.atan2(east, north)), math.hypot(north, east))
     return float(end["lat2"]), float(end["lon2"])
 
 
 def midpoint(first: Position, last: Position) -> Position:
-    """Return the middle of the geodesic of WGS84 between two positions."""
+    """Return the midpoint of the WGS84 geodesic between two positions."""
     line = Geodesic.WGS84.InverseLine(*first, *last)
     middle = line.Position(0.5 * line.s13)
     return float(middle["lat2"]), float(middle["lon2"])
 
 
 MAXIMUM_DRIFT = 2.0
-"""Gliders do not drift faster at the surface (m/s); one that is towed or on deck does."""
+"""Greatest drift of a glider at the surface (m/s); only a glider that is towed or on deck moves faster."""
 
 POSITION_ERROR = 20.0
-"""Distance (m) that two fixes of the same place may differ by."""
+"""Greatest distance (m) between two fixes of the same place."""
 
 SAME_SURFACING = np.timedelta64(900, "s")
-"""Fixes further apart than this are not compared."""
+"""Greatest time between two fixes of one surfacing; fixes further apart in time are not compared."""
 
 _METRES_A_DEGREE = 111_195.0
 
@@ -60,9 +64,9 @@ class Fixes:
     time : (m,) array
         Times of the fixes (UTC), strictly increasing.
     latitude, longitude : (m,) arrays
-        Degrees.
+        Positions in degrees.
     outliers : int
-        Number of fixes left out, because no drift leads from them to their neighbours.
+        Number of fixes left out, because no drift connects them with their neighbours.
     """
 
     time: TimeArray
@@ -72,18 +76,18 @@ class Fixes:
 
     @classmethod
     def none(cls) -> Self:
-        """Return the fixes of a record without any."""
+        """Return the empty set of fixes of a record without any."""
         return cls(np.zeros(0, "datetime64[ns]"), np.zeros(0), np.zeros(0))
 
     def where(self, keep: npt.NDArray[np.bool_]) -> "Fixes":
-        """Keep some of the fixes."""
+        """Return the fixes selected by a mask."""
         return Fixes(self.time[keep], self.latitude[keep], self.longitude[keep], self.outliers)
 
 
 def merge_fixes(parts: Sequence[Fixes]) -> Fixes:
     """Put the fixes of several records in time order, without repetitions and outliers.
 
-    The last fix of one dive's record is as a rule the first of the next one's.
+    The last fix in the record of one dive is usually the first in the record of the next.
     """
     time, place = np.unique(np.concatenate([part.time for part in parts]), return_index=True)
     latitude = np.concatenate([part.latitude for part in parts])[place]
@@ -92,7 +96,7 @@ def merge_fixes(parts: Sequence[Fixes]) -> Fixes:
 
 
 def drop_outliers(fixes: Fixes) -> Fixes:
-    """Leave out the fixes that none of the two neighbours on either side can be reached from."""
+    """Leave out the fixes from which none of the two neighbours on either side can be reached."""
     keep = np.array([_is_plausible(fixes, index) for index in range(len(fixes.time))], dtype=bool)
     outliers = int(np.count_nonzero(~keep))
     return Fixes(fixes.time[keep], fixes.latitude[keep], fixes.longitude[keep], outliers)
@@ -111,42 +115,44 @@ def _is_plausible(fixes: Fixes, index: int) -> bool:
 
 
 def decimal_degrees(value: FloatArray) -> FloatArray:
-    """Degrees from degrees and minutes written as DDMM.mmm, sign and all."""
+    """Decimal degrees from signed degrees and minutes written as DDMM.mmm."""
     degrees = np.trunc(value / 100.0)
     return degrees + (value - 100.0 * degrees) / 60.0
 
 
 MAX_GROUND_SPEED = 4.0
-"""Fastest over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, and 3 m/s of
-current. Western boundary currents run at up to 2.5 m/s at the surface, and at less over the depth of a dive."""
+"""Greatest speed over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, plus
+3 m/s of current. Western boundary currents reach 2.5 m/s at the surface, and less on average over the depth of a
+dive."""
 
 POSITION_ALLOWANCE = 100.0
-"""Distance (m) that two fixes may differ by in no time: errors of the receiver, and times rounded to the minute."""
+"""Distance (m) between two fixes that is allowed even in no time: errors of the receiver, and times rounded to the
+minute."""
 
 STALE_AFTER = np.timedelta64(1800, "s")
-"""A position that is exactly the same after this time is reported again: at sea nothing stays in place to a metre. Of
-such a run only the fixes of the first surfacing stay."""
+"""Time after which an exactly repeated position is taken as an old one reported again: at sea nothing stays in place to
+a metre. Of such a run of fixes, only those of the first surfacing are used."""
 
 _SECOND = np.timedelta64(1, "s")
 _MAX_CHAIN = 400
-"""Runs of fixes that are judged together; more are judged piece by piece."""
+"""Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
 _PROVEN = 10**9
-"""Weight of a run over more than one surfacing, more than all fixes of the others."""
+"""Weight of a run over more than one surfacing; it exceeds the weight of all fixes of the other runs together."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFixes:
-    """Fixes of a file in time order: those that can be used, and those that were left out.
+    """Fixes of a file in time order: the usable ones, and those that were left out.
 
     Attributes
     ----------
     time, latitude, longitude : (m,) arrays
-        UTC (ns) and degrees of those that can be used.
+        Times (UTC, ns) and positions (degrees) of the usable fixes.
     left_out : (k,) array
-        Times of the others, as far as they have one.
+        Times of the omitted fixes that have a plausible time and position.
     reasons : tuple of str
-        Reason of each of these.
+        Reason for the omission of each of these.
     """
 
     time: TimeArray
@@ -157,22 +163,22 @@ class SurfaceFixes:
 
     @classmethod
     def none(cls) -> Self:
-        """Return the fixes of a file without any."""
+        """Return the empty set of fixes of a file without any."""
         time = np.zeros(0, dtype="datetime64[ns]")
         return cls(time, np.zeros(0), np.zeros(0), time, ())
 
     def between(self, first: np.datetime64, last: np.datetime64) -> tuple[Fix, ...]:
-        """Return the usable fixes from one time to another, both included."""
+        """Return the usable fixes from one time to another, inclusive."""
         start, stop = self._places(self.time, first, last)
         return tuple(Fix(self.time[i], float(self.latitude[i]), float(self.longitude[i])) for i in range(start, stop))
 
     def reasons_between(self, first: np.datetime64, last: np.datetime64) -> tuple[str, ...]:
-        """Return the reasons why fixes from one time to another, both included, were left out."""
+        """Return the reasons why fixes from one time to another, inclusive, were left out."""
         start, stop = self._places(self.left_out, first, last)
         return self.reasons[start:stop]
 
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
-        """Keep those from one time to another, both included."""
+        """Return the usable and the omitted fixes from one time to another, inclusive."""
         start, stop = self._places(self.time, first, last)
         begin, end = self._places(self.left_out, first, last)
         return SurfaceFixes(
@@ -191,14 +197,14 @@ class SurfaceFixes:
 def screen_fixes(
     time: TimeArray, latitude: FloatArray, longitude: FloatArray, in_range: npt.NDArray[np.bool_]
 ) -> SurfaceFixes:
-    """Separate the fixes that can be believed from those that cannot.
+    """Separate the credible fixes from the others.
 
     Parameters
     ----------
     time, latitude, longitude : (m,) arrays
-        UTC and degrees, in any order; NaT and NaN are missing.
+        Times (UTC) and positions (degrees), in any order; NaT and NaN where missing.
     in_range : (m,) array of bool
-        Fixes whose position is there and on the globe; the others are left out without a reason of their own.
+        Mask of the fixes whose position is present and on the globe; the others are left out without a reason.
     """
     chosen = np.flatnonzero(in_range & plausible_times(time))
     chosen = chosen[np.argsort(time[chosen], kind="stable")]
@@ -214,9 +220,9 @@ def screen_fixes(
 
 
 def pair_fault(entry: Fix, exit_: Fix) -> str | None:
-    """Describe why the fixes before and after a dive cannot both be right, None where they can.
+    """Describe why the fixes before and after a dive cannot both be right; None if they can.
 
-    A position that is the same to the last digit after a dive is an old one reported again.
+    A position that is the same to the last digit after a dive is an old position reported again.
     """
     if (entry.latitude, entry.longitude) == (exit_.latitude, exit_.longitude):
         repeated = f"GPS fix of {_clock(exit_.time)}: the position of {_clock(entry.time)} once more, to the last digit"
@@ -249,7 +255,7 @@ def _stale_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArra
 
 
 def _unreachable(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
-    """Find fixes that no glider can have come to, or from."""
+    """Find fixes that no glider can have reached from their neighbours, or left for them."""
     if len(time) < 2:
         return {}
     distance, elapsed = _distances(latitude, longitude), np.diff(time) / _SECOND
@@ -272,11 +278,11 @@ def _unreachable(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -
 def _wrong_runs(
     runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
 ) -> list[tuple[int, int]]:
-    """Find the runs of fixes to leave out, so that those left go together and are as many as can be.
+    """Find the runs of fixes to leave out; the remaining fixes are consistent, and as many as possible.
 
-    A run over more than one surfacing proves itself and stays; where two such runs do not go together the record is of
-    two places, and no pair of fixes across the break is used (`pair_fault`). Of the others those stay that are in every
-    largest set of fixes that go together.
+    A run over more than one surfacing is proven and stays. If two proven runs contradict each other, the record is from
+    two places, and no pair of fixes across the break is used (`pair_fault`). Of the other runs, those stay that belong
+    to every largest set of consistent fixes.
     """
     proven = [bool(time[stop - 1] - time[start] > SAME_SURFACING) for start, stop in runs]
     weights = [_PROVEN if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
@@ -287,7 +293,7 @@ def _wrong_runs(
 def _links(
     runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Mask ``(n, n)``: a glider can have come from the last fix of one run to the first of a later one."""
+    """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one."""
     last, first = np.array([(stop - 1, start) for start, stop in runs]).T
     elapsed = (time[first][None, :] - time[last][:, None]) / _SECOND
     north = latitude[first][None, :] - latitude[last][:, None]
@@ -297,7 +303,7 @@ def _links(
 
 
 def _in_every_best_chain(weights: Sequence[int], linked: npt.NDArray[np.bool_]) -> list[bool]:
-    """Mask of the nodes that are in every chain of linked nodes that weighs most."""
+    """Mask of the nodes that belong to every chain of linked nodes of greatest weight."""
     forward = _chains(weights, linked)
     backward = _chains(weights[::-1], linked[::-1, ::-1].T)[::-1]
     most = max(total for total, _ in forward)
@@ -319,12 +325,12 @@ def _chains(weights: Sequence[int], linked: npt.NDArray[np.bool_]) -> list[tuple
 
 
 def _distances(latitude: FloatArray, longitude: FloatArray) -> FloatArray:
-    """Distances between neighbouring positions (m), on a sphere and near enough for a check."""
+    """Approximate distances between neighbouring positions (m) on a sphere, accurate enough for a check."""
     return _METRES_A_DEGREE * np.hypot(np.diff(latitude), _east(np.diff(longitude), latitude[:-1]))
 
 
 def _east(difference: FloatArray, latitude: FloatArray) -> FloatArray:
-    """Difference in longitude as degrees of a great circle, the short way round."""
+    """Difference in longitude, the short way round, in degrees of a great circle."""
     return np.asarray((np.mod(difference + 180.0, 360.0) - 180.0) * np.cos(np.radians(latitude)))
 
 

@@ -1,4 +1,4 @@
-"""Files of other programs and instruments: found, recognised by their contents, units and names converted."""
+"""Files of other programs and instruments: finding them, recognising their contents, converting units and names."""
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,12 +24,12 @@ _HEADS = (
 
 
 def describe_content(path: Path) -> str:
-    """Describe a file that is no netCDF, and the remedy; empty where its first bytes do not show it.
+    """Describe a file that is not netCDF, and the remedy; empty if its first bytes do not reveal the content.
 
     Parameters
     ----------
     path : Path
-        A file.
+        The file.
     """
     try:
         with path.open("rb") as stream:
@@ -45,17 +45,17 @@ _COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 
 
 def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterator[Path]:
-    """Files as given, and of a folder those that belong, by name.
+    """Iterate over the given files, and over the files of given folders that `belongs` accepts, sorted by name.
 
     Raises
     ------
     InputError
-        A source does not exist, or is compressed where only plain files belong.
+        A source does not exist or is not a regular file, or its files are compressed.
     """
     for source in sources:
         if source.is_dir():
             held = sorted(source.iterdir())
-            # A pipe or a device that is named like a record would be waited for, or read for ever.
+            # Reading a pipe or a device that is named like a record would block, or never end.
             chosen = [path for path in held if belongs(path) and path.is_file()]
             if not chosen:
                 refuse_compressed(path for path in held if belongs(path.with_suffix("")))
@@ -70,12 +70,12 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
 
 
 def refuse_compressed(paths: Iterable[Path]) -> None:
-    """Refuse the first file that is compressed, by its name.
+    """Refuse the first file that is compressed according to its name and content.
 
     Raises
     ------
     InputError
-        With the remedy.
+        A file is compressed; the message gives the remedy.
     """
     for path in paths:
         content = describe_content(path) if path.suffix.lower() in _COMPRESSED and path.is_file() else ""
@@ -84,7 +84,7 @@ def refuse_compressed(paths: Iterable[Path]) -> None:
 
 
 HELPFUL_ORDER = ("ballast_volume", "battery_position", "battery_rotation", "pitch", "roll", "heading", "depth", "time")
-"""Required variables, the one without which nothing else helps first: only the glider's own files have it."""
+"""Required variables; the first is in the glider's own files only, and without it the others are useless."""
 
 ALIASES = {
     "time": ("time",),
@@ -96,14 +96,14 @@ ALIASES = {
     "battery_position": ("battery_position", "pitch_ctl"),
     "battery_rotation": ("battery_rotation", "roll_ctl"),
 }
-"""Names by variable, in small letters; they may be written in capitals too."""
+"""Possible names by variable, in lower case; matching ignores case."""
 
 _KINDS = (
     ("slocum", "the sensors of a Slocum", ("m_present_time", "m_battpos", "m_de_oil_vol", "m_ballast_pumped")),
     ("seaglider", "a Seaglider's dive", ("log_gps_lat", "eng_vbdcc", "eng_pitchang", "gc_vbd_ad")),
     ("og1", "a Seaglider's controls", ("vbd_cc",)),
 )
-"""Importer, contents, and the names that only such a file has."""
+"""Importer, contents in words, and names that occur only in such a file."""
 
 OWN_FILES = (
     "import the glider's own files instead (`gliderhpc import`: SeaExplorer text, Slocum binary, Seaglider dives)"
@@ -111,7 +111,7 @@ OWN_FILES = (
 
 
 def importer_of(names: Iterable[str]) -> tuple[str, str] | None:
-    """Importer that reads a file with these variables, and the file's contents in words; None where none does."""
+    """Importer that reads a file with these variables, and the file's contents in words; None if there is none."""
     folded = {name.casefold() for name in names}
     return next(((importer, held) for importer, held, marks in _KINDS if not folded.isdisjoint(marks)), None)
 
@@ -128,7 +128,7 @@ def is_in_the_format(names: Iterable[str]) -> bool:
 
 
 def describe_found(names: Iterable[str], variables: Iterable[str]) -> str:
-    """List required variables that a file has under another name, ``pitch as GLIDER_PITCH``; empty where there is none.
+    """List required variables that a file has under another name (``pitch as GLIDER_PITCH``); empty if there is none.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class ForeignFile(NamedColumns):
     Raises
     ------
     InputError
-        It is no netCDF file, compressed, or cut short.
+        It is not a netCDF file, is compressed, or is truncated.
     """
 
     def __init__(self, path: Path) -> None:
@@ -197,16 +197,17 @@ class ForeignFile(NamedColumns):
             return str(owner.getncattr(name, encoding="latin-1"))
 
     def first(self, names: Iterable[str]) -> str | None:
-        """Return the first of some names that the file has."""
+        """Return the first of the names that the file has; None if it has none."""
         return next((name for name in names if name in self), None)
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` as they stand, NaN where missing or infinite; a scalar gives one value.
+        """Values ``(n,)`` without conversion, NaN where missing or infinite; a scalar gives one value.
 
         Raises
         ------
         InputError
-            The file has no such variable, it holds no numbers or a table of them, or the file was cut short.
+            The file has no such variable, the variable is not numeric or has several dimensions, or the file is
+            truncated.
         """
         if name not in self:
             raise InputError(f"{self.path}: has no variable {name}")
@@ -216,21 +217,21 @@ class ForeignFile(NamedColumns):
         if values.ndim > 1:
             raise InputError(f"{self.path}: {name} has {values.ndim} dimensions; it must have one")
         numbers = np.atleast_1d(np.ma.filled(values.astype(np.float64), np.nan))
-        # What is infinite was not measured.
+        # An infinite value was not measured.
         return np.where(np.isfinite(numbers), numbers, np.nan)
 
     def number(self, name: str) -> float:
-        """Value of a scalar, NaN where the file does not have it."""
+        """Value of a scalar, NaN if the file does not have it."""
         values = self.numbers(name) if name in self else np.zeros(0)
         return float(values[0]) if len(values) else float("nan")
 
     def check_lengths(self, names: Iterable[str]) -> None:
-        """Refuse variables that belong together but differ in length; those that the file does not have are left out.
+        """Refuse variables that belong together but differ in length; variables that the file lacks are skipped.
 
         Raises
         ------
         InputError
-            Naming the first that differs.
+            The lengths differ; the message names the first variable that differs.
         """
         lengths = {name: len(self.numbers(name)) for name in names if name in self}
         first = next(iter(lengths), "")
@@ -241,7 +242,7 @@ class ForeignFile(NamedColumns):
             )
 
     def text(self, name: str) -> str:
-        """Text in a variable of characters; empty where the file does not have it."""
+        """Text in a character variable; empty if the file does not have it."""
         if name not in self:
             return ""
         values = np.ma.asarray(self._read(name))
@@ -251,7 +252,7 @@ class ForeignFile(NamedColumns):
 
     def _read(self, name: str) -> Any:
         try:
-            # The library only warns of a scale that is none, and gives the values without it.
+            # The library only warns of an invalid scale factor, and returns the values unscaled.
             with warnings.catch_warnings():
                 warnings.simplefilter("error", UserWarning)
                 return self._file.variables[name][...]

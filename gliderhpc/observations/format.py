@@ -1,7 +1,7 @@
-"""The observation format as data: every variable, its unit, its plausible range, its CF names.
+"""The observation format as data: every variable with its unit, its plausible range and its CF names.
 
-Reader, validator and writer all read this table, so the format is written down once. Files may also hold reference
-quantities, the source's own current, speed and flight model, which no estimate uses.
+Reader, validator and writer all use this table, so the format is defined once. Files may also hold reference
+quantities (the source's own current, speed and flight model), which no estimate uses.
 """
 
 from dataclasses import dataclass
@@ -35,17 +35,17 @@ class Variable:
     Attributes
     ----------
     name, dimension, unit, long_name : str
-        As written in a file.
+        Name, dimension and attributes in a file.
     standard_name : str or None
-        Its name in the CF table, where it has one.
+        Its CF standard name, if it has one.
     required : bool
-        True where a file without it is refused.
+        True if a file without it is refused.
     low, high : float
         Plausible range; values outside are faults.
     open_ended : bool
-        True where the limits themselves are outside.
+        True if the limits themselves are outside the range.
     quantity : str or None
-        Set of accepted unit spellings, where it differs from `unit`.
+        Key of the accepted unit spellings, if it differs from `unit`.
     """
 
     name: str
@@ -97,7 +97,7 @@ _TABLE = (
 )
 
 VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE}
-"""Every variable but the two times, by name."""
+"""All variables except the two times, by name."""
 
 MEASURED = ("roll", "pitch", "heading", "depth")
 SEAWATER = ("temperature", "practical_salinity", "pressure")
@@ -135,7 +135,7 @@ _REFERENCE_TABLE = (
 )
 
 REFERENCE: dict[str, Variable] = {variable.name: variable for variable in _REFERENCE_TABLE}
-"""Every reference variable by name."""
+"""All reference variables by name."""
 
 
 def read_reference(path: str | Path) -> xr.Dataset:
@@ -149,7 +149,8 @@ def read_reference(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Along ``reference_profile`` (its coordinate is the profile's number) and ``reference_sample``; loaded.
+        Reference quantities along ``reference_profile`` (its coordinate is the profile's number) and
+        ``reference_sample``, in memory.
     """
     with xr.open_dataset(path, decode_timedelta=False) as dataset:
         found = [name for name in REFERENCE if name in dataset.variables]

@@ -1,8 +1,8 @@
-"""The import of a mission's own files: check, read, locate, fixes, water, attributes, write.
+"""The import of a mission's own files, from the check of the output to the written observation file.
 
-Each instrument has a module that knows its files and reads them into `MissionRecords`, in the variables and units of
-the observation format: `seaexplorer`, `slocum`, `seaglider` and `og1`. The rest is the same for all of them, and is
-here in the order in which it runs (`import_mission`).
+Each instrument has a module that reads its files into `MissionRecords`, in the variables and units of the observation
+format: `seaexplorer`, `slocum`, `seaglider` and `og1`. The remaining steps are the same for all instruments and are
+in this module, in the order in which they run (`import_mission`).
 """
 
 from collections import Counter
@@ -34,11 +34,11 @@ class Water:
     Attributes
     ----------
     variables : dict of str to (n,) array
-        Temperature, pressure and practical salinity, as far as they were measured; NaN between the samples.
+        Temperature, pressure and practical salinity, those that were measured; NaN on rows without a CTD sample.
     comment : str
         Origin of the samples, for the file's attribute.
     remarks : tuple of str
-        Remarks for the user, a line each.
+        Remarks for the user, one line each.
     """
 
     variables: Columns
@@ -47,7 +47,7 @@ class Water:
 
 
 def _no_water(time: TimeArray, depth: FloatArray, interval: float) -> Water:
-    """Return no samples: there is no CTD, or the records of the flight hold its samples."""
+    """Return no samples: there is no CTD, or the flight records already contain its samples."""
     return Water({}, "")
 
 
@@ -62,28 +62,28 @@ class MissionRecords:
     pieces : str
         Name of the vehicle's own pieces of its mission, in the plural: cycles, segments or dives.
     variables : dict of str to (n,) array
-        Time, attitude, depth, controls and number of the profile, and reference quantities along axes of their own.
+        Time, attitude, depth, controls and number of the profile, and reference quantities along their own axes.
     spans : mapping of int to Span
-        Samples of every profile.
+        Sample range of every profile.
     parts : mapping of int to tuple
         Pieces of every profile.
     fixes : Fixes
-        At the surface, in time order.
+        GPS fixes at the surface, in time order.
     comments : mapping of str to str or number
-        Attributes on how the variables were made.
+        Attributes that describe the origin of the variables.
     rejected, without_profile : dict of str to str
-        Pieces or files that cannot be used, and pieces that hold no profile, with the reason; None where every piece
-        is part of a profile.
+        Reasons by unusable piece or file, and by piece without a profile; the latter is None if every piece is part of
+        a profile.
     rows_dropped : Counter
-        Rows and values left out as junk, by reason.
+        Number of rows and values left out as junk, by reason.
     rejected_attribute, dropped_attribute : str
-        Names of the attributes that list them.
+        Names of the attributes that list the rejected pieces and the dropped rows.
     remarks : tuple of str
-        Remarks for the user, a line each.
+        Remarks for the user, one line each.
     clock_steps : sequence of ClockStep
         Steps of the clock.
     water : callable
-        Reads the CTD onto the rows, from their time, depth (m) and sample interval (s).
+        Function that puts the CTD samples on the rows, given the rows' time, depth (m) and sample interval (s).
     """
 
     platform: str
@@ -115,17 +115,17 @@ class ImportedProfile:
     number : int
         Its number in the observation file.
     parts : tuple of int or of str
-        The vehicle's own pieces that it consists of, in time order: cycles, segments or dives.
+        The vehicle's own pieces that make up the profile, in time order: cycles, segments or dives.
     start_time : numpy.datetime64
         Time of its first sample (UTC).
     duration : float
-        Seconds.
+        Time from its first to its last sample (s).
     samples : int
         Number of samples.
     max_depth : float
-        Metres.
+        Greatest depth (m).
     fault : str or None
-        Reason why it cannot be inverted, if so.
+        Reason why it cannot be inverted; None if it can.
     """
 
     number: int
@@ -144,27 +144,27 @@ class ImportSummary:
     Attributes
     ----------
     path : Path
-        The file written.
+        The written file.
     vehicle, mission : str
         Names of the glider and of its mission.
     pieces : str
         Name of the vehicle's own pieces of its mission, in the plural: cycles, segments or dives.
     profiles : tuple of ImportedProfile
-        All profiles in the file, those that cannot be inverted among them.
+        All profiles in the file, including those that cannot be inverted.
     without_profile : dict of str to str
-        The pieces that hold no profile, and why.
+        Pieces that hold no profile, with the reason.
     rejected : dict of str to str
-        The pieces or files that could not be used, and why.
+        Pieces or files that could not be used, with the reason.
     remarks : tuple of str
-        Further remarks for the user, a line each.
+        Further remarks for the user, one line each.
     sample_interval : float
-        Distance of samples within the profiles, the median by time without gaps (s).
+        Sample interval within the profiles: the time-weighted median, without gaps (s).
     fixes, fixes_dropped : int
         Numbers of GPS fixes in the file and of implausible ones left out.
     rows, ctd_samples : int
         Numbers of samples and of samples with CTD data in the file.
     rows_dropped : dict of str to int
-        Rows and values left out as junk, by reason.
+        Number of rows and values left out as junk, by reason.
     """
 
     path: Path
@@ -201,15 +201,15 @@ def import_mission(
     Parameters
     ----------
     read : callable
-        Reads the instrument's files.
+        Function that reads the instrument's files.
     is_record : callable
-        Whether a file is the instrument's own, so that none is overwritten.
+        Whether a file is one of the instrument's own, which must not be overwritten.
     sources : sequence of Path
-        Files, or folders of them.
+        Files, or folders of files.
     out : Path
         The netCDF file to write.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def import_mission(
     mission = read(sources)
     time: TimeArray = mission.variables["time"].astype("datetime64[ns]")
     depth: FloatArray = mission.variables["depth"].astype(np.float64)
-    # A profile that lost rows to a step of the clock is left out, and so are the fixes around such a step.
+    # A profile that lost rows to a clock step is left out, and so are the fixes around such a step.
     numbers, fixes, lost, clock_remarks = without_doubtful(
         mission.clock_steps, mission.variables["profile"].astype(np.int64), time, mission.fixes
     )
@@ -259,12 +259,12 @@ def import_mission(
 
 
 def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
-    """Refuse to write over a record: a missing last argument must not destroy one.
+    """Refuse to write over a record, which a missing last argument would destroy.
 
     Raises
     ------
     InputError
-        `out` is a folder, or named as the instrument names its files; or as `check_output`.
+        `out` is a folder, or is named like the instrument's files; or as for `check_output`.
     """
     if out.is_dir() or is_record(out):
         raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
@@ -272,9 +272,9 @@ def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], 
 
 
 def median_interval(time: TimeArray, spans: Sequence[Span]) -> float:
-    """Distance of samples within the spans (first, after last), or anywhere where there is none (s).
+    """Sample interval (s) within the spans (first, after last), or in the whole record if there are no spans.
 
-    It is the median by time, without gaps.
+    It is the time-weighted median, without gaps.
     """
     steps = [np.diff(time[start:stop]) / np.timedelta64(1, "s") for start, stop in spans or [(0, len(time))]]
     return usual_interval(np.concatenate([without_gaps(part) for part in steps]))
@@ -302,12 +302,12 @@ def _attributes(
 
 
 def describe_reasons(reasons: Mapping[str, str] | Mapping[str, int]) -> str:
-    """List what was left out and why, or reasons and how often, in one line."""
+    """List omitted items with their reasons, or reasons with their counts, in one line."""
     return "; ".join(f"{what}: {why}" for what, why in reasons.items()) or "none"
 
 
 def _profile(number: int, parts: Parts, start: int, stop: int, variables: Columns) -> ImportedProfile:
-    """Summarise the profile in the samples from `start` to before `stop` of the variables of an observation file."""
+    """Summarise the profile in the samples from `start` to before `stop` of an observation file's variables."""
     time: TimeArray = np.asarray(variables["time"][start:stop], dtype="datetime64[ns]")
     depth: FloatArray = np.asarray(variables["depth"][start:stop], dtype=np.float64)
     return ImportedProfile(
@@ -322,7 +322,7 @@ def _profile(number: int, parts: Parts, start: int, stop: int, variables: Column
 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str | None:
-    """Return the fault that the reader of the file will find in this profile."""
+    """Return the fault of length or values that the reader of the file will find in this profile; None without one."""
     fault = check_length(number, time)
     for name in REQUIRED:
         if fault is None:

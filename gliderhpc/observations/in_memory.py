@@ -1,4 +1,4 @@
-"""Observations as an `xarray.Dataset`: opened from a file, and written to one for functions that read files."""
+"""Observations as an `xarray.Dataset`: read from a file, and written to a file for functions that read files."""
 
 import tempfile
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
 from gliderhpc.observations.writer import TIMES, times_since, variable_attributes, write_observations
 
 Records = xr.Dataset | str | Path
-"""Observations as every function of the Python interface takes them: a Dataset, or the path of a file."""
+"""Observations as accepted by every function of the Python interface: a Dataset, or the path of a file."""
 
 UNNAMED = "records"
-"""Name in messages, and in an archive's attribute ``observations``, of a Dataset that comes from no file."""
+"""Name of a Dataset that comes from no file, in messages and in an archive's attribute ``observations``."""
 
 FIXES = ("fix_time", "fix_latitude", "fix_longitude")
 
@@ -27,7 +27,7 @@ _ATTRIBUTES = ("platform", "platform_id", "mission", "source")
 
 
 def read_records(path: str | Path) -> xr.Dataset:
-    """Open an observation file as a Dataset, checked; values are read when they are used.
+    """Check an observation file and open it as a Dataset; values are read when they are used.
 
     Parameters
     ----------
@@ -37,20 +37,20 @@ def read_records(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Along ``time`` and ``fix``, with the units and CF attributes of the format; its ``encoding["source"]`` names the
-        file.
+        Variables along ``time`` and ``fix``, with the units and CF attributes of the format; ``encoding["source"]`` of
+        the Dataset is the path of the file.
 
     Raises
     ------
     InputError
-        As `gliderhpc.observations.open_observations`.
+        As for `gliderhpc.observations.open_observations`.
     """
     with open_observations(path):
         return _decoded(Path(path))
 
 
 def _decoded(path: Path) -> xr.Dataset:
-    # Cached, so that values changed in place stay changed.
+    # Without the cache, values changed in place would be read from the file again.
     dataset = as_in_file = open_stored(path, cache=True)
     stored = StoredVariables(dataset, path)
     for name in map(str, dataset.variables):
@@ -71,18 +71,19 @@ def _decoded(path: Path) -> xr.Dataset:
 def opened_records(records: Records) -> Iterator[Observations]:
     """Open records of any kind as the observations that the estimation reads.
 
-    A Dataset that is still what its file holds is read from that file. Any other is written to a temporary file, which
-    worker processes can open and whose digest follows the values alone.
+    A Dataset that still equals the content of its file is read from that file. Any other Dataset is written to a
+    temporary file, which worker processes can open and whose digest depends on the values alone.
 
     Parameters
     ----------
     records : xarray.Dataset, str or Path
-        In the observation format.
+        Records in the observation format.
 
     Raises
     ------
     InputError
-        As `gliderhpc.observations.open_observations`; a Dataset is named by the file that it came from, else `UNNAMED`.
+        As for `gliderhpc.observations.open_observations`; the message names a Dataset by the file that it came from,
+        or as `UNNAMED`.
     """
     if not isinstance(records, xr.Dataset):
         with open_observations(records) as observations:
@@ -91,7 +92,7 @@ def opened_records(records: Records) -> Iterator[Observations]:
     survey = _survey(records)
     source = _unchanged_source(records)
     if source is not None:
-        # Surveyed again: times that were missing or impossible in the file are all missing in the Dataset.
+        # The file is surveyed again, because its impossible times are merely missing in the Dataset.
         with open_observations(source) as observations:
             yield observations
         return
@@ -106,7 +107,7 @@ def opened_records(records: Records) -> Iterator[Observations]:
 
 
 def _attributes_of_format(records: xr.Dataset) -> xr.Dataset:
-    """Drop the global attributes that the estimation does not read, which netCDF may not hold."""
+    """Drop the global attributes that the estimation does not read; netCDF may be unable to store them."""
     read = {key: str(records.attrs[key]) for key in _ATTRIBUTES if records.attrs.get(key) is not None}
     records = records.copy(deep=False)
     records.attrs = read
@@ -114,12 +115,12 @@ def _attributes_of_format(records: xr.Dataset) -> xr.Dataset:
 
 
 def write_records(records: xr.Dataset, path: Path) -> Path:
-    """Write a Dataset of observations, what is not of the format left out; the same values give the same bytes."""
+    """Write a Dataset's variables of the observation format to a file; the same values give the same bytes."""
     stored = StoredVariables(_as_stored(records), path)
     names = [name for name in (*TIMES, *VARIABLES, *REFERENCE) if name in stored]
     if not all(name in names for name in FIXES):
         names = [name for name in names if name not in FIXES]
-    # Reference quantities of another shape, as `where` and `isel` leave them, are no longer the source's.
+    # Reference quantities whose shape was changed, for example by `where` or `isel`, are no longer the source's.
     names = [name for name in names if name not in REFERENCE or records[name].dims == (REFERENCE[name].dimension,)]
     variables: dict[str, npt.NDArray[np.generic]] = {
         name: stored.times(name, 0, records[name].size).time if name in TIMES else records[name].values
@@ -134,12 +135,12 @@ def write_records(records: xr.Dataset, path: Path) -> Path:
 
 
 def _survey(records: xr.Dataset) -> Survey:
-    """Check a Dataset as its file would be."""
+    """Check a Dataset in the same way as a file."""
     return survey_of(StoredVariables(_as_stored(records), Path(_source(records) or UNNAMED)))
 
 
 def _as_stored(records: xr.Dataset) -> xr.Dataset:
-    """Encode the times of a Dataset as numbers, as a file holds them."""
+    """Encode the times of a Dataset as numbers, as in a file."""
     for name in TIMES:
         if name in records.variables and np.issubdtype(records[name].dtype, np.datetime64):
             values, units = _numbers(records[name].values)
@@ -148,7 +149,7 @@ def _as_stored(records: xr.Dataset) -> xr.Dataset:
 
 
 def _numbers(time: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.float64], str]:
-    """Times as the writer stores them."""
+    """Times as numbers and their unit, as the writer stores them."""
     instants = time.astype("datetime64[ns]")
     units = times_since(instants)
     begin = np.datetime64(units.removeprefix("seconds since "), "ns")
@@ -160,13 +161,13 @@ def _source(records: xr.Dataset) -> str:
 
 
 def _name(records: xr.Dataset) -> str:
-    """Name of the file that a Dataset is written to: that of the one it came from, where it was netCDF."""
+    """Name of the file to which a Dataset is written: the name of its source if that was netCDF, else `UNNAMED`."""
     name = Path(_source(records)).name
     return name if name.endswith(".nc") else f"{UNNAMED}.nc"
 
 
 def _unchanged_source(records: xr.Dataset) -> Path | None:
-    """Find the file that a Dataset came from, None where there is none or the Dataset is no longer what it holds."""
+    """Find the file that a Dataset came from; None if there is none, or if the Dataset differs from its content."""
     source = _source(records)
     if not source or not Path(source).exists():
         return None
@@ -176,7 +177,7 @@ def _unchanged_source(records: xr.Dataset) -> Path | None:
                 _same(records, found, name) for name in (*VARIABLES, *TIMES)
             )
     except (InputError, IndexError, ValueError, TypeError):
-        # A file of the same name, but of another program.
+        # The file has the same name, but comes from another program.
         return None
     return Path(source) if same else None
 

@@ -1,4 +1,4 @@
-"""Observation files of one glider, a dive or several each, joined into one."""
+"""Joining of one glider's observation files, of one or several dives each, into one file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,15 +23,15 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     paths : sequence of Path
         Files in the observation format; they may be given in any order.
     out : Path
-        The file to write; one that exists is replaced.
+        The file to write; an existing file is replaced.
     reads : Reads
-        Reads each file.
+        Function that reads each file.
 
     Returns
     -------
     dict of str to str
-        Files that were left out, by name, and why: unreadable ones, and such as overlap an earlier file in time or
-        repeat its profiles' numbers.
+        Reasons for the files that were left out, by file name. A file is left out if it is unreadable, overlaps an
+        earlier file in time, repeats an earlier profile number, or alone has or lacks profile numbers.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
 
 @dataclass(frozen=True, eq=False)
 class _FileContent:
-    """Variables of a file by name, with their dimensions, values and attributes; and its global attributes."""
+    """Variables of a file by name (dimensions, values and attributes), and its global attributes."""
 
     variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]]
     attributes: dict[str, Any]
@@ -90,7 +90,7 @@ def _read_file(path: Path) -> _FileContent:
 def _conflict(
     records: _FileContent, numbers: set[int], last: _FileContent, last_name: str, owners: Mapping[int, str]
 ) -> str:
-    """Describe why records, and the profiles in them, cannot follow others; empty where they can."""
+    """Describe why records and their profiles cannot follow the earlier ones; empty if they can."""
     if records.values("time")[0] <= last.values("time")[-1]:
         return f"overlaps {last_name} in time; give every sample once"
     if ("profile" in records.variables) != ("profile" in last.variables):
@@ -102,7 +102,7 @@ def _conflict(
 
 
 def _numbers(records: _FileContent) -> set[int]:
-    """Numbers of the profiles in a file, none where it does not number them."""
+    """Numbers of the profiles in a file; empty if it does not number them."""
     if "profile" not in records.variables:
         return set()
     return set(np.unique(np.nan_to_num(records.values("profile"))).astype(int).tolist()) - {0}

@@ -1,4 +1,4 @@
-"""Files as they land in a folder: which are there and complete, and copies of them that nothing changes any more."""
+"""Files that arrive in a folder: detection of the complete ones, and unchanging copies of them."""
 
 import glob
 import hashlib
@@ -12,7 +12,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.output_files import written_aside
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".filepart", ".crdownload", ".swp")
-"""Endings that programs give to files while they transfer them."""
+"""Suffixes that programs give to files during a transfer."""
 
 _BLOCK = 1 << 20
 
@@ -25,31 +25,31 @@ class FileState:
     modified: int
 
     def age(self, now: float) -> float:
-        """Seconds since the last change; a change in the future counts by its distance."""
+        """Seconds between the last change and `now`; positive even if the change is in the future."""
         return abs(now - self.modified / 1e9)
 
 
 @dataclass(frozen=True)
 class Taken:
-    """A file of which a copy was taken: its state when it was copied, and the SHA-256 of the copy."""
+    """A copied file: its state when it was copied, and the SHA-256 of the copy."""
 
     state: FileState
     digest: str
 
 
 def look(source: Path | str) -> dict[Path, FileState]:
-    """Return the files of a source and their state, in the order of their names.
+    """Return the files of a source with their state, in the order of their names.
 
     Parameters
     ----------
     source : Path or str
-        A folder, a file, or a pattern such as ``from-glider/p249*.nc``. Hidden files and those under a transfer's
-        temporary name do not count.
+        A folder, a file, or a pattern such as ``from-glider/p249*.nc``. Hidden files and files with the temporary name
+        of a transfer are ignored.
 
     Raises
     ------
     InputError
-        The source is neither there nor a pattern.
+        The source does not exist and is not a pattern.
     """
     path, text = Path(source), str(source)
     if path.is_dir():
@@ -64,7 +64,7 @@ def look(source: Path | str) -> dict[Path, FileState]:
 
 
 def folder_of(source: Path | str) -> Path:
-    """Return the folder in which the files of a source lie."""
+    """Return the folder that contains the files of a source."""
     return Path(source) if Path(source).is_dir() else Path(source).parent
 
 
@@ -73,7 +73,7 @@ def _is_finished(path: Path) -> bool:
 
 
 def _state_of(path: Path) -> FileState | None:
-    """Return a file's state, None where it has vanished or is no regular file."""
+    """Return a file's state; None if it has vanished or is not a regular file."""
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -82,20 +82,20 @@ def _state_of(path: Path) -> FileState | None:
 
 
 def settled(files: Mapping[Path, FileState], before: Mapping[Path, FileState]) -> list[Path]:
-    """Return the files that are as they were at the look before."""
+    """Return the files whose state has not changed since `before`."""
     return [path for path, state in files.items() if before.get(path) == state]
 
 
 def older(files: Mapping[Path, FileState], seconds: float, now: float | None = None) -> list[Path]:
-    """Return the files whose last change is at least so many seconds ago."""
+    """Return the files whose last change is at least `seconds` ago."""
     now = time.time() if now is None else now
     return [path for path, state in files.items() if state.age(now) >= seconds]
 
 
 def take(path: Path, state: FileState, folder: Path) -> Taken | None:
-    """Copy a file into a folder under its own name, unless it changes meanwhile; None where it has or is gone.
+    """Copy a file into a folder under its own name; None if it has changed from `state` or is gone.
 
-    The copy appears when it is complete.
+    The copy appears only when it is complete.
 
     Raises
     ------
@@ -134,7 +134,7 @@ class _ChangedError(Exception):
 
 
 def duplicates(taken: Mapping[str, Taken]) -> dict[str, str]:
-    """Return files with the content of another one, each with the name of that one, the first by name."""
+    """Return the files whose content equals that of an earlier file by name, each with the name of the first one."""
     first: dict[str, str] = {}
     for name in sorted(taken):
         first.setdefault(taken[name].digest, name)

@@ -1,7 +1,7 @@
-"""What a current needs of a glider's records: time, depth, pitch, heading and positions at the surface.
+"""Records from which a depth-averaged current is computed: time, depth, pitch, heading and positions at the surface.
 
-Files of any source are read by the names and standard names of their variables: the observation format, OG1, pyglider,
-data centres. Neither ballast nor battery is needed.
+Files of any source (the observation format, OG1, pyglider, data centres) are read by the names and standard names of
+their variables. Neither ballast nor battery is needed.
 """
 
 from collections.abc import Sequence
@@ -20,47 +20,47 @@ from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeA
 from gliderhpc.observations.times import plausible_times
 
 RECEIVER_ERROR = 5.0
-"""Standard deviation of a GPS fix, north and east each, m."""
+"""Standard deviation of a GPS fix in each of north and east (m)."""
 
 POSITION_ERROR = 50.0
-"""The same of a position at the surface in a file that does not say when the receiver had a fix, m."""
+"""Standard deviation, in each of north and east, of a surface position in a file without GPS variables (m)."""
 
 SURFACE = 2.0
-"""Positions from above this depth (m) are taken at the surface."""
+"""Positions above this depth (m) are taken as positions at the surface."""
 
 RECORD_BREAK = 86_400.0
-"""A longer pause of the record (s) ends a profile."""
+"""Longest pause of the record within a profile (s); a longer one ends the profile."""
 
 MIN_SAMPLES = 10
-"""Samples with depth, pitch and heading that a profile needs."""
+"""Least number of samples with depth, pitch and heading in a usable profile."""
 
 _SECOND = np.timedelta64(1, "s")
 _RADIANS = 1.6
-"""Pitch of a diving glider that never leaves this range is in radians, whatever its unit says."""
+"""Pitch of a diving glider that never exceeds this magnitude is in radians, even if its declared unit is degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Navigation:
-    """Records of a mission that a current needs, sorted by time.
+    """Records of a mission that are needed for a current, sorted by time.
 
     Attributes
     ----------
     source : str
-        The file, for messages.
+        Name of the file in messages.
     vehicle : str
-        Everything that the file says about its glider, in small letters.
+        Text of the file's attributes that describe the glider, in lower case.
     time : (n,) array
-        UTC (ns).
+        Times of the samples (UTC, ns).
     depth, pitch, heading, roll : (n,) arrays
-        m and rad, NaN where missing.
+        Depth (m) and attitude (rad), NaN where missing.
     profile : (n,) int array
         Number of the profile, 0 outside any.
     fixes : SurfaceFixes
         Positions at the surface.
     fix_error : float
-        Their standard deviation, north and east each, m.
+        Their standard deviation in each of north and east (m).
     remarks : tuple of str
-        What a user should know of how the file was read.
+        Remarks for the user on the reading of the file.
     """
 
     source: str
@@ -77,12 +77,12 @@ class Navigation:
 
     @property
     def numbers(self) -> list[int]:
-        """Numbers of the profiles, in the order of time."""
+        """Numbers of the profiles, in time order."""
         found, first = np.unique(self.profile[self.profile > 0], return_index=True)
         return [int(number) for number in found[np.argsort(first, kind="stable")]]
 
     def record(self, number: int) -> ProfileRecord:
-        """Return one profile's record; the glider's controls, which are not known, are zero."""
+        """Return one profile's record; the unknown controls of the glider are set to zero."""
         rows = np.flatnonzero(self.profile == number)
         span = slice(int(rows[0]), int(rows[-1]) + 1)
         time = self.time[span]
@@ -117,7 +117,7 @@ def open_navigation(path: Path) -> Navigation:
     Raises
     ------
     InputError
-        It cannot be read, or lacks what a current needs; the message names that.
+        The file cannot be read, or lacks a quantity needed for a current; the message names it.
     """
     with open_stored(path) as dataset:
         return read_navigation(dataset, str(path))
@@ -129,14 +129,15 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     Parameters
     ----------
     dataset : xarray.Dataset
-        Times decoded or as stored.
+        Dataset with decoded or undecoded times.
     source : str
         Its name in messages.
 
     Raises
     ------
     InputError
-        It lacks time, depth or pressure, pitch, heading or positions, or one has a unit that cannot be converted.
+        The Dataset lacks time, depth or pressure, pitch, heading or positions, has too few samples or no dive, or a
+        unit cannot be converted.
     """
     columns = NavigationColumns(dataset, source)
     columns.check_complete()
@@ -169,12 +170,12 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
 
 
 def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
-    """Join the navigation of several files of one glider, such as one a dive.
+    """Join the navigation of several files of one glider, such as one file per dive.
 
     Raises
     ------
     InputError
-        There are none.
+        There are no files.
     """
     if not parts:
         raise InputError("no file to read")
@@ -199,7 +200,7 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
 
 
 def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[str]]:
-    """GPS fixes, else positions at the surface; their error; and what to know of them."""
+    """GPS fixes, or positions at the surface if there are none; their error; and remarks on them."""
     if columns.find("fix_latitude") and columns.find("fix_longitude"):
         latitude, longitude = columns.quantity("fix_latitude"), columns.quantity("fix_longitude")
         time = columns.times(columns.find("fix_time") or columns.find("time"))
@@ -226,7 +227,7 @@ def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[st
 
 
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
-    """Numbers of the profiles: the file's own in the observation format, else by depth."""
+    """Number of the profile of every sample: the file's own in the observation format, else detected from depth."""
     if columns.find("profile") and columns.find("fix_time") == "fix_time":
         found = np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
     else:
@@ -235,14 +236,14 @@ def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, dept
 
 
 def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:
-    """Profiles with enough samples of their own."""
+    """Profile number of every sample, 0 for profiles with too few complete samples."""
     complete = np.isfinite(depth) & np.isfinite(pitch) & np.isfinite(heading)
     counts = np.bincount(found[complete & (found > 0)], minlength=int(found.max(initial=0)) + 1)
     return np.where(counts[found] >= MIN_SAMPLES, found, 0)
 
 
 def _check_plausible(source: str, pitch: FloatArray, depth: FloatArray) -> None:
-    """Refuse a pitch in radians that is declared in degrees."""
+    """Refuse records without any pitch or depth, and a pitch in radians that is declared in degrees."""
     if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
         raise InputError(f"{source}: pitch or depth has no value")
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
@@ -254,7 +255,7 @@ def _check_plausible(source: str, pitch: FloatArray, depth: FloatArray) -> None:
 
 
 def _vehicle(dataset: xr.Dataset) -> str:
-    """Everything that a file says about its glider."""
+    """Text of a file's attributes and variables that describe its glider, in lower case."""
     words = ("platform", "model", "vehicle", "glider", "instrument", "title", "source", "manufacturer", "name")
     texts = [str(value) for key, value in dataset.attrs.items() if any(word in str(key).lower() for word in words)]
     named = [name for name in ("PLATFORM_MODEL", "PLATFORM_TYPE", "platform_model") if name in dataset.variables]

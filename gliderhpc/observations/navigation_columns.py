@@ -1,4 +1,4 @@
-"""Quantities that a current needs, found among the variables of a Dataset of any source and read in our units."""
+"""Quantities needed for a current, found among the variables of a Dataset of any source and read in our units."""
 
 import gsw
 import numpy as np
@@ -16,16 +16,16 @@ _LIMITS = {
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
 }  # fmt: skip
-"""Values outside are fill values that a file does not declare, and count as missing."""
+"""Plausible ranges; values outside are undeclared fill values and are treated as missing."""
 
 
 class NavigationColumns(NamedColumns):
-    """Variables of a Dataset, and the quantities among them that a current needs.
+    """Variables of a Dataset, and the quantities among them that are needed for a current.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        Times decoded or as stored.
+        Dataset with decoded or undecoded times.
     source : str
         Its name in messages.
     """
@@ -35,7 +35,7 @@ class NavigationColumns(NamedColumns):
 
     @property
     def names(self) -> list[str]:
-        """Names of the variables of one dimension."""
+        """Names of the one-dimensional variables."""
         return [str(name) for name, variable in self._dataset.variables.items() if variable.ndim == 1]
 
     def attribute(self, name: str, variable: str | None = None) -> str:
@@ -44,21 +44,21 @@ class NavigationColumns(NamedColumns):
         return str(owner.attrs.get(name, ""))
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` as they stand, NaN where missing."""
+        """Values ``(n,)`` without conversion, NaN where missing."""
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
             raise InputError(f"{self.source}: {name} holds no numbers")
         return np.asarray(array.values, dtype=np.float64)
 
     def times(self, name: str) -> TimeArray:
-        """Times ``(n,)``, decoded or by the CF unit declared; NaT where missing."""
+        """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
         array = self._dataset[name]
         if np.issubdtype(array.dtype, np.datetime64):
             return np.asarray(array.values, dtype="datetime64[ns]")
         return super().times(name)
 
     def find(self, quantity: str) -> str:
-        """Name of a quantity's variable, empty where there is none."""
+        """Name of a quantity's variable; empty if there is none."""
         return CURRENT_TERMS[quantity].find(self) or ""
 
     @property
@@ -67,14 +67,14 @@ class NavigationColumns(NamedColumns):
         return str(self._dataset[self.find("time")].dims[0])
 
     def quantity(self, quantity: str, sign: float = 1.0) -> FloatArray:
-        """Values of a quantity, times a sign; NaN where missing or impossible."""
+        """Values of a quantity, multiplied by a sign; NaN where missing or impossible."""
         values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
 
     def check_complete(self) -> None:
-        """Refuse a Dataset that lacks something, naming all that it lacks."""
+        """Refuse a Dataset that lacks a needed quantity, naming all missing ones, or has one on another dimension."""
         lacking = lacking_for_currents(self)
         if lacking:
             raise InputError(
@@ -88,7 +88,7 @@ class NavigationColumns(NamedColumns):
             raise InputError(f"{self.source}: {odd[0]} is not on the dimension {samples} of the samples")
 
     def declination(self) -> tuple[float, list[str]]:
-        """Declination (degree) of a heading that is magnetic by its attributes, and what to know of it."""
+        """Declination (degree) to add if the heading is magnetic by its attributes, and remarks on it."""
         array = self._dataset[self.find("heading")]
         if "magnetic" not in " ".join(str(value) for value in array.attrs.values()).lower():
             return 0.0, []
@@ -102,7 +102,7 @@ class NavigationColumns(NamedColumns):
         return 0.0, ["the heading is magnetic and the file holds no declination: give --declination"]
 
     def depth(self, fixes: SurfaceFixes) -> FloatArray:
-        """Depth, positive down, from pressure where there is no depth."""
+        """Depth (m), positive down; computed from pressure if there is no depth."""
         name = self.find("depth")
         if name:
             depth = self.quantity("depth", -1.0 if self.attribute("positive", name) == "up" else 1.0)

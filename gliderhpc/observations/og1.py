@@ -1,4 +1,4 @@
-"""OceanGliders OG1 netCDF files into the observation format."""
+"""Import of OceanGliders OG1 netCDF files into the observation format."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
 
 
 def is_og1_file(path: Path) -> bool:
-    """Return whether a path is an OG1 file that can be read."""
+    """Return whether a path is a readable OG1 file."""
     if not path.is_file():
         return False
     try:
@@ -63,8 +63,8 @@ def import_og1(
 ) -> ImportSummary:
     """Turn OceanGliders OG1 trajectory files into an observation file.
 
-    The files must hold attitude and the ballast's volume. A battery that they do not hold is taken to stay at zero,
-    which the file and the summary say.
+    The files must hold attitude and ballast volume. If they do not hold the battery's position or rotation, it is
+    assumed to be zero; the written file and the summary note this.
 
     Parameters
     ----------
@@ -73,16 +73,16 @@ def import_og1(
     out : Path
         The netCDF file to write.
     declination : float, optional
-        Added to the heading (degree) in place of what the files say.
+        Declination to add to the heading (degree), instead of the one in the files.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     reads : Reads
-        Reads each file; by default all are read.
+        Function that reads each file; by default every file is read directly.
 
     Returns
     -------
     ImportSummary
-        Profiles, fixes, and the files and dives that were left out and why.
+        Profiles, fixes, and the omitted files and dives with the reasons.
 
     Raises
     ------
@@ -105,23 +105,23 @@ class Record:
     model, vehicle, mission : str
         Names of the glider's model, of the glider, and of its mission.
     samples : dict of str to (n,) array
-        Samples in the units of the observation format, time and the controls among them.
+        Samples in the units of the observation format, including time and the controls.
     dives : dict of int to Span
-        Samples of each dive by its number in the file, in time order.
+        Sample range of each dive by its number in the file.
     solution : dict of str to array
         Reference quantities along the dives and along ``reference_time``.
     fixes : Fixes
-        In the order of the file.
+        GPS fixes in the order of the file.
     declination : Declination
-        Added to the heading.
+        Declination added to the heading.
     absent : tuple of str
-        Controls that the file does not have; they are zero.
+        Controls that are missing from the file; they are zero.
     without_dive, lost : dict of int to str
-        Numbers of dives that give no profile, and of those in which the clock was set, with the reason.
+        Reasons by number of the dives that give no profile, and of the dives in which the clock was set.
     rows_dropped : int
-        Samples whose time was missing or did not increase.
+        Number of dropped samples, whose time was missing or did not increase.
     remarks : tuple of str
-        Remarks for the user, a line each.
+        Remarks for the user, one line each.
     """
 
     path: Path
@@ -141,7 +141,7 @@ class Record:
 
 
 def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
-    """Read every file that can be read."""
+    """Read every readable file and join the files to a mission."""
     rejected: dict[str, str] = {}
     found: list[Record] = []
     for path in files_of(sources, _is_netcdf):
@@ -196,12 +196,12 @@ def _only_vehicle(found: list[Record]) -> str:
 
 
 def _platform(model: str) -> str:
-    """Return the hull shipped for a model of glider, or the model's own name."""
+    """Return the name of the shipped hull for a glider model, or the name of the model if there is none."""
     return next((name for name in _PLATFORMS if name in model.lower()), model)
 
 
 def _profile_numbers(found: list[Record]) -> list[list[int]]:
-    """Number the dives as the files do, or count through where two files count from the same number on."""
+    """Number the dives as the files do if those numbers increase throughout; otherwise consecutively from 1."""
     own = [[*record.dives] for record in found]
     joined = [number for part in own for number in part]
     if joined == sorted(set(joined)):
@@ -263,12 +263,12 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     file : ForeignFile
         An OG1 file.
     declination : float, optional
-        Declination to add to its heading (degree), where the user gives one.
+        Declination to add to its heading (degree), if the user gives one.
 
     Raises
     ------
     InputError
-        The file lacks time, depth, attitude or the ballast's volume, or was cut short.
+        The file lacks time, depth, attitude or ballast volume, or is truncated.
     """
     vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
     check_complete(file)
@@ -307,7 +307,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
 
 
 def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns, Declination, tuple[str, ...]]:
-    """Read all rows of a file; return them with the declination of their heading and the controls that are absent."""
+    """Read all rows of a file; return them with the declination of their heading and the absent controls."""
     names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -327,18 +327,18 @@ def _floats(values: npt.NDArray[np.generic]) -> FloatArray:
 
 
 def _has_attitude(samples: Columns) -> npt.NDArray[np.bool_]:
-    """Mask of the rows of the glider's attitude; others hold fixes, or sensors that are sampled at other times."""
+    """Mask of the rows with attitude; other rows hold fixes, or sensors that are sampled at other times."""
     roll, pitch, heading = (np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading"))
     return roll | pitch | heading
 
 
 def _dive_numbers(file: ForeignFile, samples: Columns) -> npt.NDArray[np.int64]:
-    """Number of the dive of every row: the file's, or else judged from depth."""
+    """Dive number of every row: from the file, or else detected from depth."""
     name = DIVE.find(file)
     if name is not None:
         file.check_lengths((TIME.require(file, "time"), name))
         given = np.nan_to_num(file.numbers(name))
-        # Values that cannot be numbers of dives, such as undeclared fill values, count as none.
+        # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
         plausible = (given > 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
         return np.asarray(np.where(plausible, given, 0.0), dtype=np.int64)
     time, depth = samples["time"].astype("datetime64[ns]"), _floats(samples["depth"])
@@ -351,7 +351,7 @@ def _dive_numbers(file: ForeignFile, samples: Columns) -> npt.NDArray[np.int64]:
 
 
 def _find_dives(numbers: npt.NDArray[np.int64], depth: FloatArray) -> tuple[dict[int, Span], dict[int, str]]:
-    """Return the samples of each dive by its number, and why other numbers give no dive."""
+    """Return the sample range of each dive by its number, and the reasons why other numbers give no dive."""
     spans: dict[int, Span] = {}
     without: dict[int, str] = {}
     for number in np.unique(numbers[numbers > 0]).tolist():

@@ -1,8 +1,8 @@
-"""Variables of OG1 files that an observation file needs: their names, how they are read, and the heading's declination.
+"""Variables of OG1 files that are needed for an observation file: names, reading, and the heading's declination.
 
-The OG1 vocabulary has none for a glider's controls: those here are what Seaglider files have on their way into OG1,
-with the basestation's units and signs. A file may call its attitude otherwise; then the CF standard name finds it.
-Names may be in capital or small letters.
+The OG1 vocabulary has no names for a glider's controls. The names used here are those in Seaglider files converted to
+OG1, with the basestation's units and signs. If a file uses other names for its attitude, the variables are found by
+their CF standard names. Matching of names ignores case.
 """
 
 from collections.abc import Container, Sequence
@@ -81,12 +81,13 @@ SPEED = {
 
 
 def check_complete(file: ForeignFile) -> None:
-    """Refuse a file that lacks anything required, naming first what only the glider's own files have.
+    """Refuse a file that lacks a required variable.
 
     Raises
     ------
     InputError
-        With what it lacks, what it does have, and the remedy.
+        Variables are missing. The message lists the missing variables, starting with the one that only the glider's
+        own files have, the variables found, and the remedy.
     """
     terms = {"ballast volume": BALLAST, **ATTITUDE, "depth": DEPTH, "time": TIME}
     lacking = {what: term for what, term in terms.items() if term.find(file) is None}
@@ -116,11 +117,11 @@ def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
 
 
 REJECTED = (3.0, 4.0, 9.0)
-"""Quality flags of samples that are bad, or missing."""
+"""Quality flags of bad or missing samples."""
 
 
 def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ...]]:
-    """Oil volume and battery, in the basestation's signs; a battery that the file does not have stays at zero."""
+    """Controls in the units and signs of the observation format, and the absent battery controls, which are zero."""
     ballast = BALLAST.require(file, "ballast volume")
     controls: Columns = {"ballast_volume": file.converted(ballast, "cm3")}
     absent: list[str] = []
@@ -134,7 +135,7 @@ def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ..
     rudder = RUDDER.find(file)
     if rudder is not None:
         controls["rudder"] = file.converted(rudder, RUDDER.unit, undeclared=RUDDER.undeclared)
-    # Forward is towards low values of a Seaglider's position.
+    # The position of a Seaglider's battery decreases forward.
     controls["battery_position"] = 0.0 - controls["battery_position"].astype(np.float64)
     return controls, tuple(absent)
 
@@ -154,14 +155,14 @@ def read_seawater(file: ForeignFile) -> Columns:
 
 
 def read_gps(file: ForeignFile) -> Fixes:
-    """GPS fixes of the file in its order, without those that lack a time or a position."""
+    """GPS fixes with a time and a position, in the order of the file."""
     names = [term.find(file) for term in (FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)]
     found = [name for name in names if name is not None]
     return read_fixes(file, found) if len(found) == len(names) else Fixes.none()
 
 
 def read_currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: Sequence[Span]) -> Columns:
-    """Depth-averaged current of every dive, NaN where the file has none."""
+    """Depth-averaged current of every dive (m/s), NaN where the file has none."""
     found = {name: term.find(file) for name, term in CURRENT.items()}
     file.check_lengths((TIME.require(file, "time"), *filter(None, found.values())))
     return {
@@ -171,7 +172,7 @@ def read_currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: Sequenc
 
 
 def _medians(values: FloatArray, dives: Sequence[Span]) -> FloatArray:
-    """Median of a dive's samples, NaN where it has none: the files repeat the dive's current sample by sample."""
+    """Median over each dive, NaN where it has no value; the files repeat the dive's current in every sample."""
     parts = [values[start:stop] for start, stop in dives]
     known = [part[np.isfinite(part)] for part in parts]
     return np.array([np.median(part) if len(part) else np.nan for part in known])
@@ -192,30 +193,31 @@ def read_flight_model(file: ForeignFile, dives: int) -> Columns:
 
 
 def read_speeds(file: ForeignFile) -> Columns:
-    """Speeds through the water at the times that have one."""
+    """Speeds through the water (m/s), at the times with a speed."""
     found = {name: term.find(file) for name, term in SPEED.items()}
     return reference_speeds(file, TIME.require(file, "time"), found)
 
 
 MIN_STEP = 1.0
-"""Shorter horizontal displacements of a dead reckoning (m) do not determine its course."""
+"""Least horizontal displacement (m) for which a dead reckoning determines its course."""
 
 AGREEMENT = 1.0
-"""A dead reckoning gives the declination only where its course less the heading is this constant (degree)."""
+"""Greatest deviation (degree) of course less heading from its median, in 90 % of the samples, for which a dead
+reckoning gives the declination."""
 
 
 @dataclass(frozen=True)
 class Declination:
-    """Declination, which is added to a heading.
+    """Declination to add to a heading.
 
     Attributes
     ----------
     angle : float
-        Degrees.
+        Declination (degree).
     source : str
         Origin, as a phrase.
     known : bool
-        True where the heading then refers to true north.
+        True if the corrected heading refers to true north.
     """
 
     angle: float
@@ -231,7 +233,7 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
     file : ForeignFile
         An OG1 file.
     heading : str
-        Name of its heading.
+        Name of its heading variable.
     given : float, optional
         Declination given by the user (degree).
     """
@@ -247,7 +249,7 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
 
 
 def _from_track(file: ForeignFile, heading: str) -> Declination:
-    """Compare the heading with the true course of the file's own dead reckoning."""
+    """Return the declination as the true course of the file's own dead reckoning less the magnetic heading."""
     names = [term.find(file) for term in (TRACK_NORTH, TRACK_EAST)]
     unknown = Declination(0.0, "unknown: the heading is magnetic and stays so", known=False)
     if None in names:

@@ -1,6 +1,7 @@
-"""Faults of single profiles: values, lengths, gaps and vertical speeds that no glide has.
+"""Faults of single profiles: implausible values, lengths, gaps and vertical speeds.
 
-They are returned as text, so that the other profiles are still estimated. Sample numbers count from 0 along ``time``.
+Faults are returned as text and do not prevent the estimation of the other profiles. Sample numbers start at 0 along
+``time``.
 """
 
 from collections.abc import Mapping
@@ -19,32 +20,33 @@ from gliderhpc.observations.validation import (
 )
 
 MIN_SAMPLES = 30
-"""A profile of fewer samples cannot carry an estimate."""
+"""Least number of samples of a profile that can be estimated."""
 
 MIN_DURATION = 120.0
-"""Nor can a shorter one (s)."""
+"""Least duration of a profile that can be estimated (s)."""
 
 MAX_PROFILE_DURATION = 20.0 * 86_400.0
-"""A longer time from surfacing to surfacing (s) is no dive: the deepest take half a day, drifts under ice two weeks."""
+"""Greatest plausible time from surfacing to surfacing (s): the deepest dives take half a day, drifts under ice two
+weeks."""
 
 MAX_GAP = 86_400.0
-"""The motion over a longer gap within a profile (s) is unknown."""
+"""Longest gap within a profile (s); the motion over a longer one is unknown."""
 
 MIN_BALLAST = 2.0
-"""A bladder that never holds more oil than this (cm3), out or in, drives no glider: they move hundreds."""
+"""Least magnitude that the ballast volume of a glider reaches (cm3); gliders move hundreds of cm3."""
 
 MIN_PITCH = 1.6
-"""A glide is steeper than this (degree); in radians no pitch is."""
+"""Least magnitude that the pitch of a glide reaches (degree); in radians, no pitch exceeds it."""
 
 _MIN_MAGNITUDE = {"ballast_volume": MIN_BALLAST, "pitch": MIN_PITCH}
-"""Least magnitude that a variable reaches somewhere in a profile; below, it is in another unit."""
+"""Least magnitude that a variable reaches somewhere in a profile; a variable that stays below it is in another unit."""
 
 _MIN_CIRCLE_EXTENT = 5.0
-"""Extent of a heading (rad) that covers most of a circle."""
+"""Range of headings (rad) beyond which they cover most of a circle."""
 
 
 def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[int, str]) -> dict[int, str]:
-    """Faults of profiles that have none yet: too few samples, too short or long a time, too long a gap.
+    """Faults of extent in profiles that have no fault yet: too few samples, too short or long a time, too long a gap.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[in
 def check_variable_of_profiles(
     variable: Variable, values: FloatArray, spans: Mapping[int, Span], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Faults of one variable over all profiles but those that have a fault (`check_values`).
+    """Faults of one variable in all profiles that have no fault yet (`check_values`).
 
     Returns
     -------
@@ -72,7 +74,7 @@ def check_variable_of_profiles(
     ends = np.column_stack([starts, stops]).ravel()
 
     def count(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-        """Count by profile; the value appended lets a profile end with the file."""
+        """Count the true values by profile; the appended value allows a profile to end with the file."""
         return np.asarray(np.add.reduceat(np.append(mask, False), ends, dtype=np.int64)[::2])
 
     suspect = count(outside_range(variable, values)) > 0
@@ -87,12 +89,12 @@ def check_variable_of_profiles(
 
 
 def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str) -> None:
-    """Refuse a heading that goes nearly all round the circle of radians and never leaves it.
+    """Refuse a heading that covers most of a circle in radians and never leaves it in any profile.
 
     Raises
     ------
     InputError
-        With the remedy.
+        The heading is in radians; the message gives the remedy.
     """
     inside = np.concatenate([heading[start:stop] for start, stop in spans.values()])
     known = inside[np.isfinite(inside)]
@@ -104,7 +106,7 @@ def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str
 
 
 def check_length(number: int, time: TimeArray) -> str | None:
-    """Fault of a profile with too few samples, too short or too long a time, or too long a gap, or None."""
+    """Fault of a profile with too few samples, too short or too long a time, or too long a gap; None if it has none."""
     if len(time) < MIN_SAMPLES:
         return f"profile {number}: only {len(time)} samples, at least {MIN_SAMPLES} are needed"
     duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
@@ -126,7 +128,7 @@ def check_length(number: int, time: TimeArray) -> str | None:
 
 
 def check_values(variable: Variable, values: FloatArray, number: int, start: int) -> str | None:
-    """Fault of one variable of one profile, or None.
+    """Fault of one variable of one profile; None if it has none.
 
     Parameters
     ----------
@@ -137,7 +139,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
     number : int
         Number of the profile.
     start : int
-        Number of the first of the values in the file.
+        Sample number of the first value in the file.
     """
     bad = np.flatnonzero(outside_range(variable, values))
     if len(bad):
@@ -163,7 +165,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
 
 
 def _implausible_unit(variable: Variable, values: FloatArray) -> str | None:
-    """Describe values that are in another unit than the file declares, None where they may be right."""
+    """Describe values that are in another unit than the declared one; None if they may be right."""
     known = values[np.isfinite(values)]
     if variable.name not in _MIN_MAGNITUDE or not known.any() or np.abs(known).max() >= _MIN_MAGNITUDE[variable.name]:
         return None
@@ -178,33 +180,33 @@ def _describe_days(seconds: float) -> str:
 
 
 SLOWEST_GLIDE = 0.01
-"""Vertical speed (m/s) that every glide exceeds somewhere: the slowest sink at 0.03."""
+"""Vertical speed (m/s) that every glide exceeds somewhere; the slowest gliders sink at 0.03 m/s."""
 
 FASTEST_GLIDE = 2.0
-"""Mean vertical speed (m/s) of a whole profile that no glider reaches: the fastest dive at 0.5."""
+"""Mean vertical speed (m/s) of a whole profile that no glider reaches; the fastest dive at 0.5 m/s."""
 
 _MIN_RANGE = 5.0
-"""Range of depth (m) below which the pace of a profile is not judged."""
+"""Depth range (m) below which the vertical speed of a profile is not checked."""
 
 _PART = 0.25
-"""Part of the range that is passed in one glide."""
+"""Fraction of the depth range that is passed in one glide."""
 
 
 def check_pace(
     time: TimeArray, depth: FloatArray, spans: Mapping[int, Span], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Faults of profiles that have none yet: too slow or too fast up and down for any glider.
+    """Faults of vertical speed in profiles that have no fault yet: too slow or too fast for any glider.
 
     Parameters
     ----------
     time : (n,) array
-        UTC.
+        Times (UTC).
     depth : (n,) array
-        In m, NaN where missing.
+        Depths (m), NaN where missing.
     spans : mapping of int to Span
-        Samples of the profiles.
+        Sample ranges of the profiles.
     faults : mapping of int to str
-        By profile number, those found before.
+        Faults found before, by profile number.
     """
     found = (
         (number, _fault_of_pace(number, time[start:stop], depth[start:stop]))
@@ -226,7 +228,8 @@ def _fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | Non
             f"profile {number}: dives {extent:.0f} m and comes back at {mean:.3g} m/s up and down, faster than any "
             "glider; are the units of time and depth right?"
         )
-    # In intervals in which the slowest glide passes that part, any faster one passes it in one, or most of it in two.
+    # The slowest glide passes this fraction of the range in one bin; a faster glide passes it within one bin, or most
+    # of it in two.
     bins = np.floor(seconds * (SLOWEST_GLIDE / (_PART * extent)))
     begins = np.flatnonzero(np.diff(bins, prepend=-1.0))
     passed = np.maximum.reduceat(depth, begins) - np.minimum.reduceat(depth, begins)

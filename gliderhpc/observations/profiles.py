@@ -1,4 +1,4 @@
-"""Beginnings and ends of profiles, and of the dive-climb cycles within one, judged from depth alone."""
+"""Beginnings and ends of profiles, and of the dive-climb cycles within a profile, detected from depth alone."""
 
 from itertools import pairwise
 
@@ -10,7 +10,7 @@ from gliderhpc.observations.records import FloatArray
 
 
 def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First sample, and sample after the last, of every unbroken stretch of True in a mask ``(n,)``."""
+    """First sample, and sample after the last, of every unbroken run of True in a mask ``(n,)``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -18,13 +18,13 @@ def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
 IntArray = npt.NDArray[np.int64]
 
 SURFACE_MARGIN = 2.0
-"""Depth below its floating level at which a glider still counts as surfaced (m)."""
+"""Depth below its floating level down to which a glider counts as surfaced (m)."""
 
 MIN_DEPTH = 10.0
-"""An excursion that never gets this far below the surface threshold is no profile (m)."""
+"""Depth below the surface threshold that an excursion must reach to be a profile (m)."""
 
 MIN_SURFACE_TIME = 60.0
-"""A shorter visit above the threshold is the turning point of a yo, not a surfacing (s)."""
+"""Least duration of a surfacing (s); a shorter visit above the threshold is the turning point of a yo."""
 
 
 def detect_profiles(
@@ -42,24 +42,24 @@ def detect_profiles(
     Parameters
     ----------
     time : (n,) array
-        Seconds, strictly increasing.
+        Times (s), strictly increasing.
     depth : (n,) array
         Depth, positive down (m); NaN where missing.
     surface_margin : float
         Depth below the floating level down to which the glider counts as surfaced (m).
     minimum_depth : float
-        Excursions that stay shallower than this are not profiles (m).
+        Depth below the surface threshold that an excursion must reach to be a profile (m).
     minimum_surface_time : float
         Visits to the surface shorter than this (s) do not end a profile.
     surface_level : (n,) array, optional
-        Depth that the sensor reads while the glider floats (m), where it is known; else judged from the record.
+        Depth reading of the sensor while the glider floats (m); by default it is estimated from the record.
     record_break : float
-        A longer pause of the record (s) breaks a profile in two.
+        Longest pause of the record within a profile (s); a longer one splits the profile in two.
 
     Returns
     -------
     (n,) int array
-        1, 2, ... within profiles in time order and 0 outside.
+        Number of the profile of every sample: 1, 2, ... in time order, and 0 outside any profile.
     """
     numbers = np.zeros(len(depth), dtype=np.int64)
     filled = _fill(time, depth)
@@ -80,18 +80,18 @@ def detect_profiles(
 def surface_threshold(depth: FloatArray, margin: float = SURFACE_MARGIN) -> float:
     """Depth above which a glider counts as surfaced (m).
 
-    The pressure sensor sits in the nose, which hangs down while the tail antenna transmits, so a floating glider reads
-    anything from 0 to 3 m: the level is taken from the record's shallowest half per cent.
+    The pressure sensor is in the nose, which points down while the tail antenna transmits, so a floating glider reads
+    between 0 and 3 m. The floating level is therefore taken as the 0.5 % quantile of the record's depths.
     """
     return float(np.clip(np.quantile(depth, 0.005), 0.0, 5.0)) + margin
 
 
 def cycle_boundaries(depth: FloatArray, fraction: float = 0.05) -> IntArray:
-    """Split a profile at the dive-climb cycles' boundaries (paper section 4.4).
+    """Split a profile at the boundaries of its dive-climb cycles (paper section 4.4).
 
-    A boundary is the sample at which the depth rises through ``fraction * max(depth)`` from below, if another dive
-    follows; the last ascent ends the profile instead. A dive counts once it passes twice the threshold, so that noise
-    about the threshold makes no cycle.
+    A boundary is the sample at which the glider rises through ``fraction * max(depth)``, if another dive follows; the
+    last ascent ends the profile instead. A dive must pass twice the threshold, because noise about the threshold would
+    otherwise create cycles.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def cycle_boundaries(depth: FloatArray, fraction: float = 0.05) -> IntArray:
     Returns
     -------
     (k + 1,) int array
-        Sample indices 0, the boundaries, and ``n - 1``: cycle i runs from the i-th to the next.
+        Sample indices: 0, the boundaries, and ``n - 1``. Cycle i runs from the i-th index to the next.
     """
     last = len(depth) - 1
     finite = np.flatnonzero(np.isfinite(depth))
@@ -115,7 +115,7 @@ def cycle_boundaries(depth: FloatArray, fraction: float = 0.05) -> IntArray:
 
 
 def _rises_before_dives(depth: FloatArray, threshold: float) -> list[int]:
-    """Find the samples at which depth comes up through the threshold and later passes twice the threshold again."""
+    """Find the samples at which depth rises through the threshold before it passes twice the threshold again."""
     rises: list[int] = []
     candidate: int | None = None
     diving = False
@@ -132,7 +132,7 @@ def _rises_before_dives(depth: FloatArray, threshold: float) -> list[int]:
 
 
 def _fill(time: FloatArray, depth: FloatArray) -> FloatArray | None:
-    """Depth with its missing samples interpolated; None where nothing was measured."""
+    """Depth with its missing samples interpolated; None if all are missing."""
     finite = np.isfinite(depth)
     if not finite.any():
         return None
@@ -140,7 +140,7 @@ def _fill(time: FloatArray, depth: FloatArray) -> FloatArray | None:
 
 
 def _split(runs: list[tuple[int, int]], time: FloatArray, record_break: float) -> list[tuple[int, int]]:
-    """Break the stretches in which the record pauses for too long."""
+    """Split the runs in which the record pauses for too long."""
     pauses = np.flatnonzero(np.diff(time) > record_break) + 1
     pieces: list[tuple[int, int]] = []
     for start, stop in runs:
@@ -150,7 +150,7 @@ def _split(runs: list[tuple[int, int]], time: FloatArray, record_break: float) -
 
 
 def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_time: float) -> list[tuple[int, int]]:
-    """Join the stretches that only a short visit to the surface separates."""
+    """Join the runs that are separated only by a short visit to the surface."""
     merged: list[tuple[int, int]] = []
     for start, stop in runs:
         if merged and time[start] - time[merged[-1][1] - 1] < minimum_surface_time:
@@ -161,27 +161,27 @@ def _merge_yos(runs: list[tuple[int, int]], time: FloatArray, minimum_surface_ti
 
 
 SURFACE_DEPTH = 3.0
-"""Above this a glider is taken to float, or to leave the surface or reach it (m)."""
+"""Depth (m) above which a glider is assumed to float, or to leave or reach the surface."""
 
 
 def dive_span(
     depth: FloatArray, *, begin: float = SURFACE_DEPTH, end: float = SURFACE_DEPTH, minimum: float = MIN_DEPTH
 ) -> tuple[int, int]:
-    """First sample of the dive and the one after its last.
+    """First sample of the dive and the sample after its last.
 
     Parameters
     ----------
     depth : (n,) array
-        Depth over one dive and the surface around it, positive down (m); NaN is missing.
+        Depth over one dive and the surface intervals around it, positive down (m); NaN where missing.
     begin, end : float
-        The dive begins with the first sample below the one, and ends with the last below the other (m).
+        Depths (m) of the begin and the end: the dive runs from the first sample below `begin` to the last below `end`.
     minimum : float
-        It must reach this depth (m).
+        Depth that the dive must reach (m).
 
     Raises
     ------
     ProfileError
-        It is too shallow.
+        The dive is too shallow.
     """
     deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
     if not deepest >= minimum:

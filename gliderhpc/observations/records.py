@@ -1,4 +1,4 @@
-"""One profile's records in memory: SI units, radians, NaN for missing."""
+"""Records of one profile in memory: SI units, radians, NaN where missing."""
 
 from dataclasses import dataclass, field
 
@@ -28,7 +28,7 @@ class Fix:
 
 @dataclass(frozen=True, eq=False)
 class ProfileRecord:
-    """The records of one profile, as measured, each variable with its own gaps.
+    """Records of one profile as measured; each variable has its own gaps.
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class ProfileRecord:
     ballast_volume : (n,) array
         Oil in the external bladder (m3).
     rudder : (n,) array
-        Rudder angle (rad), zero where the glider has none.
+        Rudder angle (rad), zero if the glider has none.
     entry_fix, exit_fix : Fix or None
-        Last fix before the dive and first one after it.
+        Last fix before the dive and first fix after it.
     surface_fixes_before, surface_fixes_after : tuple of Fix
         All fixes of the surface intervals on either side, in time order.
     notes : tuple of str
         Remarks on this record for readers of the result.
     temperature, practical_salinity, pressure : (n,) arrays or None
-        Of the water (degC, 1, dbar); None where the file has none.
+        Properties of the water (degC, 1, dbar); None if the file does not have them.
     """
 
     number: int

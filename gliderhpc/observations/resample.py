@@ -1,8 +1,8 @@
-"""Intervals between samples, and a profile's records on the integration step.
+"""Intervals between samples, and resampling of a profile's records to the integration step.
 
-The sampling rate of a real glider changes with depth. Counted by samples, the median belongs to the stretch sampled
-most often, however short it is, so intervals are weighed with the time that they last. On the steps gaps are masked,
-heading is unwrapped, and controls are taken at interval midpoints.
+The sampling rate of a real glider changes with depth. A median over samples would be dominated by the most densely
+sampled part of the record, however short it is. Intervals are therefore weighted by their duration. In resampling,
+gaps are masked, heading is unwrapped, and controls are taken at the midpoints of the steps.
 """
 
 from dataclasses import dataclass
@@ -15,35 +15,37 @@ from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 
 NEIGHBOURS = 10
-"""Intervals before, and as many after, that the local interval is taken from."""
+"""Number of intervals on either side from which the local interval is taken."""
 
 _QUANTILE = 0.85
 """Quantile of the neighbours: the fourth longest of twenty."""
 
 MIN_GAP, GAP = 10.0, 3.5
-"""A gap is longer than so many seconds, and than so many local intervals."""
+"""Least length of a gap, in seconds and in local intervals; a gap exceeds both."""
 
 _BLOCK = 65_536
-"""Intervals whose neighbours are looked at together."""
+"""Number of intervals whose neighbours are processed together."""
 
 _RESOLUTION = 6
-"""Decimals to which intervals (s) are compared: microseconds, so that a uniform record has one interval."""
+"""Decimals to which intervals (s) are rounded (microseconds), which gives a uniform record a single interval."""
 
 
 def usual_interval(intervals: npt.ArrayLike, share: float = 0.5) -> float:
-    """Median interval, or another quantile, by time: that share of the time passes in intervals no longer than it.
+    """Time-weighted median of the intervals, or another quantile.
+
+    The fraction `share` of the total time passes in intervals no longer than the result.
 
     Parameters
     ----------
     intervals : (m,) array
-        Times between neighbouring samples (s), gaps left out.
+        Times between neighbouring samples (s), without gaps.
     share : float
         Quantile, between 0 and 1.
 
     Returns
     -------
     float
-        s; NaN without any interval. For a uniform record it is the median by samples.
+        Quantile (s); NaN without any interval. For a uniform record the median equals the median over samples.
     """
     known = np.sort(np.round(np.asarray(intervals, dtype=np.float64), _RESOLUTION))
     if not len(known):
@@ -53,11 +55,11 @@ def usual_interval(intervals: npt.ArrayLike, share: float = 0.5) -> float:
 
 
 def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
-    """Fourth longest of each interval's twenty neighbours: how often the record is sampled there.
+    """Local sampling interval: the fourth longest of each interval's twenty neighbours.
 
-    The interval itself does not count, and where neighbours are fewer it is the like quantile. At a change of the rate
-    the slower side decides, for half of the neighbours lie on it, and in bursts of up to five samples the pauses
-    between them; up to three gaps close together do not.
+    The interval itself is excluded. Near the ends of the record, with fewer neighbours, the same quantile is used. At a
+    change of the sampling rate the result is the slower rate, because half of the neighbours have it. In bursts of up
+    to five samples the result is the pause between the bursts. Up to three gaps close together have no effect.
 
     Parameters
     ----------
@@ -67,19 +69,19 @@ def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     (m,) array
-        s; an only interval is its own neighbour.
+        Local intervals (s); a single interval is its own neighbour.
     """
     known = np.asarray(intervals, dtype=np.float64)
     if len(known) < 2:
         return known.copy()
     padded = np.pad(known, NEIGHBOURS, constant_values=np.inf)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    # Twenty neighbours of each interval are many times the record, so not all of them are held at a time.
+    # The neighbours take twenty times the memory of the record, so they are processed in blocks.
     return np.concatenate([_local_interval(around[start : start + _BLOCK]) for start in range(0, len(known), _BLOCK)])
 
 
 def _local_interval(around: FloatArray) -> FloatArray:
-    """Local interval from each interval with its neighbours ``(m, 21)``."""
+    """Local interval of each interval, from the intervals with their neighbours ``(m, 21)``."""
     neighbours = np.sort(np.delete(around, NEIGHBOURS, axis=1), axis=1)
     count = np.isfinite(neighbours).sum(axis=1)
     place = np.ceil(_QUANTILE * count).astype(np.int64) - 1
@@ -87,18 +89,18 @@ def _local_interval(around: FloatArray) -> FloatArray:
 
 
 def longest_bridged(local: npt.ArrayLike) -> FloatArray:
-    """Longest time between samples (s) that is no gap where the record has these local intervals (s)."""
+    """Longest time between samples (s) that is not a gap, from the local intervals of the record (s)."""
     return np.maximum(MIN_GAP, GAP * np.asarray(local, dtype=np.float64))
 
 
 def without_gaps(intervals: npt.ArrayLike) -> FloatArray:
-    """Choose the intervals (s) that are no gaps."""
+    """Select the intervals (s) that are not gaps."""
     known = np.asarray(intervals, dtype=np.float64)
     return known[known <= longest_bridged(local_intervals(known))]
 
 
 _ROUNDING = 1e-6
-"""Times this close (s) are the same time."""
+"""Tolerance (s) within which two times are equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +114,9 @@ class ProfileSeries:
     epoch : numpy.datetime64
         Time of the record's first sample (ns, UTC).
     step : float
-        Distance of the grid points (s).
+        Spacing of the grid points (s).
     time : (n + 1,) array
-        Seconds since `epoch`; the first is not 0 where the start of the record was unusable.
+        Seconds since `epoch`; the first is not 0 if the start of the record was unusable.
     measurements : (n + 1, 4) array
         Roll, pitch, heading (rad, heading unwrapped) and depth (m).
     weights : (n + 1,) array
@@ -122,16 +124,16 @@ class ProfileSeries:
     controls : (n, 4) array
         Battery position (m), battery rotation (rad), ballast volume (m3), rudder (rad) at the midpoint of each step.
     sample_interval : float
-        Interval between samples that hold all four measurements, the median by time without the gaps (s).
+        Interval between samples that hold all four measurements: the time-weighted median without gaps (s).
     gap_seconds : float
-        Time without weight (s).
+        Time with zero weight (s).
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
     seawater : (n, 4) array or None
         Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) at the midpoint of each step;
-        None where they are not known (`gliderhpc.observations.seawater`).
+        None if they are unknown (`gliderhpc.observations.seawater`).
     without_seawater : str
-        Reason why they are not known, empty where they are or were not asked for.
+        Reason why they are unknown; empty if they are known or were not requested.
     """
 
     number: int
@@ -151,25 +153,25 @@ class ProfileSeries:
 def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) -> ProfileSeries:
     """Interpolate a profile linearly onto a uniform grid.
 
-    The grid spans the time in which all four measurements exist. Missing samples are bridged variable by variable;
-    where two neighbouring samples of any measurement lie more than `max_gap` apart, the grid points between weigh zero.
-    Interpolation onto the step acts as a mild regulariser of the inversion, and weighing only the measured samples
-    instead doubles its surge error, so there are no weights by nearness.
+    The grid spans the time in which all four measurements exist. Missing samples are bridged variable by variable. If
+    two neighbouring samples of any measurement are more than `max_gap` apart, the grid points between them have zero
+    weight. Weights do not depend on the distance to the nearest sample: interpolation onto the step acts as a mild
+    regularisation of the inversion, and weighting only the measured samples instead doubles the surge error.
 
     Parameters
     ----------
     record : ProfileRecord
         The record as measured.
     step : float
-        Distance of the grid points (s), positive.
+        Spacing of the grid points (s), positive.
     max_gap : float or (m - 1,) array
-        Longest distance between samples that is bridged (s), everywhere or in each interval between the ``m`` samples
-        that hold all four measurements (`sampling_intervals`).
+        Longest time between samples that is bridged (s), everywhere or in each interval between the ``m`` samples that
+        hold all four measurements (`sampling_intervals`).
 
     Returns
     -------
     ProfileSeries
-        With ``n = floor(duration / step)`` steps.
+        Profile with ``n = floor(duration / step)`` steps.
 
     Raises
     ------
@@ -206,7 +208,7 @@ def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) ->
 
 
 def sampling_intervals(record: ProfileRecord) -> FloatArray:
-    """Local interval (s) about each interval between samples that hold all four measurements (`local_intervals`).
+    """Local interval (s) at each interval between samples that hold all four measurements (`local_intervals`).
 
     Raises
     ------
@@ -220,7 +222,7 @@ def sampling_intervals(record: ProfileRecord) -> FloatArray:
 
 
 def _present(record: ProfileRecord, name: str) -> npt.NDArray[np.int64]:
-    """Find the samples that `name` has."""
+    """Find the samples in which the variable `name` is present."""
     indices = np.flatnonzero(np.isfinite(getattr(record, name)))
     if len(indices) < 2:
         raise ProfileError(f"profile {record.number}: {name} has {len(indices)} samples, at least 2 are needed")
@@ -242,9 +244,9 @@ def _controls(record: ProfileRecord, present: dict[str, npt.NDArray[np.int64]], 
 
 
 def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: FloatArray) -> npt.NDArray[np.bool_]:
-    """Mask of the times strictly between two samples further apart than the limit there.
+    """Mask of the times strictly between two samples that are further apart than the local limit.
 
-    No complete sample lies between two neighbouring samples of one measurement, so that a single limit holds there.
+    No complete sample lies between two neighbouring samples of one measurement, so a single limit applies between them.
     """
     there = np.clip(np.searchsorted(complete, sampled[:-1] + _ROUNDING) - 1, 0, len(limits) - 1)
     masked = np.zeros(len(at), dtype=bool)
@@ -254,7 +256,7 @@ def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: F
 
 
 def _bridged(intervals: FloatArray, limits: FloatArray) -> FloatArray:
-    """Choose the intervals that are no gaps; all of them where every one is."""
+    """Select the intervals that are not gaps; all intervals if every one is a gap."""
     bridged = intervals[intervals <= limits[: len(intervals)] + _ROUNDING]
     return bridged if len(bridged) else intervals
 
@@ -271,16 +273,16 @@ def _nearest_points(sampled: FloatArray, start: float, step: float, steps: int) 
 
 
 def averages_between(values: FloatArray, edges: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Average columns that are constant over steps over other steps; exact, whatever the two are.
+    """Average piecewise-constant columns over other steps, exactly.
 
     Parameters
     ----------
     values : (n, k) array
-        Row i holds from ``edges[i]`` to ``edges[i + 1]``.
+        Columns; row i applies from ``edges[i]`` to ``edges[i + 1]``.
     edges : (n + 1,) array
-        Increasing.
+        Edges of the steps of `values`, increasing.
     wanted : (m + 1,) array
-        Edges of the steps to average over, increasing; beyond `edges` the values count as zero.
+        Edges of the steps to average over, increasing; beyond `edges` the values are taken as zero.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Rows of an instrument's files, columns of an observation file under construction, and clocks that are set back.
 
-Rows around a step of the clock have no reliable time. The importers drop the rows whose times come a second time.
-Where they were rows of a dive, that dive has lost a part; where they were rows at the surface, the fixes on both
-sides of the step have times by two clocks.
+Rows around a clock step have no reliable time. The importers drop the rows whose times occur a second time. If these
+rows belong to a dive, the dive is incomplete. If they are at the surface, the fixes on the two sides of the step have
+times by two different clocks.
 """
 
 from collections import Counter
@@ -29,11 +29,11 @@ class Rows:
     Attributes
     ----------
     time : (n,) array
-        UTC (ns).
+        Times of the rows (UTC, ns).
     part : (n,) int array
-        Number of the file each row comes from.
+        Number of the file from which each row comes.
     columns : dict of str to (n,) array
-        The values, in the file's units; NaN where a field is empty.
+        Values by column, in the file's units; NaN where a field is empty.
     """
 
     time: TimeArray
@@ -53,7 +53,7 @@ class Rows:
 
 
 def increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the times that are present and lie after all before."""
+    """Mask ``(n,)`` of the times that are present and later than all preceding ones."""
     there = ~np.isnat(time)
     since = np.where(there, time.astype("datetime64[ns]").astype(np.int64), np.iinfo(np.int64).min)
     there[1:] &= since[1:] > np.maximum.accumulate(since)[:-1]
@@ -61,7 +61,7 @@ def increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
 
 
 def keep_rows(rows: Rows, keep: npt.NDArray[np.bool_], reason: str, dropped: Counter[str]) -> Rows:
-    """Keep some of the rows and count the others in `dropped` under `reason`."""
+    """Keep the rows selected by a mask, and count the others in `dropped` under `reason`."""
     lost = int(np.count_nonzero(~keep))
     if lost:
         dropped[reason] += lost
@@ -69,7 +69,7 @@ def keep_rows(rows: Rows, keep: npt.NDArray[np.bool_], reason: str, dropped: Cou
 
 
 def join_rows(parts: Sequence[Rows], names: Iterable[str]) -> Rows:
-    """Put the rows of several files one after the other; the columns are `names`."""
+    """Concatenate the rows of several files; the columns are `names`."""
     if not parts:
         return Rows(np.zeros(0, "datetime64[ns]"), np.zeros(0, np.int64), {name: np.zeros(0) for name in names})
     return Rows(
@@ -80,16 +80,16 @@ def join_rows(parts: Sequence[Rows], names: Iterable[str]) -> Rows:
 
 
 Columns = dict[str, npt.NDArray[np.generic]]
-"""Variables of the observation format by name, in its units."""
+"""Variables of the observation format by name, in the units of the format."""
 
 
 def join_columns(parts: Sequence[Columns]) -> Columns:
-    """Put the samples of several files one after the other; what one of them lacks is missing (NaN) there.
+    """Concatenate the samples of several files; a column that a file lacks is NaN there.
 
     Parameters
     ----------
     parts : sequence of dict
-        Columns along ``time``, which each of them has.
+        Columns of each file, including ``time``.
     """
     names = dict.fromkeys(name for part in parts for name in part)
     return {
@@ -98,7 +98,10 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Find the row of increasing times ``(n,)``, n >= 1, nearest to each wanted one ``(m,)``; the earlier of two."""
+    """Find the index of the increasing times ``(n,)``, n >= 1, nearest to each wanted time ``(m,)``.
+
+    Of two times at equal distance the earlier is taken.
+    """
     right = np.clip(np.searchsorted(time, wanted), 0, len(time) - 1)
     left = np.maximum(right - 1, 0)
     return np.where(np.abs(wanted - time[left]) <= np.abs(time[right] - wanted), left, right)
@@ -107,9 +110,9 @@ def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArra
 def onto_nearest(
     time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
 ) -> FloatArray:
-    """Put each sample on the nearest of other times, NaN where there is none within reach.
+    """Put each sample on the nearest of other times; times without a sample within reach are NaN.
 
-    Nothing is interpolated: a sample that was not measured is no datum.
+    Nothing is interpolated, because an interpolated value is not a measurement.
 
     Parameters
     ----------
@@ -118,9 +121,9 @@ def onto_nearest(
     sampled : (m,) array
         Times of the samples.
     values : (m,) array
-        The samples.
+        Values of the samples.
     within : numpy.timedelta64, or (m,) array of them
-        Largest distance by which a sample is moved, or each of them.
+        Greatest time by which a sample is moved, for all samples or for each.
 
     Returns
     -------
@@ -128,7 +131,7 @@ def onto_nearest(
     """
     nearest = nearest_rows(time, sampled)
     distance = np.abs(sampled - time[nearest])
-    # Farthest first, so that of two samples on one place the nearer is the one that stays.
+    # Farthest first: if two samples fall on one time, the nearer one overwrites the other.
     order = np.argsort(-distance, kind="stable")
     order = order[(distance <= within)[order] & np.isfinite(values[order])]
     placed = np.full(len(time), np.nan)
@@ -138,25 +141,25 @@ def onto_nearest(
 
 
 SUBMERGED = 5.0
-"""Rows deeper than this (m) are of a dive."""
+"""Depth (m) below which a row belongs to a dive."""
 
 _SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
 class ClockStep:
-    """A clock that was set back.
+    """A backward step of the clock.
 
     Attributes
     ----------
     place : int
-        First row after the step, among the rows that remain.
+        Index of the first row after the step, among the remaining rows.
     at : numpy.datetime64
-        Time of the last row before it.
+        Time of the last row before the step.
     seconds : float
-        Time by which it was set back.
+        Size of the step (s).
     submerged : bool
-        True where rows of a dive were dropped for it.
+        True if the step caused rows of a dive to be dropped.
     """
 
     place: int
@@ -165,21 +168,21 @@ class ClockStep:
     submerged: bool
 
     def describe(self) -> str:
-        """Sentence on the step."""
+        """Clause that describes the step in a message."""
         return f"the clock was set back by {self.seconds:.0f} s at {self.at.astype('datetime64[s]')}"
 
 
 def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatArray) -> list[ClockStep]:
-    """Find where a clock was set back.
+    """Find the backward steps of a clock.
 
     Parameters
     ----------
     time : (n,) array
-        Of the rows, in the order of the files; NaT is skipped.
+        Times of the rows, in the order of the files; NaT is skipped.
     keep : (n,) array of bool
-        Rows that stay: those whose time lies after all before them.
+        Mask of the remaining rows: those later than all preceding rows.
     depth : (n,) array
-        m; NaN where missing.
+        Depths of the rows (m); NaN where missing.
     """
     there = np.flatnonzero(~np.isnat(time))
     steps: dict[int, ClockStep] = {}
@@ -200,7 +203,7 @@ def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatA
 def without_doubtful(
     steps: Iterable[ClockStep], profile: npt.NDArray[np.int64], time: TimeArray, fixes: Fixes
 ) -> tuple[npt.NDArray[np.int64], Fixes, dict[int, str], list[str]]:
-    """Take out the profiles that a step of the clock has cost a part, and the fixes with times by two clocks.
+    """Remove the profiles that are incomplete because of a clock step, and the fixes with times by two clocks.
 
     Parameters
     ----------
@@ -209,20 +212,20 @@ def without_doubtful(
     profile : (n,) int array
         Number of the profile of each row, 0 outside any.
     time : (n,) array
-        Of the rows, increasing.
+        Times of the rows, increasing.
     fixes : Fixes
         GPS fixes.
 
     Returns
     -------
     profile : (n,) int array
-        Without the profiles left out.
+        Profile numbers of the rows, 0 for the profiles left out.
     fixes : Fixes
-        Without those around a step at the surface.
+        GPS fixes, without those around a step at the surface.
     left_out : dict of int to str
-        Profiles left out, and why.
+        Reasons by number of the profile left out.
     remarks : list of str
-        A line for each step that cost fixes.
+        Remarks on the steps that caused fixes to be left out, one line each.
     """
     profile, left_out, remarks = profile.copy(), {}, []
     for step in steps:
@@ -243,7 +246,7 @@ def without_doubtful(
 
 
 def _profile_at(step: ClockStep, profile: npt.NDArray[np.int64]) -> int:
-    """Number of the profile that has lost rows by a step, 0 where none has."""
+    """Number of the profile that lost rows because of a step; 0 if there is none."""
     if 0 < step.place < len(profile) and profile[step.place] and profile[step.place] == profile[step.place - 1]:
         return int(profile[step.place])
     if not step.submerged:
@@ -253,7 +256,7 @@ def _profile_at(step: ClockStep, profile: npt.NDArray[np.int64]) -> int:
 
 
 def _surfacing(place: int, profile: npt.NDArray[np.int64], time: TimeArray) -> tuple[np.datetime64, np.datetime64]:
-    """Last time of a profile before a place, and the first of one after it."""
+    """Time of the last profile sample before a row, and of the first one from it on."""
     before, after = np.flatnonzero(profile[:place]), np.flatnonzero(profile[place:])
     return (
         time[before[-1]] if len(before) else EARLIEST,
@@ -262,19 +265,19 @@ def _surfacing(place: int, profile: npt.NDArray[np.int64], time: TimeArray) -> t
 
 
 def times_by_two_clocks(time: TimeArray) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Find the times that come twice in a record: once before its clock was set back, once after.
+    """Find the intervals of time that occur twice in a record: before its clock was set back, and again after.
 
-    Pieces of a record that only lie in another order have no times in common, and none is found.
+    Pieces of a record that are merely in another order do not overlap in time, and nothing is found.
 
     Parameters
     ----------
     time : (n,) array
-        In the order of the record; NaT is skipped.
+        Times in the order of the record; NaT is skipped.
 
     Returns
     -------
     list of (numpy.datetime64, numpy.datetime64)
-        Begin and end of each stretch.
+        Begin and end of each interval.
     """
     known = time[~np.isnat(time)]
     if not len(known):
@@ -291,12 +294,12 @@ def times_by_two_clocks(time: TimeArray) -> list[tuple[np.datetime64, np.datetim
 def _reached(
     pieces: Sequence[tuple[np.datetime64, np.datetime64]],
 ) -> Iterator[tuple[np.datetime64, np.datetime64]]:
-    """Pieces up to each one, as one."""
+    """Iterate over the extent (begin, end) of all pieces up to and including each one."""
     return accumulate(pieces, lambda before, piece: (before[0], max(before[1], piece[1])))
 
 
 def in_time_order(columns: Columns) -> tuple[Columns, int, list[ClockStep]]:
-    """Keep the samples whose time lies after all before them; the number of the others, and the steps of the clock."""
+    """Keep the samples later than all preceding ones; also return the number of the others and the clock steps."""
     time = columns["time"].astype("datetime64[ns]")
     keep = increasing(time)
     steps = find_clock_steps(time, keep, columns["depth"].astype(np.float64))

@@ -1,15 +1,15 @@
-"""SeaExplorer text files (``*.gli.sub.*``, ``*.pld1.raw.*``, ``*.pld1.sub.*``) into the observation format.
+"""Import of SeaExplorer text files (``*.gli.sub.*``, ``*.pld1.raw.*``, ``*.pld1.sub.*``) into the observation format.
 
 The vehicle begins a new file (cycle) on every ascent at a set depth, about 10 m, so the end of each climb is at the
-beginning of the next file; and a file need not hold a surfacing, where the glider yos below the surface. A profile
-takes the number of the file in which it left the surface.
+beginning of the next file. A file does not always contain a surfacing, because the glider may yo below the surface. A
+profile takes the number of the file in which it left the surface.
 
-Every row repeats a position; below the surface it is that of the last fix. A fix is a row of the transmitting state
-whose position differs from that of the row before, so that the stale positions at the beginning of a surface interval,
-and between two fixes, do not count. While a call by satellite blocks the logger, the row that was due before the call
-gets its time at the call's beginning but its position at the call's end: on missions 10 and 12 of SEA035 the position
-of such a row lies 0.9 to 1.0 of the way to the next one, however long the call. It is therefore given the time of the
-next row.
+Every row contains a position; below the surface it is that of the last fix. A fix is a row of the transmitting state
+whose position differs from that of the preceding row. This excludes the stale positions at the beginning of a surface
+interval and between two fixes. While a satellite call blocks the logger, the row due before the call gets its time at
+the beginning of the call, and its position at the end of the call. On missions 10 and 12 of SEA035 the position of such
+a row lies 0.9 to 1.0 of the way to the next one, independent of the length of the call. The row is therefore given the
+time of the next row.
 """
 
 from collections import Counter
@@ -45,7 +45,7 @@ _NAVIGATION = {
     "LinPos": (-1000.0, 1000.0),
     "AngPos": (-180.0, 180.0),
 }
-"""Columns of a navigation file and the open range of their plausible values."""
+"""Columns of a navigation file and the open ranges of their plausible values."""
 
 
 def import_seaexplorer(
@@ -68,26 +68,26 @@ def import_seaexplorer(
     out : Path
         The netCDF file to write.
     linear_scale : float
-        Metres of battery travel a unit of ``LinPos``. The manufacturer does not document the unit.
+        Battery travel per unit of ``LinPos`` (m). The manufacturer does not document the unit.
     linear_zero : float
         ``LinPos`` at which ``battery_position`` is zero.
     include_surfacing : bool
-        Count the surfacing manoeuvre (``NavState`` 115) as part of a profile.
+        Treat the surfacing manoeuvre (``NavState`` 115) as part of a profile.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     reads : Reads
-        Reads each file; by default all are read.
+        Function that reads each file; by default every file is read directly.
 
     Returns
     -------
     ImportSummary
-        Profiles, fixes and what was dropped; a mission without CTD, or parts of it, is remarked on.
+        Profiles, fixes and dropped data, with remarks on cycles without CTD data.
 
     Raises
     ------
     InputError
-        The sources are not one mission's records, hold no usable row, or `out` may not be replaced or
-        cannot be written.
+        The sources are not the records of one mission or hold no usable row, or `out` may not be replaced or cannot
+        be written.
     """
     read = partial(
         _read_mission, scale=linear_scale, zero=linear_zero, include_surfacing=include_surfacing, reads=reads
@@ -98,7 +98,7 @@ def import_seaexplorer(
 def _read_mission(
     sources: Sequence[Path], scale: float, zero: float, include_surfacing: bool, reads: Reads
 ) -> MissionRecords:
-    """Read the navigation of every cycle that can be read; the payload follows once the profiles are known."""
+    """Read the navigation of every readable cycle; the payload is read later, when the profiles are known."""
     files = find_files(sources)
     dropped: Counter[str] = Counter()
     unreadable: dict[int, str] = {}
@@ -133,17 +133,17 @@ def _read_mission(
 def convert(rows: Rows, linear_scale: float, linear_zero: float) -> Columns:
     """Attitude, depth and controls in the units and signs of the observation format.
 
-    A positive ``AngPos`` goes with starboard down (0.4 degree of roll a degree on SEA035, correlation 0.9): the sign of
-    the model's gamma. ``LinPos`` grows forward.
+    A positive ``AngPos`` corresponds to starboard down (0.4 degree of roll per degree on SEA035, correlation 0.9),
+    which is the sign of the model's gamma. ``LinPos`` increases forward.
 
     Parameters
     ----------
     rows : Rows
         Navigation rows.
     linear_scale : float
-        Metres of battery travel a unit of ``LinPos``.
+        Battery travel per unit of ``LinPos`` (m).
     linear_zero : float
-        ``LinPos`` at which the battery sits at its nominal position.
+        ``LinPos`` at which the battery is at its nominal position.
     """
     return {
         "time": rows.time,
@@ -183,25 +183,25 @@ _GLIDING = (DIVING, INFLECTING_DOWN, CLIMBING, INFLECTING_UP)
 
 
 def is_gliding(state: FloatArray, *, include_surfacing: bool = False) -> npt.NDArray[np.bool_]:
-    """Mask of the rows at which the glider is under way below the surface, or leaving it.
+    """Mask of the rows in which the glider is gliding below the surface, or leaving it.
 
-    In the surfacing manoeuvre the battery runs fully forward at about 9 m, the nose drops to -70 degrees and the glider
-    rises tail first: no gliding flight that the model of the paper could follow, so it is left out unless asked for.
+    In the surfacing manoeuvre the battery moves fully forward at about 9 m, the nose drops to -70 degrees and the
+    glider rises tail first. The model of the paper does not describe this motion, so it is left out unless requested.
     """
     return np.isin(state, (*_GLIDING, SURFACING) if include_surfacing else _GLIDING)
 
 
 SUBMERGED = 1.0
-"""A hull this far below the level at which it floats is under water (m)."""
+"""Depth below the floating level at which the hull is under water (m)."""
 
 MIN_DIVE = 10.0
-"""A leg that dives less than this below its beginning is no profile (m)."""
+"""Depth below its beginning that a leg must reach to be a profile (m)."""
 
 MAX_CYCLES = 20_000
-"""Cycles: more are no mission, but a number that was mistyped."""
+"""Maximum number of cycles of a mission; a larger range of cycle numbers is due to a mistyped number."""
 
 RECORD_BREAK = np.timedelta64(900, "s")
-"""A longer pause below the surface breaks a record in two."""
+"""Longest pause of the record within a leg; a longer one splits the leg in two."""
 
 
 @dataclass(frozen=True)
@@ -213,9 +213,9 @@ class Leg:
     number : int
         Number of the profile: the cycle in which it begins to dive.
     cycles : tuple of int
-        The cycles whose files hold its rows' dives.
+        Cycles of its rows, without those that hold only climbing rows.
     start, stop : int
-        Its first row and the one after its last.
+        Its first row and the row after its last.
     """
 
     number: int
@@ -225,21 +225,21 @@ class Leg:
 
 
 def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg], dict[int, str]]:
-    """Find the profiles of a mission, and why the other cycles hold none.
+    """Find the profiles of a mission, and the reasons why the other cycles hold none.
 
     Parameters
     ----------
     rows : Rows
         Navigation rows in time order, with NavState and Depth.
     include_surfacing : bool
-        Count the surfacing manoeuvre as part of the profile.
+        Treat the surfacing manoeuvre as part of the profile.
 
     Returns
     -------
     legs : list of Leg
-        In time order.
+        Profiles in time order.
     without : dict of int to str
-        Cycles in which no profile begins or continues, and why.
+        Reasons by number of the cycle in which no profile begins or continues.
     """
     legs: list[Leg] = []
     refused: dict[int, str] = {}
@@ -247,7 +247,7 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
         leg = _trim(rows, start, stop)
         dive = _dive(rows["Depth"][leg.start : leg.stop])
         if dive < MIN_DIVE:
-            # Less than a metre is a glider afloat whose state says otherwise, or the end of the climb before.
+            # A dive of less than a metre is a floating glider with a wrong state, or the end of the previous climb.
             if dive >= SUBMERGED and np.any(rows["NavState"][start:stop] != CLIMBING):
                 refused[leg.number] = f"too shallow: dives {dive:.0f} m, at least {MIN_DIVE:g} m are needed"
         elif legs and legs[-1].number == leg.number:
@@ -258,7 +258,7 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
 
 
 def _stretches(rows: Rows, gliding: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Find the runs of gliding rows that neither a missing file nor a long pause breaks."""
+    """Find the runs of gliding rows, broken at missing files and long pauses."""
     broken = (np.diff(rows.part) > 1) | (np.diff(rows.time) > RECORD_BREAK)
     turns = np.flatnonzero(broken | (gliding[1:] != gliding[:-1])) + 1
     edges = [0, *turns.tolist(), len(rows)]
@@ -266,12 +266,12 @@ def _stretches(rows: Rows, gliding: npt.NDArray[np.bool_]) -> list[tuple[int, in
 
 
 def _trim(rows: Rows, start: int, stop: int) -> Leg:
-    """Cut off the rows at the surface, where the hull still floats on its oil."""
+    """Cut off the rows at the surface, where the glider still floats."""
     level = _floating_depth(rows, start) + SUBMERGED
     under = np.flatnonzero(rows["Depth"][start:stop] > level)
     if len(under):
         start, stop = start + int(under[0]), start + int(under[-1]) + 1
-    # The climbing row or two that a file inherits from the dive before do not count for the number.
+    # A file may begin with one or two climbing rows of the previous dive, which do not determine the number.
     sinking = np.flatnonzero(rows["NavState"][start:stop] != CLIMBING)
     diving = rows.part[start:stop][sinking] if len(sinking) else rows.part[start:stop]
     cycles = tuple(np.unique(diving).tolist())
@@ -279,7 +279,7 @@ def _trim(rows: Rows, start: int, stop: int) -> Leg:
 
 
 def _floating_depth(rows: Rows, start: int) -> float:
-    """Depth that the sensor in the nose reads at the surface: here about 1 m level and 3 m tail up."""
+    """Depth reading of the sensor in the nose at the surface (m): about 1 m if level and 3 m if tail up."""
     surface = np.flatnonzero(rows["NavState"][:start] == TRANSMITTING)[-10:]
     if len(surface) == 0:
         surface = np.flatnonzero(rows["NavState"] == TRANSMITTING)
@@ -296,7 +296,7 @@ def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dic
     present = set(np.unique(rows.part).tolist())
     without: dict[int, str] = {}
     first, last = min(present, default=0), max(present, default=-1)
-    # A name with one digit too many would make a million of missing files.
+    # A file name with one digit too many would lead to a million missing files.
     for cycle in range(first, last + 1) if last - first < MAX_CYCLES else sorted(present):
         if cycle in refused:
             without[cycle] = refused[cycle]
@@ -308,7 +308,7 @@ def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dic
 
 
 LOGGING_PAUSE = np.timedelta64(30, "s")
-"""Rows of the transmitting state come every 20 s; a longer step is a blocked logger."""
+"""Time step above which the logger was blocked; rows of the transmitting state come every 20 s."""
 
 
 def find_fixes(rows: Rows) -> Fixes:
@@ -322,7 +322,7 @@ def find_fixes(rows: Rows) -> Fixes:
     Returns
     -------
     Fixes
-        In time order.
+        GPS fixes in time order.
     """
     latitude, longitude = decimal_degrees(rows["Lat"]), decimal_degrees(rows["Lon"])
     refreshed = np.zeros(len(rows), dtype=bool)
@@ -331,7 +331,7 @@ def find_fixes(rows: Rows) -> Fixes:
     # Before its first fix the vehicle reports 0 N, 0 E.
     refreshed &= np.isfinite(latitude) & np.isfinite(longitude) & ((latitude != 0.0) | (longitude != 0.0))
     time = _time_of_position(rows.time)[refreshed]
-    # The row after a pause has a fix of its own as a rule, at the same time: that one stays.
+    # The row after a pause usually has its own fix at the same time; that fix is used.
     last = np.append(time[1:] > time[:-1], True) if len(time) else np.zeros(0, dtype=bool)
     return drop_outliers(Fixes(time[last], latitude[refreshed][last], longitude[refreshed][last]))
 

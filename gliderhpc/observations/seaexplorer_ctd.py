@@ -1,8 +1,8 @@
-"""The CTD among the payload's sensors, whatever its make, on the navigation rows.
+"""Samples of the payload's CTD, of any make, on the navigation rows.
 
-A payload file heads its columns with the sensor: ``GPCTD_TEMPERATURE``, ``LEGATO_CONDUCTIVITY``. Every sensor whose
-columns hold a temperature with a conductivity or a salinity is a CTD. The files do not give the unit of conductivity:
-a GPCTD writes S/m, a Legato mS/cm.
+Column names of a payload file begin with the sensor: ``GPCTD_TEMPERATURE``, ``LEGATO_CONDUCTIVITY``. Every sensor with
+a temperature and a conductivity or salinity is a CTD. The files do not give the unit of conductivity: a GPCTD writes
+S/m, a Legato mS/cm.
 """
 
 from collections import Counter
@@ -30,7 +30,7 @@ SUFFIXES = {
     "practical_salinity": ("SALINITY", "PSAL", "SAL"),
     "pressure": ("PRESSURE", "PRES"),
 }
-"""Endings of the columns' names, after the sensor's name and an underscore."""
+"""Endings of the column names, after the sensor's name and an underscore."""
 
 _RANGES = {"temperature": (-5.0, 45.0), "conductivity": (-1.0, 100.0), "pressure": (-20.0, 2000.0)}
 """Open ranges of plausible values: degC, S/m or mS/cm, dbar."""
@@ -39,20 +39,20 @@ TO_MS_PER_CM = {"S/m": 10.0, "mS/cm": 1.0}
 USUAL_UNIT = {"GPCTD": "S/m", "LEGATO": "mS/cm"}
 
 SEA, FRESH = (1.0, 42.0), (0.02, 1.0)
-"""Practical salinities that a median in the sea, or in a lake, may have: what lies lower is a cell in the air."""
+"""Plausible ranges of the median practical salinity in the sea and in a lake; lower values mean a cell in the air."""
 
 AGREEMENT = 0.2
-"""Share by which a salinity computed from conductivity may differ from the one in the file, in the median."""
+"""Greatest median relative difference between the salinity computed from conductivity and the one in the file."""
 
 IMMERSED = 2.0
-"""Pressure (dbar) below which a conductivity cell may be in the air."""
+"""Pressure (dbar) up to which a conductivity cell may be in the air."""
 
 _NORMAL_LATITUDE = 45.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Cast:
-    """Samples of one CTD from one kind of file, in time order; pressure that was not measured is made from depth."""
+    """Samples of one CTD from one kind of file, in time order; without a pressure column, pressure is from depth."""
 
     time: TimeArray
     cycle: npt.NDArray[np.int64]
@@ -73,7 +73,7 @@ def find_ctds(fields: Iterable[str]) -> dict[str, dict[str, str]]:
     Returns
     -------
     dict of str to dict of str to str
-        For each CTD, by the sensor's name in capitals, the column of each quantity of `SUFFIXES` that it has.
+        Columns by quantity of `SUFFIXES`, for each CTD by the sensor's name in capitals.
     """
     found: dict[str, dict[str, str]] = {}
     for quantity, suffixes in SUFFIXES.items():
@@ -97,23 +97,23 @@ def read_water(
     interval: float,
     reads: Reads = read_directly,
 ) -> Water:
-    """Read the mission's CTD onto its navigation rows; cycles without one are named in the remarks.
+    """Read the mission's CTD and put its samples on the navigation rows; the remarks name the cycles without CTD data.
 
-    Of several CTDs the one with the most samples is taken. Samples of the full record come first; those of the
-    sub-sampled one fill the rows that it leaves empty.
+    Of several CTDs the one with the most samples is taken. Of the full and the sub-sampled record, the one with more
+    samples has priority; the other fills the rows that remain empty.
 
     Parameters
     ----------
     files : MissionFiles
         The mission's files.
     dropped : Counter
-        Is added to: the number of payload rows dropped, by reason.
+        Counter to which the number of dropped payload rows is added, by reason.
     time, depth : (n,) array
-        UTC and depth (m) of the navigation rows, in time order, n >= 1.
+        Time (UTC) and depth (m) of the navigation rows, in time order, n >= 1.
     interval : float
-        Sample interval of the navigation rows (s); a sample is moved by half of it at most.
+        Sample interval of the navigation rows (s); a sample is moved by at most half an interval.
     reads : Reads
-        Reads each file.
+        Function that reads each file.
     """
     layouts, faults = _layouts(files, reads)
     casts: dict[str, list[_Cast]] = {}
@@ -143,26 +143,27 @@ def conductivity_unit(
     pressure: FloatArray,
     salinity: FloatArray,
 ) -> tuple[str | None, str]:
-    """Unit of a CTD's conductivity, and the basis of that judgement.
+    """Unit of a CTD's conductivity, and the basis of its determination.
 
-    The salinity that the file gives decides, where there is one that either unit leads to. Else the unit usual for the
-    sensor is taken if its salinity is plausible, then the other. For an unknown sensor the unit that gives the higher
-    plausible salinity is taken: the open ocean is likelier than brackish water.
+    If the file contains a salinity that agrees with one of the units, that unit is taken. Otherwise the usual unit of
+    the sensor is taken if it gives a salinity plausible in the sea, then the other unit; then both are tried in the
+    same order for fresh water. For an unknown sensor the unit with the higher plausible salinity is taken, because the
+    open ocean is more likely than brackish water.
 
     Parameters
     ----------
     sensor : str
         Name of the sensor in capitals.
     conductivity, temperature, pressure, salinity : (n,) array
-        Samples: conductivity in the unknown unit, degC, dbar, and practical salinity as the file gives it, NaN where
-        there is none.
+        Samples: conductivity in the unknown unit, temperature (degC), pressure (dbar), and practical salinity from the
+        file, NaN where missing.
 
     Returns
     -------
     unit : str or None
-        ``S/m`` or ``mS/cm``; None where neither is plausible, or nothing was measured.
+        ``S/m`` or ``mS/cm``; None if neither is plausible, or nothing was measured.
     basis : str
-        For the file's attributes.
+        Basis of the determination, as a phrase for the file's attributes.
     """
     known = np.isfinite(conductivity) & np.isfinite(temperature) & np.isfinite(pressure)
     immersed = known & (pressure > IMMERSED)
@@ -185,7 +186,7 @@ def conductivity_unit(
 
 
 def _matching_unit(computed: Mapping[str, FloatArray], given: FloatArray) -> str | None:
-    """Unit whose salinity agrees with the file's own."""
+    """Unit whose salinity agrees with the salinity in the file; None if there is none."""
     wet = np.isfinite(given) & (given > SEA[0]) & (given < SEA[1])
     if not wet.any():
         return None
@@ -208,7 +209,7 @@ Layout = tuple[str, tuple[tuple[str, str], ...]]
 
 
 def _layouts(files: MissionFiles, reads: Reads) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
-    """Payload files by the CTD in them: of each layout the preferred files, then the others; and the files' faults."""
+    """Payload files by layout (a list of the preferred files and of the others, by cycle), and faults by cycle."""
     layouts: dict[Layout, list[dict[int, Path]]] = {}
     faults: dict[int, list[str]] = {}
     for cycle, paths in files.payload.items():
@@ -276,7 +277,7 @@ def _joined(casts: list[_Cast]) -> tuple[FloatArray, FloatArray, FloatArray, Flo
 def _on_rows(
     casts: list[_Cast], unit: str | None, time: TimeArray, interval: float
 ) -> tuple[dict[str, FloatArray], set[int]]:
-    """Samples on the nearest row within half an interval, those of the first cast first; and the cycles sampled."""
+    """Samples on the nearest row within half an interval, with priority for the first cast; and the sampled cycles."""
     names = ("temperature", "pressure", "practical_salinity")
     variables = {name: np.full(len(time), np.nan) for name in names}
     sampled: set[int] = set()
@@ -298,7 +299,7 @@ def _on_rows(
 
 
 def _practical_salinity(cast: _Cast, unit: str | None) -> FloatArray:
-    """PSS-78 from conductivity, or the salinity in the file where that is all there is."""
+    """Practical salinity (PSS-78) from conductivity, or the salinity in the file where there is no conductivity."""
     if unit is None:
         return cast.given_salinity
     computed = _salinity(cast.conductivity, cast.temperature, cast.pressure, unit)
@@ -316,7 +317,7 @@ def _comment(sensor: str, unit: str | None, basis: str) -> str:
 
 
 def _remarks(files: MissionFiles, sampled: Iterable[int], faults: Mapping[int, list[str]]) -> tuple[str, ...]:
-    """Cycles without CTD by reason, and payload files in whose place another was read."""
+    """Remarks on faulty payload files, and on the cycles without CTD data by reason."""
     there = set(sampled)
     without = {cycle: _reason(files, cycle) for cycle in files.navigation if cycle not in there}
     spoilt = [f"cycle {cycle}: {why}" for cycle, reasons in faults.items() for why in dict.fromkeys(reasons)]
@@ -329,7 +330,7 @@ def _reason(files: MissionFiles, cycle: int) -> str:
 
 
 def _name_cycles(cycles: list[int]) -> str:
-    """Name cycles, runs of them by their ends."""
+    """List cycles as text; runs of consecutive cycles are given by their ends."""
     runs = [
         [cycle for _, cycle in run] for _, run in groupby(enumerate(sorted(cycles)), key=lambda pair: pair[1] - pair[0])
     ]

@@ -1,8 +1,8 @@
 """Files of a SeaExplorer mission, and their rows as numbers; junk is dropped and counted by reason.
 
-For every cycle there is one file of navigation and one or two of the payload. The vehicle sends a sub-sampled payload
-record (``pld1.sub``) from sea and stores the full one (``pld1.raw``), which is there after recovery (delayed mode).
-Both may lie side by side.
+Every cycle has one navigation file and one or two payload files. The vehicle sends a sub-sampled payload record
+(``pld1.sub``) from sea and stores the full record (``pld1.raw``), which is available after recovery (delayed mode). A
+folder may contain both.
 """
 
 import gzip
@@ -35,10 +35,10 @@ _NAME = re.compile(
 )
 
 MAX_CONTENT = 500_000_000
-"""Bytes of a cycle's record, unpacked: a week of it at 1 Hz is 100 MB."""
+"""Maximum size of a cycle's unpacked record (bytes); a week of records at 1 Hz takes 100 MB."""
 
 PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
-"""Rates of a cycle's files, the preferred one first: the payload's full record, and the navigation that is usual."""
+"""Rates of a cycle's files, the preferred one first: the full payload record, and the usual navigation record."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class MissionFiles:
     navigation : dict of int to Path
         The ``gli`` file of every cycle, by ascending cycle.
     payload : dict of int to tuple of Path
-        The ``pld1`` files of every cycle that has any, by ascending cycle: the full record before the sub-sampled one.
+        The ``pld1`` files of every cycle with any, by ascending cycle: the full record before the sub-sampled one.
     """
 
     vehicle: str
@@ -64,7 +64,7 @@ class MissionFiles:
 
 
 def is_seaexplorer_file(path: Path) -> bool:
-    """Return whether a file is named as the glider names its records."""
+    """Return whether a file is named like a record of the glider."""
     return _NAME.fullmatch(path.name) is not None
 
 
@@ -79,8 +79,8 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
     Raises
     ------
     InputError
-        A source does not exist or is no SeaExplorer file, there is no navigation file, two files of different content
-        claim the same cycle, or the files belong to more than one mission.
+        A source does not exist or is not a SeaExplorer file, there is no navigation file, two files of the same cycle
+        differ in content, or the files belong to more than one mission.
     """
     found: dict[tuple[str, str], dict[int, Path]] = {
         (kind, rate): {} for kind in PREFERENCE for rate in PREFERENCE[kind]
@@ -113,7 +113,7 @@ def read_content(path: Path) -> bytes:
     Raises
     ------
     InputError
-        It cannot be read, was cut short, or holds more than any cycle.
+        The file cannot be read, is truncated, or is larger than the record of any cycle.
     """
     try:
         with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
@@ -126,14 +126,14 @@ def read_content(path: Path) -> bytes:
 
 
 def _by_cycle(found: Mapping[tuple[str, str], Mapping[int, Path]], kind: str) -> dict[int, tuple[Path, ...]]:
-    """Files of a kind, by ascending cycle, the preferred rate first."""
+    """Files of a kind by ascending cycle, for each cycle the preferred rate first."""
     rates = [found[kind, rate] for rate in PREFERENCE[kind]]
     cycles = sorted({cycle for rate in rates for cycle in rate})
     return {cycle: tuple(rate[cycle] for rate in rates if cycle in rate) for cycle in cycles}
 
 
 CLOCK_STEP = np.timedelta64(1, "D")
-"""A longer step of time within one cycle's file means that the clock was set in between."""
+"""Time step within one cycle's file above which the clock was set in between."""
 
 WRONG_FIELDS = "wrong number of fields"
 UNREADABLE = "unreadable value"
@@ -160,19 +160,19 @@ def read_rows(
     files : mapping of int to Path
         The file of every cycle, by ascending cycle.
     clock : str
-        Name of the column of times.
+        Name of the time column.
     ranges : mapping of str to (float, float)
-        The columns to read, with the open range that their values must lie in.
+        Columns to read, with the open ranges of their plausible values.
     dropped : Counter
-        Is added to: the number of rows dropped, by reason.
+        Counter to which the number of dropped rows is added, by reason.
     rejected : dict of int to str
-        Is added to: the cycles whose file cannot be read or lacks a column, and why.
+        Mapping to which the reason is added for every cycle whose file cannot be read or lacks a column.
     label : str
-        Put before the reasons of dropped rows.
+        Prefix of the reasons of dropped rows.
     steps : list of ClockStep, optional
-        Is added to: where the clock was set back; the columns must hold the depth.
+        List to which the backward steps of the clock are added; it requires a column ``Depth``.
     reads : Reads
-        Reads each file.
+        Function that reads each file.
     """
     found: Counter[str] = Counter()
     parts: list[Rows] = []
@@ -187,7 +187,7 @@ def read_rows(
     rows = join_rows(parts, ranges)
     plausible = np.ones(len(rows), dtype=bool)
     for name, (low, high) in ranges.items():
-        # NaN compares false: an empty field is missing, not out of range.
+        # An empty field (NaN) compares false: it is missing, and not out of range.
         plausible &= ~((rows[name] <= low) | (rows[name] >= high))
     rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
     keep = increasing(rows.time)
@@ -210,7 +210,7 @@ def read_columns(path: Path) -> list[str]:
 
 
 def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tuple[Rows, Counter[str]]:
-    """Read the rows of a file, and count those dropped by reason."""
+    """Read the rows of a file, and count the dropped rows by reason."""
     dropped: Counter[str] = Counter()
     header, *lines = _lines(path)
     fields = _fields(header)
@@ -243,9 +243,9 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
 
 
 def _lines(path: Path) -> list[str]:
-    """Lines of a text file, plain or gzipped, without the semicolon that ends each."""
+    """Lines of a text file, plain or gzipped, without the closing semicolon of each."""
     text = read_content(path).decode("utf-8-sig", errors="replace")
-    # Only the one semicolon that closes a row goes: stripping more would hide empty last fields.
+    # Only the semicolon that closes a row is removed; removing more would hide empty last fields.
     return [line.removesuffix(";") for line in text.splitlines() if line.strip()] or [""]
 
 
@@ -258,7 +258,7 @@ def _parse_time(text: str) -> np.datetime64:
     if match is None:
         raise ValueError(text)
     day, month, year, clock = match.groups()
-    # Years that nanoseconds do not reach would come out as others.
+    # Years outside the range of datetime64[ns] would wrap around to other years.
     if not FIRST_YEAR <= int(year) <= LAST_YEAR:
         return np.datetime64("NaT", "ns")
     return np.datetime64(f"{year}-{month}-{day}T{clock}", "ns")
@@ -269,7 +269,7 @@ def _parse_number(text: str) -> float:
 
 
 def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
-    """Select the longest stretch of a file that no step of the clock interrupts."""
+    """Select the longest part of a file without a clock step."""
     steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
     if len(steps) == 0:
         return rows

@@ -1,4 +1,4 @@
-"""Seaglider per-dive netCDF files (``p*.nc``), as the basestation writes them, into the observation format."""
+"""Import of the basestation's per-dive Seaglider netCDF files (``p*.nc``) into the observation format."""
 
 import re
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ _NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNO
 
 
 def is_seaglider_file(path: Path) -> bool:
-    """Return whether a file is named as the basestation names its per-dive files."""
+    """Return whether a file is named like a per-dive file of the basestation."""
     return _NAME.fullmatch(path.name) is not None
 
 
@@ -49,13 +49,13 @@ def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
     vehicle : int
         Number of the glider.
     dives : dict of int to Path
-        The file of every dive, by ascending dive.
+        The file of every dive, by ascending number.
 
     Raises
     ------
     InputError
-        A source does not exist or is no per-dive file, there is none, a dive comes twice, or the files belong to more
-        than one glider.
+        A source does not exist or is not a per-dive file, there is no per-dive file, a dive occurs twice, or the files
+        belong to more than one glider.
     """
     dives: dict[int, Path] = {}
     owners: dict[int, Path] = {}
@@ -82,7 +82,7 @@ def import_seaglider(
     """Turn a Seaglider's per-dive files into an observation file.
 
     Every dive is one profile and keeps its number. The basestation's own solution (current, speed through the water,
-    coefficients) goes into the reference quantities.
+    coefficients) is stored in the reference quantities.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def import_seaglider(
     out : Path
         The netCDF file to write.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     reads : Reads
-        Reads each file; by default all are read.
+        Function that reads each file; by default every file is read directly.
 
     Returns
     -------
     ImportSummary
-        Profiles, fixes, and the dives that were left out and why.
+        Profiles, fixes, and the omitted dives with the reasons.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def import_seaglider(
 
 
 def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
-    """Read every dive that can be read; positions refer to the centres in the first file that opens."""
+    """Read every readable dive; positions refer to the centres in the first readable file."""
     glider, files = find_files(sources)
     found: dict[int, _DiveFile] = {}
     without: dict[str, str] = {}
@@ -152,7 +152,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
 
 @dataclass(frozen=True, eq=False)
 class _DiveFile:
-    """One dive, with the basestation's solution and its title of the mission."""
+    """One dive, with the basestation's solution and mission title."""
 
     dive: Dive
     records: FileRecords
@@ -232,7 +232,7 @@ _CONSTANTS = {
     "reference_drag": "sg_cal_hd_b",
     "reference_induced_drag": "sg_cal_hd_c",
     "reference_drag_exponent": "sg_cal_hd_s",
-    # In cm3, whatever the file calls their units.
+    # In cm3, regardless of the units declared in the file.
     "reference_maximum_volume": "sg_cal_volmax",
     "reference_volume_bias": "sg_cal_vbdbias",
     "reference_compressibility": "sg_cal_abs_compress",
@@ -257,7 +257,7 @@ def read_solution(file: ForeignFile, number: int, declination: float) -> Columns
     number : int
         Number of the dive.
     declination : float
-        Added to its magnetic heading (degree).
+        Declination added to its magnetic heading (degree).
     """
     found: Columns = {
         "reference_profile": np.array([number]),
@@ -271,7 +271,7 @@ def read_solution(file: ForeignFile, number: int, declination: float) -> Columns
 
 
 def _speeds(file: ForeignFile) -> Columns:
-    """Speeds of the flight model at the times that have one."""
+    """Speeds of the flight model, at the times with a speed."""
     if "ctd_time" not in file or "speed" not in file:
         empty: Columns = {name: np.zeros(0) for name in _SPEEDS}
         return empty | {"reference_time": np.zeros(0, "datetime64[ns]")}

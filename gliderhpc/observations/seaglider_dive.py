@@ -1,13 +1,14 @@
 """One dive from a Seaglider's per-dive netCDF file: samples, controls, fixes and CTD.
 
-The controls, positions of the battery and volume of oil in the bladder, come in either of two layouts. Older files have
-a column of positions for every control, sampled with the attitude. Newer ones have only the tables of the guidance and
-control phases (``gc_*``): counts of the position sensors when a phase began and when it ended, and how long each motor
-ran. Within a phase the motors run one after the other, battery forward or aft, oil, battery round, from the phase's
-beginning on: on SG249 the pitch, the ballast's rate and the roll change in just these seconds.
+The controls (battery position and rotation, and oil volume in the bladder) are stored in one of two layouts. Older
+files have a column of positions for every control, sampled with the attitude. Newer files have only the tables of the
+guidance and control phases (``gc_*``): counts of the position sensors at the beginning and end of each phase, and the
+running time of each motor. From the beginning of a phase the motors run one after the other: battery forward or aft,
+oil, battery rotation. On SG249 the pitch, the ballast rate and the roll change in exactly these seconds.
 
-A position is ``CNV * (count - C)`` with the conversion and the centre of the file's own log. The operator moves the
-centres between dives, but the hull does not notice: every dive is referred to the centres of the mission's first one.
+A position is ``CNV * (count - C)`` with the conversion and the centre of the file's own log. The operator changes the
+centres between dives, which does not change the physical position. Every dive is therefore referred to the centres of
+the mission's first dive.
 """
 
 from collections.abc import Mapping
@@ -35,11 +36,11 @@ class Control:
     Attributes
     ----------
     column : str
-        Its column of positions, if there is one.
+        Name of its column of positions, if there is one.
     table : str
-        Beginning of the names of its columns in the tables of phases.
+        Prefix of its column names in the tables of phases.
     conversion, centre : str
-        Position per count, and the count at which the position is zero.
+        Names of the variables with the position per count, and with the count at which the position is zero.
     """
 
     column: str
@@ -53,7 +54,7 @@ BALLAST = Control("eng_vbdCC", "gc_vbd", "log_VBD_CNV", "log_C_VBD")
 ROLL = Control("eng_rollCtl", "gc_roll", "log_ROLL_CNV", "log_C_ROLL_DIVE")
 
 CONTROLS = (PITCH, BALLAST, ROLL)
-"""In the order in which the motors run within a phase."""
+"""Controls in the order in which the motors run within a phase."""
 
 Centres = Mapping[Control, float]
 """Counts to which the positions are referred."""
@@ -62,14 +63,14 @@ Centres = Mapping[Control, float]
 def read_centres(file: ForeignFile) -> dict[Control, float]:
     """Counts at which the file's own positions are zero.
 
-    The battery's rotation has one centre for the dive and another for the climb; that of the dive is taken for both,
-    because the battery does not move.
+    The battery's rotation has one centre for the dive and another for the climb. The centre of the dive is used for
+    both, because the change of centre does not move the battery.
     """
     return {control: file.number(control.centre) for control in CONTROLS}
 
 
 def has_column(file: ForeignFile, control: Control) -> bool:
-    """Return whether the file has the control's positions sample by sample."""
+    """Return whether the file has the control's position at every sample."""
     return control.column in file and bool(np.isfinite(file.numbers(control.column)).any())
 
 
@@ -83,7 +84,7 @@ def position(file: ForeignFile, control: Control, time: TimeArray, centres: Cent
     control : Control
         Control of interest.
     time : (n,) array
-        The samples.
+        Times of the samples.
     centres : mapping of Control to float
         Counts to which the position is referred.
 
@@ -100,12 +101,12 @@ def position(file: ForeignFile, control: Control, time: TimeArray, centres: Cent
 def _recentring(file: ForeignFile, control: Control, centres: Centres) -> float:
     shift = file.number(control.centre) - centres[control]
     moved = shift * file.number(control.conversion)
-    # A file without a log has no centre: its positions stay as they are.
+    # A file without a log has no centre, so its positions are left unchanged.
     return moved if np.isfinite(moved) else 0.0
 
 
 def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatArray:
-    """Interpolate between the ends of the motor's runs."""
+    """Interpolate the position between the begins and ends of the motor's runs."""
     if "gc_st_secs" not in file:
         raise InputError(f"{file.path}: has neither {control.column} nor a table of guidance and control (gc_st_secs)")
     tables = (f"{each.table}_{column}" for each in CONTROLS for column in ("secs", "ad", "ad_start"))
@@ -125,23 +126,23 @@ def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatAr
 
 
 def _runs(file: ForeignFile, control: Control) -> tuple[FloatArray, FloatArray]:
-    """Times when the motor began and ended to run in every phase (s since 1970): after those that run before."""
+    """Times of the start and stop of the motor in every phase (s since 1970); it runs after the preceding motors."""
     begins = file.numbers("gc_st_secs")
     for earlier in CONTROLS[: CONTROLS.index(control)]:
         begins = begins + _running(file, earlier)
     ends = begins + _running(file, control)
-    # No run reaches into the next phase, whatever the logged seconds add up to.
+    # A run is cut off at the beginning of the next phase, even if the logged seconds add up to more.
     latest = np.append(file.numbers("gc_st_secs")[1:], np.inf)
     return np.minimum(begins, latest), np.minimum(ends, latest)
 
 
 def _running(file: ForeignFile, control: Control) -> FloatArray:
-    """Seconds that a motor ran in every phase; logged below zero where the oil was let in instead of pumped out."""
+    """Running time of a motor in every phase (s); the log is negative if oil was bled in rather than pumped out."""
     return np.abs(np.nan_to_num(file.numbers(f"{control.table}_secs")))
 
 
 def _counts(file: ForeignFile, control: Control) -> tuple[FloatArray, FloatArray]:
-    """Counts before and after every phase; where the former is not logged the end of the phase before is taken."""
+    """Counts before and after every phase; if the former are not logged, those after the preceding phase are taken."""
     after = file.numbers(f"{control.table}_ad")
     if f"{control.table}_ad_start" in file:
         return file.numbers(f"{control.table}_ad_start"), after
@@ -164,15 +165,15 @@ class Dive:
     Attributes
     ----------
     variables : dict of str to (n,) array
-        Samples in the units of the observation format, time and the controls among them.
+        Samples in the units of the observation format, including time and the controls.
     start, stop : int
-        First sample below the surface and the one after the last.
+        First sample below the surface and the sample after the last.
     fixes : Fixes
-        Those of the file, in its order.
+        GPS fixes in the order of the file.
     declination : float
-        Added to the magnetic heading (degree).
+        Declination added to the magnetic heading (degree).
     rows_dropped : int
-        Samples whose time was missing or did not increase.
+        Number of dropped samples, whose time was missing or did not increase.
     """
 
     variables: Columns
@@ -196,9 +197,9 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     Raises
     ------
     InputError
-        The file lacks attitude, depth, a control or the declination, or was cut short.
+        The file lacks attitude, depth, a control or the declination, its clock was set back, or it is truncated.
     ProfileError
-        It holds no dive, or a shallow one.
+        The file holds no dive, or one that is too shallow.
     """
     time = file.times("time")
     depth_name = file.first(["depth", "eng_depth"])
@@ -211,7 +212,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
         "roll": file.converted("eng_rollAng", "degree"),
         "pitch": file.converted("eng_pitchAng", "degree"),
         "heading": np.mod(file.converted("eng_head", "degree") + declination, 360.0),
-        # Forward is towards low counts: the file's positions grow aft.
+        # The file's positions increase aft.
         "battery_position": -0.01 * position(file, PITCH, time, centres),
         "battery_rotation": position(file, ROLL, time, centres),
         "ballast_volume": position(file, BALLAST, time, centres),
@@ -228,14 +229,14 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
 
 
 def _check_clock(file: ForeignFile, time: TimeArray) -> None:
-    """Refuse a dive in which the clock was set: which of its rows belong together cannot be known."""
+    """Refuse a dive in which the clock was set back; the order of its rows is unknown."""
     step = clock_set_back(time)
     if step is not None:
         raise InputError(f"{file.path}: the clock was set back by {step:.0f} s during the dive")
 
 
 def _declination(file: ForeignFile) -> float:
-    """Declination in the file: that of the dive, or the one that came with a fix."""
+    """Declination in the file (degree): that of the dive, or the one reported with the fixes."""
     name = file.first(["magnetic_variation", "log_gps_magvar"])
     values = file.converted(name, "degree") if name else np.zeros(0)
     known = values[np.isfinite(values)]
@@ -245,9 +246,9 @@ def _declination(file: ForeignFile) -> float:
 
 
 def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
-    """Find the dive: from below the depth at which the glider flares out of its plunge to that at which it surfaces.
+    """Find the dive, between the depth of the flare at the end of the initial plunge and the depth of surfacing.
 
-    Above them it floats, or hangs nose down while the oil is let in: no gliding flight that the model could follow.
+    Above these depths the glider floats, or hangs nose down while oil is bled in. The model does not describe this.
     """
     flare, surfacing = (_depth_in_log(file, name) for name in ("log_D_FLARE", "log_D_SURF"))
     return dive_span(depth, begin=flare, end=surfacing)
@@ -255,7 +256,7 @@ def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
 
 def _depth_in_log(file: ForeignFile, name: str) -> float:
     depth = file.number(name)
-    # Zero turns the manoeuvre off.
+    # Zero disables the manoeuvre.
     return depth if depth > 0.0 else SURFACE_DEPTH
 
 

@@ -1,8 +1,8 @@
-"""The seawater along a profile: in-situ density by TEOS-10 from a CTD that has spikes, gaps and pauses.
+"""Seawater along a profile: in-situ density by TEOS-10 from a CTD record with spikes, gaps and pauses.
 
-Samples of one dive or climb are gridded by pressure, each cell by its median, and median filtered along the grid; what
-a leg did not measure is taken from the profile's other legs. Absolute Salinity and Conservative Temperature are
-interpolated, within bounds, and density follows at the record's own pressure.
+Samples of one dive or climb are gridded by pressure. Each cell takes their median, and the cells are median filtered
+along the grid. Parts of a leg without samples are filled from the whole profile. Absolute Salinity and Conservative
+Temperature are interpolated across gaps of limited width, and density is computed at the record's own pressure.
 """
 
 from dataclasses import dataclass, replace
@@ -17,48 +17,49 @@ from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
 
 CELL = 2.0
-"""Height of a cell of the grid, dbar."""
+"""Height of a cell of the grid (dbar)."""
 
 FILTER = 5
-"""Cells that the running median takes in; the cells that hold samples count."""
+"""Width of the running median, in cells that hold samples."""
 
 MIN_CELLS = 10
-"""Fewer cells with samples are no cast."""
+"""Least number of cells with samples in a usable cast."""
 
 MIN_BRIDGED_GAP = 20.0
-"""A gap this wide (dbar) is bridged anywhere ..."""
+"""Width of a gap (dbar) that is bridged at any pressure."""
 
 GAP_SHARE = 1.0 / 3.0
-"""... and one of this part of the pressure at its upper edge, since gradients weaken with depth."""
+"""Width of a gap that is also bridged, as a fraction of the pressure at its upper edge; gradients weaken with depth."""
 
 MIN_TURN = 10.0
-"""Change of pressure (dbar) that makes a turning point between legs."""
+"""Change of pressure (dbar) on both sides of a turning point between legs."""
 
 PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
 PLAUSIBLE_SALINITY = (0.0, 42.0)
-"""Samples outside (degC; practical salinity) count as missing."""
+"""Plausible ranges (degC; practical salinity); samples outside are treated as missing."""
 
 MAX_PRESSURE_OFFSET = 10.0
-"""A pressure (dbar) further from that of its depth, apart from the profile's usual difference, is not a measurement."""
+"""Greatest deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
+a pressure that deviates more is not used."""
 
 _NORMAL_LATITUDE = 45.0
 _LEVEL = 1.0
 
 
 class SeawaterMissingError(Exception):
-    """The density of the water along a profile cannot be determined from its record."""
+    """Failure to determine the density of the water along a profile from its record."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Cast:
-    """Cells (n,) that hold samples: pressure (dbar), Absolute Salinity (g/kg), Conservative Temperature (degC)."""
+    """Cells (n,) with samples: pressure (dbar), Absolute Salinity (g/kg), Conservative Temperature (degC)."""
 
     pressure: FloatArray
     salinity: FloatArray
     temperature: FloatArray
 
     def covers(self, levels: FloatArray) -> npt.NDArray[np.bool_]:
-        """Mask (m,) of the levels outside gaps that are too wide to bridge."""
+        """Mask (m,) of the levels that are not in a gap too wide to bridge."""
         if len(self.pressure) < MIN_CELLS:
             return np.zeros(len(levels), dtype=bool)
         after, last = np.searchsorted(self.pressure, levels), len(self.pressure) - 1
@@ -67,12 +68,12 @@ class _Cast:
         return np.asarray(below - above <= np.maximum(MIN_BRIDGED_GAP, GAP_SHARE * above))
 
     def at(self, levels: FloatArray) -> FloatArray:
-        """Absolute Salinity and Conservative Temperature (m, 2) at levels, those of the ends beyond them."""
+        """Absolute Salinity and Conservative Temperature (m, 2) at levels; constant beyond the ends of the cast."""
         return np.column_stack([np.interp(levels, self.pressure, v) for v in (self.salinity, self.temperature)])
 
 
 def with_seawater(series: ProfileSeries, record: ProfileRecord) -> ProfileSeries:
-    """Add the seawater along the record at the midpoints of a series' steps, or the reason why it is not known.
+    """Add the seawater along the record at the midpoints of a series' steps, or the reason why it is unknown.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def with_seawater(series: ProfileSeries, record: ProfileRecord) -> ProfileSeries
     Returns
     -------
     ProfileSeries
-        With `seawater`, or with `without_seawater`.
+        Series with `seawater`, or with `without_seawater`.
     """
     try:
         return replace(series, seawater=seawater_on_steps(series, record))
@@ -101,12 +102,12 @@ def seawater_on_steps(series: ProfileSeries, record: ProfileRecord) -> FloatArra
     Raises
     ------
     SeawaterMissingError
-        Without temperature or salinity, without pressure and position, or with a gap that is too wide.
+        The record has no temperature or salinity, neither pressure nor a position, or a gap that is too wide.
 
     Notes
     -----
-    Density is that of the 75-term equation of TEOS-10 (Roquet et al. 2015), through gsw. Without a position Reference
-    Salinity is taken for Absolute Salinity: at most 0.03 g/kg apart in the open ocean.
+    Density is computed with the 75-term equation of TEOS-10 (Roquet et al. 2015), through gsw. Without a position,
+    Reference Salinity replaces Absolute Salinity; in the open ocean they differ by at most 0.03 g/kg.
     """
     temperature, salinity = _sampled(record)
     depth = 0.5 * (series.measurements[:-1, 3] + series.measurements[1:, 3])
@@ -124,7 +125,7 @@ def seawater_on_steps(series: ProfileSeries, record: ProfileRecord) -> FloatArra
 
 
 def _sampled(record: ProfileRecord) -> tuple[FloatArray, FloatArray]:
-    """Temperature and practical salinity (m,), NaN where they are not there together or not plausible."""
+    """Temperature and practical salinity (m,), NaN where either is missing or implausible."""
     for name in ("temperature", "practical_salinity"):
         if getattr(record, name) is None or not np.isfinite(getattr(record, name)).any():
             raise SeawaterMissingError(f"no {name}")
@@ -138,7 +139,7 @@ def _sampled(record: ProfileRecord) -> tuple[FloatArray, FloatArray]:
 
 
 def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pressure on the steps (n,) and at the samples (m,): recorded where plausible, else from depth and latitude."""
+    """Pressure on the steps (n,) and at the samples (m,): plausible recorded values, else from depth and latitude."""
     position = _position(record)
     latitude = _NORMAL_LATITUDE if position is None else position.latitude
     at_steps, at_samples = (
@@ -150,14 +151,14 @@ def _pressures(record: ProfileRecord, time: FloatArray, depth: FloatArray) -> tu
         if position is None:
             raise SeawaterMissingError("neither pressure nor a GPS fix, whose latitude gives pressure from depth")
         return np.maximum(at_steps, 0.0), np.maximum(at_samples, 0.0)
-    # Depth may have been made from pressure by another rule, and by another sensor: a straight line between the two.
+    # Depth may come from another conversion or another sensor, so a straight line is fitted between the pressures.
     line = np.polyfit(at_samples[usable], recorded[usable], 1)
     at_samples = np.where(usable, recorded, np.polyval(line, at_samples))
     return np.maximum(np.polyval(line, at_steps), 0.0), np.maximum(at_samples, 0.0)
 
 
 def _plausible(offset: FloatArray) -> npt.NDArray[np.bool_]:
-    """Mask of the recorded pressures whose distance from the depth's is usual in this profile."""
+    """Mask of the recorded pressures whose offset from the pressure of depth is usual in this profile."""
     known = np.isfinite(offset)
     return known & (np.abs(offset - np.median(offset[known])) <= MAX_PRESSURE_OFFSET) if known.any() else known
 
@@ -179,13 +180,13 @@ def _position(record: ProfileRecord) -> Fix | None:
 
 
 def _turning_points(pressure: FloatArray) -> npt.NDArray[np.int64]:
-    """First step of every leg and the one after the last (k + 1,)."""
+    """First step of every leg, and the step after the last (k + 1,)."""
     found = [scipy.signal.find_peaks(sign * pressure, prominence=MIN_TURN)[0] for sign in (1.0, -1.0)]
     return np.array([0, *np.sort(np.concatenate(found)), len(pressure)], dtype=np.int64)
 
 
 def _cast(samples: FloatArray) -> _Cast:
-    """Grid samples (m, 3) by pressure: medians of the cells that hold any, and their running median."""
+    """Grid samples (m, 3) by pressure: medians of the cells with samples, smoothed with a running median."""
     samples = samples[np.isfinite(samples).all(axis=1)]
     if not len(samples):
         return _Cast(*np.zeros((3, 0)))
@@ -193,12 +194,12 @@ def _cast(samples: FloatArray) -> _Cast:
     order = np.argsort(cells, kind="stable")
     groups = np.split(samples[order], np.flatnonzero(np.diff(cells[order])) + 1)
     pressure, salinity, temperature = np.array([np.median(group, axis=0) for group in groups]).T
-    # Mirrored, so that a spike in the first cell does not extend beyond it.
+    # With mirrored ends, a spike in the first cell does not extend beyond it.
     return _Cast(pressure, *(scipy.ndimage.median_filter(v, FILTER, mode="mirror") for v in (salinity, temperature)))
 
 
 def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:
-    """In-situ density and temperature (n, 2) along one leg, from its own cast or else from all of the profile's."""
+    """In-situ density and temperature (n, 2) along one leg, from its own cast or else from the cast of the profile."""
     levels = np.arange(np.floor(pressure.min()), np.ceil(pressure.max()) + 2.0 * _LEVEL, _LEVEL)
     here, anywhere = own.covers(levels), whole.covers(levels)
     lacking = levels[~(here | anywhere)]

@@ -1,8 +1,8 @@
-"""Teledyne Slocum records (``*.dbd`` and ``*.ebd``, or netCDF of native sensors) into the observation format.
+"""Import of Teledyne Slocum records (``*.dbd`` and ``*.ebd``, or netCDF of native sensors) into the observation format.
 
-The pressure sensor of a Slocum drifts and is not zeroed at the surface: on the same mission it reads anything from 0 to
-4 m while positions come in. A position is the proof of a surfacing; the depth then read is the level that dives are
-counted from.
+The pressure sensor of a Slocum drifts and is not zeroed at the surface: on the same mission it reads between 0 and 4 m
+while positions are received. A position proves a surfacing, and the depth reading at that time is the level from which
+dives are measured.
 """
 
 from collections import Counter
@@ -26,10 +26,11 @@ from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import Span, profile_spans
 
 RECORD_BREAK = 900.0
-"""A longer pause below the surface (s) breaks a record in two: a segment's file is missing there."""
+"""Longest pause of the record within a profile (s); a longer one is due to a missing file and splits the profile."""
 
 MIN_SURFACE_TIME = 180.0
-"""A shorter visit to the surface (s) is the turning point of a yo: filling the air bladder and calling take minutes."""
+"""Least duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
+is the turning point of a yo."""
 
 _SECOND = np.timedelta64(1, "s")
 
@@ -55,29 +56,29 @@ def import_slocum(
     out : Path
         The netCDF file to write.
     cache : Path, optional
-        Folder of the cache files of the binary files; by default next to them, or in their folder's ``cac``.
+        Folder of the cache files; by default the folder of the binary files, or its folders ``cac`` and ``cache``.
     declination : float, optional
-        Magnetic declination (degree, east positive); by default what the glider's GPS receiver reports.
+        Magnetic declination (degree, east positive); by default the one reported by the glider's GPS receiver.
     battery_scale : float
-        Battery travel over the travel that the vehicle reports, metre a metre.
+        Ratio of the battery travel to the travel reported by the vehicle (m/m).
     battery_zero : float
         Reported position at which ``battery_position`` is zero (m).
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     reads : Reads
-        Reads each file; by default all are read.
+        Function that reads each file; by default every file is read directly.
 
     Returns
     -------
     ImportSummary
-        Profiles, fixes, what was done and what was left out.
+        Profiles, fixes, remarks on the processing, and omitted files and profiles.
 
     Raises
     ------
     InputError
         The sources are not one glider's records, no flight record can be read or holds a usable row, the declination
-        is not known, or `out` may not be replaced or cannot be written. A file that cannot be read among others that
-        can is no error: the summary names it.
+        is unknown, or `out` may not be replaced or cannot be written. An unreadable file among readable ones is not an
+        error; the summary names it.
     """
     read = partial(
         _read_records,
@@ -102,7 +103,7 @@ def _read_records(
     battery: tuple[float, float],
     reads: Reads,
 ) -> MissionRecords:
-    """Read a mission's files, and turn the sensors of the flight computer into variables of the observation format."""
+    """Read a mission's files, and convert the sensors of the flight computer to variables of the observation format."""
     mission = read_mission(find_files(sources, out), cache, reads)
     _check_mission(mission, sources[0])
     rows = mission.flight
@@ -152,12 +153,12 @@ def _check_mission(mission: Mission, source: Path) -> None:
 
 
 def _ballast_sensor(rows: Rows) -> str:
-    """Name of the sensor of the buoyancy engine: the shallow or the deep one, whichever moves.
+    """Name of the buoyancy engine's sensor: of the shallow and the deep one, the sensor with the larger range.
 
     Raises
     ------
     InputError
-        Neither was recorded.
+        Neither sensor was recorded.
     """
     recorded = [name for name in BALLAST_SENSORS if np.isfinite(rows[name]).any()]
     if not recorded:
@@ -186,7 +187,7 @@ def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: flo
 
 
 def _profile_numbers(rows: Rows) -> npt.NDArray[np.int64]:
-    """Number of the profile of every row, 0 outside any."""
+    """Profile number of every row, 0 outside any profile."""
     return detect_profiles(
         (rows.time - rows.time[0]) / _SECOND,
         rows["m_depth"],
@@ -197,7 +198,7 @@ def _profile_numbers(rows: Rows) -> npt.NDArray[np.int64]:
 
 
 def _lost_profiles(mission: Mission, spans: Mapping[int, Span]) -> dict[int, str]:
-    """Profiles with samples at times that two clocks gave, and why they are left out."""
+    """Profiles with samples at times by two clocks, with the reason why they are left out."""
     lost: dict[int, str] = {}
     time = mission.flight.time
     for begin, end in mission.set_back:
@@ -211,7 +212,7 @@ def _lost_profiles(mission: Mission, spans: Mapping[int, Span]) -> dict[int, str
 
 
 def _fixes_by_one_clock(mission: Mission) -> Fixes:
-    """Find the fixes of a mission, except those at times that two clocks gave."""
+    """Find the fixes of a mission, except those at times by two clocks."""
     fixes = find_fixes(mission.flight)
     for begin, end in mission.set_back:
         fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
@@ -247,7 +248,7 @@ def _parts(mission: Mission, start: int, stop: int) -> tuple[str, ...]:
 
 
 def _label(mission: Mission) -> str:
-    """Name of the mission: its first and its last part."""
+    """Name of the mission: its first and last parts."""
     return " to ".join(dict.fromkeys((mission.parts[0], mission.parts[-1])))
 
 
@@ -282,15 +283,18 @@ _PROCESSING = {
 
 
 def find_fixes(rows: Rows) -> Fixes:
-    """Find the GPS fixes of a mission: rows with a new position that the receiver calls valid (``m_gps_status`` 0)."""
+    """Find the GPS fixes of a mission: rows with a new position that the receiver reports as valid.
+
+    Positions are valid if ``m_gps_status`` is 0 or not recorded.
+    """
     found = _has_fix(rows)
     return drop_outliers(Fixes(rows.time[found], rows["m_gps_lat"][found], rows["m_gps_lon"][found]))
 
 
 def surface_level(rows: Rows) -> FloatArray | None:
-    """Depth that the sensor reads afloat (m), ``(n,)``: its median over the fixes of the nearest surfacing.
+    """Depth reading of the sensor afloat (m), ``(n,)``: its median over the fixes of the nearest surfacing.
 
-    None where there is no fix with a depth.
+    It is None if there is no fix with a depth.
     """
     at = np.flatnonzero(_has_fix(rows) & np.isfinite(rows["m_depth"]))
     if len(at) == 0:
@@ -304,21 +308,21 @@ def surface_level(rows: Rows) -> FloatArray | None:
 
 
 def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str]:
-    """Heading from true north (degree), ``(n,)``, and what was done to the magnetic one.
+    """Heading from true north (degree), ``(n,)``, and a description of the correction of the magnetic heading.
 
-    ``m_gps_mag_var`` is the magnetic heading less the true one, positive where the declination is west.
+    ``m_gps_mag_var`` is the magnetic heading less the true heading; it is positive if the declination is west.
 
     Parameters
     ----------
     rows : Rows
         Rows of the flight computer.
     declination : float or None
-        Declination (degree, east positive) instead of what the receiver reports.
+        Declination (degree, east positive) instead of the reported one.
 
     Raises
     ------
     InputError
-        No declination is given, and none was reported.
+        No declination is given, and the receiver reported none.
     """
     if declination is not None:
         note = f"magnetic heading (m_heading) plus the declination that was given, {declination:g} degree"
@@ -340,5 +344,5 @@ def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str
 
 
 def _has_fix(rows: Rows) -> npt.NDArray[np.bool_]:
-    # A state that is not recorded (NaN) does not discredit a position.
+    # A position without a recorded state (NaN) is accepted.
     return np.isfinite(rows["m_gps_lat"]) & np.isfinite(rows["m_gps_lon"]) & ~(rows["m_gps_status"] > 0.0)

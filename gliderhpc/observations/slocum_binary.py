@@ -1,9 +1,9 @@
-"""Binary Slocum files by way of the package dbdreader, which is an optional extra (it is under the GPL).
+"""Reading of binary Slocum files with the package dbdreader, an optional extra (it is under the GPL).
 
-dbdreader trusts its files: a header that is cut short makes it read forever, data that are cut short end in a record of
-junk, it writes the sensor list of a file that holds one into the cache folder under the name that the header gives it,
-and its compiled code can end the process. So the header is read and judged here first, what a cut leaves is thrown
-away, and dbdreader works in a process and a folder of its own.
+dbdreader does not check its files. A truncated header makes it read forever. Truncated data end in a record of junk. It
+writes the sensor list of a file that contains one into the cache folder, under the name given in the header. Its
+compiled code can end the process. Therefore this module checks the header first and discards the record at a
+truncation, and dbdreader runs in its own process and folder.
 """
 
 import importlib
@@ -28,19 +28,19 @@ from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.slocum_files import Sensor, conversion, is_compressed, rows_of_seconds
 
 READ_TIMEOUT = 120.0
-"""Seconds after which the reading of a file is given up: a sound one of 100 MB takes a few."""
+"""Time limit for the reading of a file (s); an intact file of 100 MB takes a few seconds."""
 
 _SCRIPT = Path(__file__).with_name("slocum_dbd_process.py")
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class DbdProcess:
-    """A process that reads binary files one after the other, until it is closed; a new one where it has died.
+    """A process that reads binary files one after the other until it is closed; it is restarted after it has died.
 
     Parameters
     ----------
     folder : Path
-        An empty folder to work in; cache files are looked for there.
+        An empty working folder, which is also searched for cache files.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -48,21 +48,21 @@ class DbdProcess:
         self._process: subprocess.Popen[str] | None = None
 
     def read(self, path: Path, plain: Path, names: Sequence[str]) -> tuple[dict[str, str], dict[str, FloatArray]]:
-        """Read the units and the values ``(n,)`` of sensors of a file, those that it has, by name.
+        """Read the units and the values ``(n,)`` of a file's sensors by name; sensors that it lacks are left out.
 
         Parameters
         ----------
         path : Path
-            The file, for messages.
+            Path of the file in messages.
         plain : Path
-            The same or its decompressed content.
+            The same file, or a file with its decompressed content.
         names : sequence of str
-            The sensors.
+            Names of the sensors.
 
         Raises
         ------
         InputError
-            The library refuses the file, ends, or does not come to an end.
+            The library refuses the file, ends its process, or does not finish in time.
         """
         values = self._folder / "values.npy"
         request = {"path": str(plain), "cache": str(self._folder), "names": [*names], "values": str(values)}
@@ -108,7 +108,7 @@ class DbdProcess:
         )
 
     def _answered(self, process: "subprocess.Popen[str]") -> bool:
-        """Wait for an answer, or for the process to end; False where neither comes."""
+        """Return whether an answer, or the end of the process, arrives within the time limit."""
         assert process.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(process.stdout, selectors.EVENT_READ)
@@ -120,7 +120,7 @@ class DbdProcess:
         if process is None:
             return
         process.kill()
-        # Closes the pipes, too.
+        # This also closes the pipes.
         process.communicate()
 
 
@@ -139,22 +139,22 @@ _END = b"X"
 """Mark that the glider writes after the last record when it closes a file."""
 
 _SENSOR = re.compile(rb"s: (?P<used>[TF]) +\d{1,6} +(?P<place>-?\d{1,6}) +(?P<size>[1248]) +\w+ +\S+\s*$")
-"""A line of a list of sensors: in use or not, number, place in the records, bytes, name, unit."""
+"""A line of a list of sensors: use flag, number, place in the records, size (bytes), name, unit."""
 
 _CRC = re.compile(r"[0-9a-fA-F]{1,8}")
-"""Check sum of a list of sensors, from which the name of its cache file is made."""
+"""Checksum of a list of sensors, which gives the name of its cache file."""
 
 _COUNT = re.compile(r"\d{1,6}")
 
 MAX_SEGMENT = 10.0 * 86_400.0
-"""A file begins with a surfacing or a mission, and at the latest after days (s)."""
+"""Greatest deviation of a time in a file from the median (s); a new file begins with every surfacing or mission."""
 
 _COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")
 
 
 def cache_files(folder: Path) -> list[Path]:
-    """Return the cache files that lie where those of the binary files in a folder are looked for."""
+    """Return the cache files in the places that are searched for the binary files of a folder."""
     places = (folder / name for name in _CACHE_FOLDERS)
     held = (path for place in places if place.is_dir() for path in sorted(place.iterdir()))
     return [path for path in held if path.suffix.lower() in (".cac", _COMPRESSED_CACHE)]
@@ -167,11 +167,11 @@ class Segment:
     Attributes
     ----------
     name : str
-        The glider's name of the segment, as in ``modena-2015-175-0-2``.
+        The glider's name of the segment, for example ``modena-2015-175-0-2``.
     rows : Rows
         Its records, in the units of the observation format.
     cut_short : bool
-        True where the file lacks its end.
+        True if the file is truncated.
     """
 
     name: str
@@ -190,14 +190,14 @@ class BinaryReader:
     Parameters
     ----------
     folder : Path
-        An empty folder for dbdreader to work in.
+        An empty working folder for dbdreader.
     cache : Path or None
-        Folder of the cache files; None looks next to each file, and in the folders ``cac`` and ``cache`` there.
+        Folder of the cache files; if None, the folder of each file and its folders ``cac`` and ``cache`` are searched.
 
     Raises
     ------
     InputError
-        dbdreader is not installed, or there is no folder `cache`.
+        dbdreader is not installed, or the folder `cache` does not exist.
     """
 
     def __init__(self, folder: Path, cache: Path | None) -> None:
@@ -220,16 +220,17 @@ class BinaryReader:
         path : Path
             The file.
         part : int
-            Number that its rows are given.
+            Number assigned to its rows.
         clock : str
-            Name of the sensor of time.
+            Name of the time sensor.
         sensors : sequence of Sensor
-            Sensors to read; one that the file does not have is missing (NaN).
+            Sensors to read; a sensor that the file does not have is NaN.
 
         Raises
         ------
         InputError
-            The file, or its cache file, is not there, is no binary Slocum file, or lacks a required sensor.
+            The file or its cache file is missing or damaged, it is not a binary Slocum file, or it lacks the clock or
+            a required sensor.
         """
         content, broken = self._content(path, compressed=is_compressed(path))
         header = _header(path, content)
@@ -237,14 +238,14 @@ class BinaryReader:
         columns = self._columns(plain, path, clock, sensors)
         cut_short = broken or not content.endswith(_END)
         seconds = columns.pop(clock)
-        # The record in which the cut falls is read as if it were whole.
+        # dbdreader reads the last, incomplete record of a truncated file as if it were complete.
         stop = len(seconds) - 1 if cut_short and len(seconds) else len(seconds)
         seconds = _without_strays(seconds[:stop])
         rows = rows_of_seconds(seconds, part, {name: values[:stop] for name, values in columns.items()})
         return Segment(header["full_filename"], rows, cut_short)
 
     def _content(self, path: Path, *, compressed: bool) -> tuple[bytes, bool]:
-        """Return a file's content, decompressed, and whether its last block is broken."""
+        """Return a file's decompressed content, and whether its last block is broken."""
         try:
             if not compressed:
                 return path.read_bytes(), False
@@ -260,7 +261,7 @@ class BinaryReader:
         return b"".join(blocks), False
 
     def _plain(self, path: Path, content: bytes, header: dict[str, str]) -> Path:
-        """Put what dbdreader needs where it looks for it; the file that it shall read."""
+        """Prepare the cache file and the decompressed content for dbdreader; return the path of the file to read."""
         if header["sensor_list_factored"] == "1":
             self._fetch_cache(path, header)
         if not is_compressed(path):
@@ -270,7 +271,7 @@ class BinaryReader:
         return plain
 
     def _fetch_cache(self, path: Path, header: dict[str, str]) -> None:
-        """Copy a cache file to where dbdreader looks for it."""
+        """Copy a cache file to the folder that dbdreader searches."""
         wanted = self._folder / f"{header['sensor_list_crc'].lower()}.cac"
         if wanted.exists():
             return
@@ -316,7 +317,7 @@ class BinaryReader:
 
 
 def _without_strays(seconds: FloatArray) -> FloatArray:
-    """Make the times missing that no segment is long enough for: damaged ones."""
+    """Replace damaged times, which are further from the median than any segment is long, by NaN."""
     known = seconds[np.isfinite(seconds)]
     if not len(known):
         return seconds
@@ -324,7 +325,7 @@ def _without_strays(seconds: FloatArray) -> FloatArray:
 
 
 def _next_block(decompressor: Any) -> bytes | None:
-    """Return the next block of a compressed file, None after the last one, nothing where the block is broken."""
+    """Return the next block of a compressed file; None after the last block, empty if the block is broken."""
     try:
         block: bytes | None = next(decompressor.decompressed_blocks(n=1), None)
     except importlib.import_module("lz4.block").LZ4BlockError:
@@ -333,7 +334,7 @@ def _next_block(decompressor: Any) -> bytes | None:
 
 
 def _header(path: Path, content: bytes) -> dict[str, str]:
-    """Read the lines of text that open a file, and see that the list of sensors that may follow is whole."""
+    """Read the text header of a file, and check it and the list of sensors that may follow."""
     if not content.startswith(b"dbd_label:"):
         raise InputError(f"{path}: is no binary Slocum file (it does not begin with dbd_label); leave it out")
     text = content[:4096].decode("ascii", errors="replace").split("\n")
@@ -354,7 +355,7 @@ def _header(path: Path, content: bytes) -> dict[str, str]:
 
 
 def _is_whole(content: bytes, header: dict[str, str]) -> bool:
-    """Return whether the text is complete: the header, and the list of sensors unless that is in a cache file."""
+    """Return whether the text is complete: the header, and the list of sensors unless it is in a cache file."""
     if not all(_COUNT.fullmatch(header[key]) for key in _COUNTS):
         return False
     tags, sensors = int(header["num_ascii_tags"]), int(header["total_num_sensors"])
@@ -364,7 +365,7 @@ def _is_whole(content: bytes, header: dict[str, str]) -> bool:
 
 
 def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
-    """Return whether the lines begin with as many sensors as the header counts, and something follows the last."""
+    """Return whether the lines begin with the number of sensors given in the header, followed by further content."""
     count, used = int(header["total_num_sensors"]), int(header["sensors_per_cycle"])
     if len(lines) <= count:
         return False
@@ -374,7 +375,7 @@ def _lists_sensors(lines: list[bytes], header: dict[str, str]) -> bool:
 
 
 def _import_dbdreader() -> Any:
-    """Import dbdreader; its setting of the locale is undone."""
+    """Import dbdreader, and restore the locale that it changes."""
     before = locale.setlocale(locale.LC_ALL)
     try:
         return importlib.import_module("dbdreader")

@@ -1,7 +1,7 @@
-"""Reads binary records with dbdreader in a process of its own: run as a script by `DbdProcess`.
+"""Script that reads binary records with dbdreader in a separate process, run by `DbdProcess`.
 
-It imports nothing of gliderhpc, so that it starts quickly. A line of JSON on the standard input asks for one file, a
-line on the standard output answers; the values lie in the file that the request names.
+It imports nothing from gliderhpc, which makes it start quickly. A line of JSON on the standard input requests one file,
+and a line on the standard output is the answer. The values are written to the file named in the request.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 MAX_MEMORY = 4 << 30
-"""Bytes of address space: a damaged header can ask for any number."""
+"""Limit of the address space (bytes); a damaged header can lead to a request for any amount of memory."""
 
 
 def answer(request: dict[str, Any], library: Any) -> dict[str, Any]:
@@ -24,9 +24,10 @@ def answer(request: dict[str, Any], library: Any) -> dict[str, Any]:
     Parameters
     ----------
     request : dict
-        ``path`` of the file, ``cache`` folder, ``names`` of the sensors wanted, and ``values``, where to write them.
+        ``path`` of the file, ``cache`` folder, ``names`` of the wanted sensors, and path of the file for the
+        ``values``.
     library : module
-        dbdreader.
+        The module dbdreader.
     """
     opened = library.DBD(request["path"], cacheDir=request["cache"])
     held = [name for name in request["names"] if name in opened.parameterNames]
@@ -39,7 +40,7 @@ def answer(request: dict[str, Any], library: Any) -> dict[str, Any]:
 
 def main() -> None:
     """Answer requests until there are no more."""
-    # What the library prints must not come between the answers.
+    # Output that the library prints must not mix with the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     with contextlib.suppress(ValueError, OSError):

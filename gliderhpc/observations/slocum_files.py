@@ -1,9 +1,9 @@
-"""Files of a Slocum mission, native sensors and their units, and netCDF files of them.
+"""Files of a Slocum mission, native sensors and their units, and netCDF files of native sensors.
 
-A mission has a file of the flight and one of the science computer for every segment, or netCDF files of native sensors.
-Sensors bear the vehicle's own names (its `masterdata`): a positive ``m_roll`` is starboard down, ``m_pitch`` nose up,
-``m_battpos`` forward of the middle (nose down); a positive ``m_fin`` turns the vehicle to starboard; the volumes are
-positive where they make it float.
+A mission has one file of the flight computer and one of the science computer for every segment, or netCDF files of
+native sensors. Sensors have the vehicle's own names (its `masterdata`). A positive ``m_roll`` is starboard down, a
+positive ``m_pitch`` nose up, and a positive ``m_battpos`` forward of the middle (nose down). A positive ``m_fin`` turns
+the vehicle to starboard. Positive volumes make the vehicle buoyant.
 """
 
 import re
@@ -31,13 +31,13 @@ class Sensor:
     Attributes
     ----------
     name : str
-        The vehicle's name.
+        The vehicle's name of the sensor.
     quantity : str
-        Quantity and unit, as in ``length in m``; values have that unit once the file is read.
+        Quantity and unit, for example ``length in m``; values are converted to that unit when the file is read.
     low, high : float
-        A value outside is junk and counts as missing.
+        Plausible range; a value outside is junk and is treated as missing.
     required : str or None
-        Loss without it, where the import needs it.
+        Quantity that is lost without the sensor; None if the import does not require it.
     """
 
     name: str
@@ -63,7 +63,7 @@ FLIGHT_SENSORS = (
     Sensor("m_gps_status", "state", 0.0, 255.0),
     Sensor("m_gps_mag_var", _ANGLE, -180.0, 180.0),
 )
-"""Sensors of the flight computer. The shallow vehicle has ``m_ballast_pumped``, the deep one ``m_de_oil_vol``."""
+"""Sensors of the flight computer. The shallow vehicle has ``m_ballast_pumped``, the deep vehicle ``m_de_oil_vol``."""
 
 SCIENCE_SENSORS = (
     Sensor("sci_water_temp", "temperature in degC", -5.0, 45.0),
@@ -82,7 +82,7 @@ def _times(factor: float, values: FloatArray) -> FloatArray:
 
 
 def _accepted(quantity: str) -> Mapping[str, Conversion]:
-    """Conversions of a quantity by the spelling of the unit declared, in small letters."""
+    """Conversions of a quantity by the spelling of the declared unit, in lower case."""
     if quantity == "state":
         return {unit: partial(_times, 1.0) for unit in ("enum", "nodim", "1", "bool")}
     what, _, wanted = quantity.partition(" in ")
@@ -91,21 +91,21 @@ def _accepted(quantity: str) -> Mapping[str, Conversion]:
 
 
 def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
-    """Return the way from a declared unit to that of the observation format.
+    """Return the conversion from a declared unit to the unit of the observation format.
 
     Parameters
     ----------
     quantity : str
-        Quantity and unit wanted, as in ``length in m``.
+        Quantity and wanted unit, for example ``length in m``.
     unit : str or None
-        Unit that the file declares; None where it declares none. A state needs no unit.
+        Unit declared in the file; None if there is none. A state needs no unit.
     where : str
-        File and sensor, for the message.
+        Names of the file and the sensor in the message.
 
     Raises
     ------
     InputError
-        No unit is declared, or one that does not measure this quantity.
+        No unit is declared, or the declared unit does not measure this quantity.
     """
     accepted = _accepted(quantity)
     known = ", ".join(accepted)
@@ -120,11 +120,11 @@ def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
 
 
 _EARLIEST, _LATEST = (float((time - np.datetime64(0, "s")) / np.timedelta64(1, "s")) for time in (EARLIEST, LATEST))
-"""Limits of plausible times (s since 1970); a clock that is not set shows 1970."""
+"""Limits of plausible times (s since 1970); an unset clock gives 1970."""
 
 
 def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArray]) -> Rows:
-    """Rows of one file from its clock; a time that no glider flew at becomes missing (NaT)."""
+    """Rows of one file from its clock and columns; a time outside the years of gliders becomes NaT."""
     plausible = (seconds > _EARLIEST) & (seconds < _LATEST)
     nanoseconds = np.rint(np.where(plausible, seconds, 0.0) * 1e9).astype(np.int64).astype("datetime64[ns]")
     nanoseconds[~plausible] = np.datetime64("NaT", "ns")
@@ -132,7 +132,7 @@ def rows_of_seconds(seconds: FloatArray, part: int, columns: dict[str, FloatArra
 
 
 FLIGHT = ("dbd", "dcd", "mbd", "mcd", "sbd", "scd")
-"""Endings of the flight computer's files, the fullest record first; the middle letter c marks the compressed ones."""
+"""Endings of the flight computer's files, the fullest record first; the middle letter c marks compressed files."""
 
 SCIENCE = ("ebd", "ecd", "nbd", "ncd", "tbd", "tcd")
 """Endings of the science computer's files, in the same order."""
@@ -147,7 +147,7 @@ class MissionFiles:
     Attributes
     ----------
     flight, science : tuple of Path
-        Binary files, one a segment.
+        Binary files, one per segment.
     decoded : tuple of Path
         netCDF files of native sensors.
     """
@@ -158,12 +158,12 @@ class MissionFiles:
 
 
 def is_binary(path: Path) -> bool:
-    """Return whether a file is named as the glider names its binary records."""
+    """Return whether a file is named like a binary record of the glider."""
     return _ending(path) in (*FLIGHT, *SCIENCE)
 
 
 def is_compressed(path: Path) -> bool:
-    """Return whether a file is named as the glider names its compressed records."""
+    """Return whether a file is named like a compressed record of the glider."""
     return is_binary(path) and _ending(path)[1] == "c"
 
 
@@ -173,9 +173,9 @@ def find_files(sources: Sequence[Path], out: Path) -> MissionFiles:
     Parameters
     ----------
     sources : sequence of Path
-        Files, or folders that hold them. Of a folder the binary files are taken, the netCDF files where it has none.
+        Files, or folders that hold them. From a folder the binary files are taken, or its netCDF files if it has none.
     out : Path
-        The file to be written, which is no source.
+        The file to be written, which is not a source.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def _is_record(path: Path) -> bool:
 
 
 def _fullest(files: list[Path], endings: tuple[str, ...]) -> tuple[Path, ...]:
-    """One file a segment: the fullest record that is there."""
+    """One file per segment: the fullest available record."""
     best: dict[str, Path] = {}
     for path in sorted(files, key=lambda path: endings.index(_ending(path))):
         best.setdefault(path.stem.lower(), path)
@@ -226,17 +226,17 @@ def _fullest(files: list[Path], endings: tuple[str, ...]) -> tuple[Path, ...]:
 
 
 def _segment_order(path: Path) -> list[str | tuple[int, str]]:
-    """Order names by their numbers, so that segment 10 comes after segment 9."""
+    """Sort key of file names by their numbers, which puts segment 10 after segment 9."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 FLIGHT_CLOCK, SCIENCE_CLOCK = "m_present_time", "sci_m_present_time"
 _BARE_SECONDS = ("timestamp", "s", "sec", "second", "seconds")
-"""Units that mean seconds since 1970 where no epoch is named."""
+"""Units without an epoch that mean seconds since 1970."""
 
 
 def is_decoded(path: Path) -> bool:
-    """Return whether a file is a netCDF of native sensors."""
+    """Return whether a file is a netCDF file of native sensors."""
     if not path.is_file() or path.suffix.lower() != ".nc":
         return False
     try:
@@ -247,26 +247,26 @@ def is_decoded(path: Path) -> bool:
 
 
 def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Sequence[Sensor]) -> tuple[Rows, Rows]:
-    """Read the rows of the flight and of the science computer.
+    """Read the rows of the flight computer and of the science computer from a netCDF file.
 
     Parameters
     ----------
     path : Path
-        The file: one-dimensional variables with the native names and a ``units`` attribute each, those of the flight
-        computer along the dimension of ``m_present_time``, those of the science computer along the dimension of
-        ``sci_m_present_time``, or all of them along the former.
+        File of one-dimensional variables with native names and ``units`` attributes. Variables of the flight computer
+        are along the dimension of ``m_present_time``. Those of the science computer are along the dimension of
+        ``sci_m_present_time``, or of ``m_present_time`` if the former is absent.
     part : int
-        Number that its rows are given.
+        Number assigned to its rows.
     flight, science : sequence of Sensor
-        Sensors to read; one that the file does not have is missing (NaN).
+        Sensors to read; a sensor that the file does not have is NaN.
 
     Raises
     ------
     InputError
-        The file cannot be read, lacks a clock or a required sensor, or declares a unit that cannot be right.
+        The file cannot be read, lacks a clock or a required sensor, or declares an impossible unit.
     """
     try:
-        # Loaded at once: sensors are read by name below, and one that does not decompress is found here.
+        # The variables are loaded here, where an error of decompression is caught.
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
@@ -311,7 +311,7 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
 
 
 def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
-    """Seconds since 1970 from what the file declares."""
+    """Times of a clock (s since 1970), decoded with the declared unit."""
     if clock.ndim != 1:
         raise InputError(f"{path}: {clock.name} has {clock.ndim} dimensions; it must have one")
     if not np.issubdtype(clock.dtype, np.number):

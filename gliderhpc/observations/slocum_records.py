@@ -1,6 +1,6 @@
-"""All files of a Slocum mission as two tables, of the flight and of the science computer.
+"""All files of a Slocum mission as two tables, one of the flight computer and one of the science computer.
 
-An unreadable file is skipped; the rest are read.
+Unreadable files are skipped.
 """
 
 import tempfile
@@ -27,16 +27,16 @@ from gliderhpc.observations.slocum_files import (
 from gliderhpc.observations.stored_reads import Reads
 
 _NO_PART = -1
-"""Profiles are made of flight records: those of the science computer need no number."""
+"""Number of science records, which need none because profiles consist of flight records."""
 
 CLOCK_NOT_SET = "clock not set"
 HUNG = "measurements of a cycle that hung"
 
 HANGING_CYCLE = 2.0
-"""A cycle of the flight computer that lasts as many times the median was waiting for a sensor, mostly for the compass.
+"""Length of a cycle of the flight computer, in medians, above which it was waiting for a sensor (mostly the compass).
 
-Its record bears the time of the cycle's beginning, but what it waited for, and what came after, is of its end: on
-modena's mission the depth of such a record lies 3 m off on the climb.
+The record of such a cycle has the time of its beginning, but the delayed measurement and the following ones are from
+its end. On the mission of modena, the depth in such a record is in error by 3 m during the climb.
 """
 
 _MEASURED = ("m_depth", "m_pitch", "m_roll", "m_heading")
@@ -49,19 +49,19 @@ class Mission:
     Attributes
     ----------
     vehicles : tuple of str
-        Names of the gliders, where the files give them.
+        Names of the gliders, as far as the files give them.
     parts : tuple of str
-        Names of the segments or files by the rows' `part`.
+        Names of the segments or files, indexed by the rows' `part`.
     flight, science : Rows
-        In time order, junk values missing (NaN).
+        Rows in time order, with junk values replaced by NaN.
     rejected : dict of Path to str
-        Files that could not be read, and why.
+        Reasons by unreadable file.
     cut_short : tuple of Path
-        Files that lack their end; what they hold is in the tables.
+        Truncated files; the tables contain their complete records.
     dropped : dict of str to int
-        Rows and values left out, by reason.
+        Number of rows and values left out, by reason.
     set_back : tuple of (numpy.datetime64, numpy.datetime64)
-        Begin and end of the times that flight records give twice, because the clock was set back between.
+        Begin and end of the intervals of time that occur twice in flight records, because the clock was set back.
     """
 
     vehicles: tuple[str, ...]
@@ -76,7 +76,7 @@ class Mission:
 
 @dataclass(frozen=True, eq=False)
 class _Collected:
-    """Records read so far, as in `Mission`, file by file."""
+    """Records read so far, file by file, with the attributes of `Mission`."""
 
     vehicles: dict[str, None] = field(default_factory=dict)
     parts: list[str] = field(default_factory=list)
@@ -96,12 +96,12 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
     cache : Path or None
         Folder of the cache files of the binary files.
     reads : Reads
-        Reads each file.
+        Function that reads each file.
 
     Raises
     ------
     InputError
-        Not one flight record could be read: the reason is that of the first file.
+        No flight record could be read; the message is that of the first unreadable file.
     """
     collected = _Collected()
     if files.flight or files.science:
@@ -162,7 +162,7 @@ def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
 
 
 def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
-    """Join the rows, sort them by time and take out junk."""
+    """Join the rows, sort them by time and remove junk."""
     rows = join_rows(parts, [sensor.name for sensor in sensors])
     rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
     order = np.argsort(rows.time, kind="stable")
@@ -178,7 +178,7 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
 
 
 def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
-    """Make the measurements missing whose time is not known."""
+    """Replace the measurements of delayed cycles, whose time is unknown, by NaN."""
     lasted = np.diff(rows.time)
     hung = np.flatnonzero(lasted > HANGING_CYCLE * np.median(lasted)) if len(lasted) else np.zeros(0, dtype=int)
     for name in _MEASURED:

@@ -1,7 +1,7 @@
-"""Results of reading files, stored by the files' content, so that a file that has not changed is read once.
+"""Stored results of reading files, by the content of the files; an unchanged file is read only once.
 
-A result is read back by a restricted unpickler: arrays, the record classes of this package and plain values, and
-nothing that could run code.
+Stored results are loaded with a restricted unpickler. It accepts arrays, the record classes of this package and plain
+values, and nothing that could run code.
 """
 
 import hashlib
@@ -34,31 +34,31 @@ _CHECK_LENGTH = hashlib.sha256().digest_size
 
 
 class Reads(Protocol):
-    """Calls a function that reads a file."""
+    """Callable that applies a reading function to a file, or returns an equal stored result."""
 
     def __call__(self, read: Callable[..., Result], path: Path, *arguments: Any) -> Result:
         """Return ``read(path, *arguments)``."""
 
 
 def read_directly(read: Callable[..., Result], path: Path, *arguments: Any) -> Result:
-    """Read a file, whatever was read before."""
+    """Read a file directly, without stored results."""
     return read(path, *arguments)
 
 
 @dataclass(frozen=True, eq=False)
 class StoredReads:
-    """Reads that are stored in a folder.
+    """Reads whose results are stored in a folder.
 
-    A failed read is not stored: it is tried again, since what it lacked may be there by then.
+    A failed read is not stored. It is tried again next time, when a missing file may have arrived.
 
     Attributes
     ----------
     folder : Path
-        Where results are stored; it exists.
+        Existing folder of the results.
     digests : mapping of Path to str
-        Digest of each file's content; other files are read directly.
+        Digest of each file's content; files without a digest are read directly.
     used : set of str
-        Names of the results that were asked for.
+        Names of the requested results.
     """
 
     folder: Path
@@ -66,9 +66,9 @@ class StoredReads:
     used: set[str] = field(default_factory=set, init=False)
 
     def __call__(self, read: Callable[..., Result], path: Path, *arguments: Any) -> Result:
-        """Return ``read(path, *arguments)``, from the store where it has been read before.
+        """Return ``read(path, *arguments)``, from the store if it was read before.
 
-        The function must depend on the file's content and on the arguments alone, and arguments that differ must
+        The result must depend only on the path, the file's content and the arguments, and different arguments must
         have a different `repr`.
         """
         digest = self.digests.get(path)
@@ -85,21 +85,21 @@ class StoredReads:
         return found
 
     def remove_unused(self) -> None:
-        """Remove the results that were not asked for: of files that have changed since."""
+        """Remove the results that were not requested, such as those of files that have changed."""
         for path in self.folder.iterdir():
             if path.name not in self.used:
                 path.unlink(missing_ok=True)
 
 
 def _name(read: Callable[..., Any], path: Path, digest: str, arguments: tuple[Any, ...]) -> str:
-    """Name a result by all that it depends on."""
+    """Return the name of a result: a digest of everything on which it depends."""
     what = (_version(), read.__module__, read.__qualname__, str(path), digest, arguments)
     return hashlib.sha256(repr(what).encode()).hexdigest()
 
 
 @cache
 def _version() -> str:
-    """Version of the importers: of the program, and the digest of this package's sources."""
+    """Digest of the program's version and of this package's sources, which identifies the importers."""
     sha = hashlib.sha256(__version__.encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         sha.update(source.read_bytes())
@@ -116,7 +116,7 @@ def _store(place: Path, content: tuple[Any]) -> None:
 
 
 def _load(place: Path) -> tuple[Any] | None:
-    """Return a stored result, None where there is none or it is damaged."""
+    """Return a stored result; None if there is none or it is damaged."""
     try:
         stored = place.read_bytes()
     except FileNotFoundError:
@@ -132,10 +132,10 @@ def _load(place: Path) -> tuple[Any] | None:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Reads arrays, plain values and the dataclasses of this package."""
+    """Unpickler of arrays, plain values and the dataclasses of this package."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Find a class or function that a result names; an error for any that is not expected."""
+        """Find a class or function named in a result; raise an error for any unexpected one."""
         if (module, name) in _OTHERS:
             return super().find_class(module, name)
         if module.startswith(_OURS) and "." not in name:

@@ -1,4 +1,4 @@
-"""Suitability of other programs' files: for depth-averaged currents, for the inversion for forces and moments."""
+"""Suitability of other programs' files for depth-averaged currents and for the inversion for forces and moments."""
 
 from gliderhpc.observations.columns import NamedColumns, Term
 from gliderhpc.observations.foreign import IN_THE_FORMAT, importer_of, is_in_the_format
@@ -20,11 +20,11 @@ CURRENT_TERMS = {
     "longitude": Term(("longitude", "LONGITUDE", "lon"), "degree"),
     "profile": Term(("profile",), "1"),
 }
-"""Quantities that a current needs or uses, by name; their names may be in small letters or capitals."""
+"""Quantities needed or used for a current, by name; matching of names ignores case."""
 
 
 def lacking_for_currents(columns: NamedColumns) -> list[str]:
-    """List what a depth-averaged current needs that a file lacks."""
+    """List the quantities needed for a depth-averaged current that a file lacks."""
     found = {quantity for quantity, term in CURRENT_TERMS.items() if term.find(columns) is not None}
     lacking = [name for name in ("time", "pitch", "heading") if name not in found]
     if found.isdisjoint(("depth", "pressure")):
@@ -35,7 +35,7 @@ def lacking_for_currents(columns: NamedColumns) -> list[str]:
 
 
 def needs_of_inversion(columns: NamedColumns) -> str:
-    """Describe in a clause what the inversion needs that a file lacks."""
+    """Describe in a clause the quantities needed for the inversion that a file lacks."""
     terms = {"ballast volume": BALLAST, **ATTITUDE, "depth": DEPTH, "time": TIME}
     lacking = [what for what, term in terms.items() if term.find(columns) is None]
     kind = importer_of(columns.names)
@@ -45,7 +45,7 @@ def needs_of_inversion(columns: NamedColumns) -> str:
 
 
 def describe_suitability(columns: NamedColumns) -> str:
-    """Describe in one line what a file is, and what it lacks for currents and for the inversion."""
+    """Describe in one line the kind of a file, and the quantities that it lacks for currents and for the inversion."""
     if is_in_the_format(columns.names):
         return f"{columns.source}: {IN_THE_FORMAT}"
     lacking = lacking_for_currents(columns)
@@ -54,7 +54,7 @@ def describe_suitability(columns: NamedColumns) -> str:
 
 
 def _kind(columns: NamedColumns) -> str:
-    """Origin of a file by its attributes and names, in words."""
+    """Kind of a file in words, from its attributes and variable names."""
     attributes = ("Conventions", "format_version", "title", "history", "featureType")
     described = " ".join(columns.attribute(name) for name in attributes).lower()
     names = {name.casefold() for name in columns.names}

@@ -1,4 +1,4 @@
-"""Survey of an observation file: places of its profiles, faults, usable fixes; and its variables as arrays."""
+"""Survey of an observation file (places of its profiles, faults, usable fixes), and its variables as arrays."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,14 +33,14 @@ from gliderhpc.observations.validation import (
 
 
 class StoredVariables:
-    """The variables of an open file, or slices of them.
+    """Variables of an open file, read whole or in slices.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        Opened without decoding its times.
+        The open file, with undecoded times.
     path : Path
-        Its place, for messages.
+        Its path in messages.
     """
 
     def __init__(self, dataset: xr.Dataset, path: Path) -> None:
@@ -51,24 +51,24 @@ class StoredVariables:
         return name in self.dataset.variables
 
     def size(self, dimension: str) -> int:
-        """Length of a dimension, 0 where the file does not have it."""
+        """Length of a dimension, 0 if the file does not have it."""
         return int(self.dataset.sizes.get(dimension, 0))
 
     def numbers(self, name: str, start: int, stop: int) -> FloatArray:
-        """Read one variable's slice as doubles; zeros for an optional one that is absent."""
+        """Read a slice of one variable as doubles; zeros if the variable is absent."""
         if name not in self:
             return np.zeros(stop - start)
         return np.asarray(self._read(name, start, stop), dtype=np.float64)
 
     def times(self, name: str, start: int, stop: int) -> DecodedTimes:
-        """Read a slice of one of the variables of time."""
+        """Read a slice of one of the time variables."""
         attributes = self.dataset[name].attrs
         units, calendar = (str(attributes.get(key, "")) for key in ("units", "calendar"))
         return decode_times(self._read(name, start, stop), units, calendar, f"{self.path}: {name}")
 
     def _read(self, name: str, start: int, stop: int) -> npt.NDArray[np.generic]:
         try:
-            # A slice of the variable takes a fifth of the time of one with its coordinates.
+            # Slicing the variable takes a fifth of the time of slicing it with its coordinates.
             return np.asarray(self.dataset.variables[name][start:stop].values)
         except (OSError, RuntimeError, ValueError, KeyError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -78,13 +78,13 @@ class StoredVariables:
 
 
 MAX_FIX_AGE = np.timedelta64(1800, "s")
-"""A fix further than this from a profile's end does not show where the profile began or ended."""
+"""Greatest time between a fix and the begin or end of a profile whose position it gives."""
 
 PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
-"""Variables that every profile is read with."""
+"""Variables that are read for every profile."""
 
 MAX_GPS_DEPTH = 20.0
-"""A glider deeper than this (m) has no GPS: the antenna is under water."""
+"""Depth (m) below which a glider cannot receive GPS, because the antenna is under water."""
 
 _SECOND = np.timedelta64(1, "s")
 
@@ -98,11 +98,11 @@ class ProfileSpan:
     number : int
         Number of the profile.
     start, stop : int
-        Its first sample and the one after its last.
+        Its first sample and the sample after its last.
     start_time, end_time : numpy.datetime64
-        Time of its first and its last sample.
+        Times of its first and its last sample.
     fixes_from, fixes_until : numpy.datetime64
-        The surface intervals on either side reach back and on to here.
+        Begin of the surface interval before it, and end of the surface interval after it.
     """
 
     number: int
@@ -116,20 +116,20 @@ class ProfileSpan:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Results of a look through the whole file.
+    """Results of a survey of the whole file.
 
     Attributes
     ----------
     spans : dict of int to ProfileSpan
-        Every profile in the order of the file.
+        Spans of the profiles by number, in the order of the file.
     faults : dict of int to str
-        Reason why a profile cannot be inverted.
+        Reasons why profiles cannot be inverted, by number.
     warnings : tuple of str
-        Warnings about the file, for the user, once.
+        Warnings about the file, to be shown to the user once.
     fixes : SurfaceFixes
-        Those of the file.
+        Fixes of the file.
     without_fixes : dict of int to str
-        Reason why none of the fixes around a profile can be used.
+        Reasons why none of the fixes around a profile can be used, by number.
     """
 
     spans: dict[int, ProfileSpan]
@@ -139,7 +139,7 @@ class Survey:
     without_fixes: dict[int, str] = field(default_factory=dict)
 
     def only(self, numbers: Iterable[int]) -> "Survey":
-        """Cut the survey down to some profiles, for a worker that does these."""
+        """Restrict the survey to some profiles, for a worker that processes only these."""
         wanted = set(numbers)
         spans = {number: self.spans[number] for number in self.spans.keys() & wanted}
         fixes = self.fixes
@@ -159,13 +159,13 @@ _REACH = ((min, "fixes_from"), (max, "fixes_until"))
 
 
 def survey_of(stored: StoredVariables) -> Survey:
-    """Look through a file.
+    """Survey a file.
 
     Raises
     ------
     InputError
-        It lacks a required variable, has one in a wrong unit, or its time runs backwards; faults of single profiles are
-        collected.
+        The file lacks a required variable, has one in a wrong unit, or its time runs backwards. Faults of single
+        profiles are collected instead.
     """
     path = str(stored.path)
     check_variables(stored.dataset, path)
@@ -191,7 +191,7 @@ def survey_of(stored: StoredVariables) -> Survey:
 
 
 def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], dict[int, str]]:
-    """Spans of the profiles, by their numbers or, where these are absent, by depth."""
+    """Spans and faults of the profiles, from the profile numbers in the file or, without these, from depth."""
     path = str(stored.path)
     if "profile" in stored:
         numbers = np.nan_to_num(stored.numbers("profile", 0, len(time)))
@@ -208,7 +208,10 @@ def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], 
 
 
 def _spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
-    """Spans with their times; the surface interval ends where the next profile begins, or when a fix gets too old."""
+    """Spans of the profiles with their times and surface intervals.
+
+    A surface interval is limited by the adjacent profile and by the greatest age of a fix (`MAX_FIX_AGE`).
+    """
     spans: dict[int, ProfileSpan] = {}
     ordered = sorted(places.items(), key=lambda item: item[1])
     for index, (number, (start, stop)) in enumerate(ordered):
@@ -246,7 +249,7 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
 
 
 def _after_clock_steps(time: TimeArray, places: Mapping[int, Span], clock_faults: Mapping[int, str]) -> dict[int, str]:
-    """Profiles after one in which the clock was set back: the samples' clock and that of the fixes may differ."""
+    """Profiles that follow one in which the clock was set back; the clocks of samples and fixes may differ there."""
     ordered = sorted(places.items(), key=lambda item: item[1])
     doubts: dict[int, str] = {}
     for (number, (start, stop)), (after, _) in pairwise(ordered):
@@ -266,7 +269,7 @@ def _submerged_fixes(
     faults: Mapping[int, str],
     fixes: SurfaceFixes,
 ) -> dict[int, str]:
-    """Profiles with a fix while they are under water: the clocks of samples and fixes disagree."""
+    """Profiles with a fix while the glider is under water; the clocks of samples and fixes disagree there."""
     sound = [span for number, span in spans.items() if number not in faults]
     if not sound or not len(fixes.time):
         return {}

@@ -1,4 +1,4 @@
-"""Tables of ERDDAP as text: names and units in the heads, times in ISO 8601."""
+"""Text tables from ERDDAP: names and units in the header, times in ISO 8601."""
 
 import re
 from pathlib import Path
@@ -11,16 +11,16 @@ from gliderhpc.errors import InputError
 
 _UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
 _TIME_UNIT = "utc"
-"""Unit that ERDDAP gives times in ISO 8601."""
+"""Unit in ERDDAP tables of times in ISO 8601."""
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a path is named as ERDDAP's tables of text are: ``.csv`` and ``.csvp``."""
+    """Return whether a path is named like a text table from ERDDAP: ``.csv`` or ``.csvp``."""
     return path.suffix.lower() in (".csv", ".csvp")
 
 
 def read_table(path: Path) -> xr.Dataset:
-    """Read a table of ERDDAP: units in the second row (``.csv``), or in brackets after the names (``.csvp``).
+    """Read a table from ERDDAP, with units in the second row (``.csv``), or in brackets after the names (``.csvp``).
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ def read_table(path: Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The columns along ``row``, with their units; times decoded.
+        Columns along ``row``, with their units and decoded times.
 
     Raises
     ------
     InputError
-        It is no such table, or holds a value that is no number or no time.
+        The file is not such a table, or a value in it is not a number or time.
     """
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
@@ -61,7 +61,7 @@ def read_table(path: Path) -> xr.Dataset:
 
 
 def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.ndarray, dict[str, str]]:
-    """Values of a column and its attributes; a column of words stays text."""
+    """Values of a column and its attributes; a column without any number remains text."""
     texts = np.char.strip(texts)
     if unit.lower() == _TIME_UNIT:
         return _times(texts, name, path), {"standard_name": "time"}

@@ -1,4 +1,4 @@
-"""Times of a file: decoded by its CF unit, refused where the unit or the years cannot be right."""
+"""Times of a file: decoding with the CF unit, and checks of the unit and the years."""
 
 import re
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.records import TimeArray
 
 FIRST_YEAR, LAST_YEAR = 2000, 2099
-"""Gliders have flown missions since about 2000; a clock that is not set gives 1970 or 1980, a damaged one anything."""
+"""Plausible years: gliders have flown missions since about 2000; an unset clock gives 1970 or 1980, a damaged one any
+year."""
 
 EARLIEST = np.datetime64(f"{FIRST_YEAR}-01-01", "ns")
 LATEST = np.datetime64(f"{LAST_YEAR + 1}-01-01", "ns")
@@ -22,7 +23,7 @@ _REFERENCE = re.compile(
     re.IGNORECASE,
 )
 _UTC = re.compile(r"|Z|UTC|GMT|[-+]\d{1,2}(?::?\d{2})?", re.IGNORECASE)
-"""Zones that xarray and CF understand alike; it takes any other for UTC without a warning."""
+"""Time zones that xarray decodes as CF defines them; it takes any other zone for UTC without a warning."""
 
 _SECONDS = {
     "d": 86_400.0, "day": 86_400.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "min": 60.0, "minute": 60.0,
@@ -38,9 +39,9 @@ class DecodedTimes:
     Attributes
     ----------
     time : (n,) array
-        UTC (ns), NaT where missing or implausible.
+        Times (UTC, ns), NaT where missing or implausible.
     implausible : (n,) array of bool
-        Values that are there, but outside the years of gliders, or no numbers.
+        Mask of the values that are present but outside the years of gliders.
     """
 
     time: TimeArray
@@ -48,21 +49,21 @@ class DecodedTimes:
 
 
 def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, where: str) -> DecodedTimes:
-    """Decode times by their CF unit.
+    """Decode times with their CF unit.
 
     Parameters
     ----------
     values : (n,) array
-        Values of the file; NaN is missing.
+        Values in the file; NaN where missing.
     units, calendar : str
         Attributes of the variable; the calendar may be empty.
     where : str
-        File and variable, for messages.
+        Names of the file and the variable in messages.
 
     Raises
     ------
     InputError
-        The unit is none of time in the standard calendar, or its reference is in a time zone by name.
+        The unit is not a unit of time in the standard calendar, or its reference names a time zone.
     """
     factor, begin = _unit_and_reference(units, where)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -70,19 +71,19 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
     plausible = (seconds >= _since_1970(EARLIEST)) & (seconds < _since_1970(LATEST))
     implausible = ~plausible & ~np.isnan(seconds)
     usable = values if plausible.all() else np.where(plausible, values.astype(np.float64), np.nan)
-    # A day in the years of gliders, so that unit and calendar are tried even where there is no time.
+    # A day in the years of gliders, which tests unit and calendar even if there is no plausible time.
     probe = np.array([(_since_1970(EARLIEST) - begin) / factor + 86_400.0 / factor])
     time = _decoded(usable if plausible.any() else np.append(probe, usable), units, calendar, where)
     return DecodedTimes(time[len(time) - len(values) :], implausible)
 
 
 def check_time_unit(units: str, calendar: str, where: str) -> None:
-    """Refuse a unit that no times can be decoded by.
+    """Refuse a unit with which times cannot be decoded.
 
     Raises
     ------
     InputError
-        As `decode_times`.
+        As for `decode_times`.
     """
     decode_times(np.zeros(0), units, calendar, where)
 
@@ -93,7 +94,7 @@ def plausible_times(time: TimeArray) -> npt.NDArray[np.bool_]:
 
 
 def _unit_and_reference(units: str, where: str) -> tuple[float, float]:
-    """Length of the unit, and the day of its reference since 1970, near enough to judge the years (s)."""
+    """Length of the unit (s), and midnight of its reference day (s since 1970), accurate enough to check the years."""
     match = _UNITS.fullmatch(units)
     factor = None if match is None else _SECONDS.get(_singular(match["unit"].lower()))
     if match is None or factor is None:
@@ -109,7 +110,7 @@ def _unit_and_reference(units: str, where: str) -> tuple[float, float]:
             "the offset, such as -05:00"
         )
     try:
-        # Without a match there are no parts, and no day either.
+        # Without a match the date is 0-0-0, which is no day and raises ValueError.
         year, month, day = (int(part) for part in reference.group("year", "month", "day")) if reference else (0, 0, 0)
         midnight = np.datetime64(f"{year:04}-{month:02}-{day:02}", "s")
     except ValueError:

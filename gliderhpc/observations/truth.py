@@ -1,4 +1,4 @@
-"""Reader of a synthetic mission's truth, which is in a file next to its observations."""
+"""Reader of a synthetic mission's truth, which is stored in a file next to its observations."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 
 OF_PROFILE = {"truth_time": "truth_profile", "time": "profile", "impulse": "impulse_profile", "dive": "dive"}
-"""On each axis, the variable with the profile of each row."""
+"""Variable with the profile number of each row, by axis."""
 
 
 def truth_path(path: str | Path) -> Path:
@@ -17,7 +17,7 @@ def truth_path(path: str | Path) -> Path:
 
 
 def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
-    """Read the truth of one profile, in the units of the file.
+    """Read the truth of one profile in the units of the file.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
     Raises
     ------
     InputError
-        The file cannot be read, or holds no such profile.
+        The file cannot be read, or does not contain the profile.
     """
     with _opened(path) as dataset:
         rows = {axis: np.flatnonzero(dataset[of].values == number) for axis, of in OF_PROFILE.items()}
@@ -45,7 +45,7 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
 
 
 def read_currents(path: str | Path) -> xr.Dataset:
-    """Read the true currents by depth of all profiles, with their times and places, along ``dive`` and ``level``.
+    """Read the true currents of all profiles, with their times and places, along ``dive`` and ``level`` (depth).
 
     Raises
     ------
@@ -58,7 +58,7 @@ def read_currents(path: str | Path) -> xr.Dataset:
 
 
 def most_impulses(path: str | Path) -> int:
-    """Count the impulses of the profile that has most of them.
+    """Return the greatest number of impulses in one profile.
 
     Raises
     ------

@@ -1,7 +1,8 @@
-"""Faults of an observation file: variables, clock, numbers of profiles, and fixes.
+"""Faults of an observation file: variables, clock, profile numbers, and fixes.
 
-Faults of the file raise `InputError`, in one line. Faults of a profile are returned as text, so that the other profiles
-are still estimated (`gliderhpc.observations.profile_checks`). Sample numbers count from 0 along ``time``.
+Faults of the file raise `InputError` with a message of one line. Faults of a profile are returned as text and do not
+prevent the estimation of the other profiles (`gliderhpc.observations.profile_checks`). Sample numbers start at 0 along
+``time``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,13 +19,13 @@ from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_time_unit
 
 MAX_PROFILE_NUMBER = 1_000_000
-"""Largest number of a profile: greater ones are undeclared fill values."""
+"""Greatest profile number; greater values are undeclared fill values."""
 
 CLOCK_SET_BACK = 60.0
-"""A clock that goes back by more (s) was set: smaller steps are its correction by GPS."""
+"""Backward step (s) above which the clock was set back; smaller steps are corrections by GPS."""
 
 Span = tuple[int, int]
-"""First sample of a profile and the one after its last."""
+"""First sample of a profile and the sample after its last."""
 
 
 def check_variables(dataset: xr.Dataset, path: str) -> None:
@@ -33,7 +34,7 @@ def check_variables(dataset: xr.Dataset, path: str) -> None:
     Raises
     ------
     InputError
-        Naming the variable and the remedy.
+        A variable is missing or wrong; the message names it and the remedy.
     """
     _check_complete([str(name) for name in dataset.variables], path)
     for name in ("time", "fix_time"):
@@ -47,30 +48,30 @@ def check_variables(dataset: xr.Dataset, path: str) -> None:
 def check_clock(
     time: TimeArray, spans: Mapping[int, Span], path: str, implausible: npt.NDArray[np.bool_]
 ) -> dict[int, str]:
-    """Find times that do not increase, or lie in years in which no glider flew.
+    """Find times that are missing, do not increase, or are outside the years of gliders.
 
-    Where all of them lie inside some profiles, and the file is in order without those, only these are at fault.
+    If all of these are inside profiles, and the file is in order without those profiles, only the profiles are faulty.
 
     Parameters
     ----------
     time : (n,) array
-        NaT where missing or implausible.
+        Times of the samples; NaT where missing or implausible.
     spans : mapping of int to Span
-        Samples of the profiles.
+        Sample ranges of the profiles.
     path : str
-        The file, for messages.
+        Name of the file in messages.
     implausible : (n,) array of bool
-        Times that are there but cannot be right.
+        Mask of the times that are present but implausible.
 
     Returns
     -------
     dict
-        Profile number to its fault.
+        Faults by profile number.
 
     Raises
     ------
     InputError
-        The time of the file as a whole does not increase.
+        The times do not increase even without the faulty profiles.
     """
     faults: dict[int, str] = {}
     in_order = np.ones(len(time), dtype=bool)
@@ -89,7 +90,7 @@ def check_clock(
 
 
 def clock_set_back(time: TimeArray) -> float | None:
-    """Time by which a clock was set back at most (s), None where it was not."""
+    """Greatest backward step of a clock (s); None if it was not set back."""
     known = time[~np.isnat(time)]
     if len(known) < 2:
         return None
@@ -98,12 +99,12 @@ def clock_set_back(time: TimeArray) -> float | None:
 
 
 def check_profile_numbers(numbers: FloatArray, path: str) -> None:
-    """Refuse numbers of profiles that are none, fill values among them.
+    """Refuse values that cannot be profile numbers, such as fill values.
 
     Raises
     ------
     InputError
-        Naming the first one.
+        There are such values; the message names the first one.
     """
     odd = np.flatnonzero((numbers != np.rint(numbers)) | (numbers < 0) | (numbers > MAX_PROFILE_NUMBER))
     if len(odd):
@@ -116,7 +117,10 @@ def check_profile_numbers(numbers: FloatArray, path: str) -> None:
 def check_fixes(
     latitude: FloatArray, longitude: FloatArray, implausible: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.bool_], list[str]]:
-    """Mask of the usable fixes, and warnings about the first ones out of range; `implausible` are those by time."""
+    """Mask of the usable fixes, and warnings about the first ones out of range.
+
+    The mask `implausible` marks the fixes with an implausible time.
+    """
     usable = np.isfinite(latitude) & np.isfinite(longitude) & ~implausible
     warnings = []
     if implausible.any():
@@ -136,12 +140,12 @@ def check_fixes(
 
 
 def profile_spans(numbers: npt.NDArray[np.int64]) -> tuple[dict[int, Span], dict[int, str]]:
-    """Span of each profile in the file, and faults of those that are not in one piece.
+    """Span of each profile in the file, and faults of the profiles that are not contiguous.
 
     Parameters
     ----------
     numbers : (n,) int array
-        The variable ``profile``: 0 outside any profile.
+        Values of the variable ``profile``: 0 outside any profile.
     """
     spans: dict[int, Span] = {}
     faults: dict[int, str] = {}
@@ -162,7 +166,7 @@ def profile_spans(numbers: npt.NDArray[np.int64]) -> tuple[dict[int, Span], dict
 
 
 def _check_complete(names: Sequence[str], path: str) -> None:
-    """Refuse a file that lacks required variables, naming first what only the glider's own files have."""
+    """Refuse a file that lacks required variables; the message begins with the one found only in the glider's files."""
     lacking = [name for name in HELPFUL_ORDER if name not in names]
     if not lacking:
         return
@@ -225,7 +229,7 @@ def _remedy_missing(name: str) -> str:
 
 
 def _first_bad_time(time: TimeArray) -> int | None:
-    """Index of the first time that is missing or not after the one before it."""
+    """Index of the first time that is missing or not later than the preceding one; None if there is none."""
     first = np.flatnonzero(_bad_times(time))
     return int(first[0]) if len(first) else None
 
@@ -254,7 +258,7 @@ def _describe_clock(time: TimeArray, sample: int, implausible: npt.NDArray[np.bo
 
 
 def describe_time(time: np.datetime64) -> str:
-    """Write a time for a message."""
+    """Format a time for a message."""
     return str(time.astype("datetime64[ms]")).removesuffix(".000")
 
 
@@ -264,13 +268,13 @@ def _name_profile(sample: int, spans: Mapping[int, Span]) -> str:
 
 
 def outside_range(variable: Variable, values: FloatArray) -> npt.NDArray[np.bool_]:
-    """Find the values ``(n,)`` beyond a variable's plausible range."""
+    """Return the mask ``(n,)`` of the values outside a variable's plausible range."""
     if variable.open_ended:
         return (values <= variable.low) | (values >= variable.high)
     return (values < variable.low) | (values > variable.high)
 
 
 def describe_range(variable: Variable) -> str:
-    """Write a variable's plausible range for a message."""
+    """Format a variable's plausible range for a message."""
     low, high = f"{variable.low:g}", f"{variable.high:g}"
     return f"the open range {low} to {high}" if variable.open_ended else f"{low} to {high}"

@@ -1,4 +1,4 @@
-"""The observation format onto disk: one netCDF-4 file, the same bytes for the same input."""
+"""Writer of the observation format: one netCDF-4 file, with the same bytes for the same input."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,33 +26,33 @@ def write_observations(
 ) -> Path:
     """Write an observation file.
 
-    The file is written aside and renamed when complete. It carries no time of writing, so that the same input gives
-    the same bytes.
+    The file is written under a temporary name and renamed when complete. It contains no time of writing, so the same
+    input gives the same bytes.
 
     Parameters
     ----------
     variables : mapping of str to array
         ``time`` (datetime64, n) and the variables of the observation format by name, (n,) each, in the units of the
-        format (angles in degrees, ballast in cm3); and, where there are fixes, ``fix_time`` (datetime64, m),
-        ``fix_latitude`` and ``fix_longitude``, (m,) each; and any of the reference quantities. NaN is missing.
+        format (angles in degrees, ballast in cm3). If there are fixes, also ``fix_time`` (datetime64, m),
+        ``fix_latitude`` and ``fix_longitude``, (m,) each. Reference quantities are optional. NaN where missing.
     path : str or Path
         The file to write.
     attributes : mapping
         Global attributes: at least ``platform``, ``mission`` and ``source``.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Returns
     -------
     Path
-        The file written.
+        The written file.
 
     Raises
     ------
     InputError
-        The file exists and may not be replaced, is no regular file, or its folder cannot be written to.
+        The file exists and may not be replaced, is not a regular file, or its folder cannot be written to.
     ValueError
-        A required variable or attribute is absent, a name is not of the format, or lengths differ.
+        A required variable or attribute is absent, a name does not belong to the format, or lengths differ.
     """
     path = Path(path)
     dataset = _dataset(variables, attributes)
@@ -95,7 +95,7 @@ def _nanoseconds(time: npt.NDArray[np.generic]) -> npt.NDArray[np.datetime64]:
 
 
 def variable_attributes(variable: Variable) -> dict[str, str]:
-    """Attributes of a variable of the format, by CF."""
+    """CF attributes of a variable of the format."""
     attributes = {"units": variable.unit} if variable.unit else {}
     attributes["long_name"] = variable.long_name
     if variable.standard_name:
@@ -106,16 +106,16 @@ def variable_attributes(variable: Variable) -> dict[str, str]:
 
 
 def times_since(time: npt.NDArray[np.datetime64]) -> str:
-    """Return the CF unit of a mission's times, by its samples ``(n,)``.
+    """Return the CF unit of a mission's times, from the times of its samples ``(n,)``.
 
-    Counting from midnight of the first day keeps doubles exact to a nanosecond or so over a year's mission.
+    Seconds since midnight of the first day are exact in doubles to a few nanoseconds over a mission of a year.
     """
     known = time[~np.isnat(time)]
     return f"seconds since {np.datetime64(known[0] if len(known) else 0, 'D')}T00:00:00"
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
-    """Encoding of each variable: whole numbers for the profile, doubles otherwise, compressed."""
+    """Compressed encoding of each variable: integers for profile numbers, doubles for all others."""
     compressed = {"zlib": True, "complevel": 4, "shuffle": True}
     since = times_since(dataset["time"].values)
     encoding: dict[str, dict[str, object]] = {}

@@ -1,4 +1,4 @@
-"""The synthetic mission: gliders flown through worlds whose disturbances and currents are known."""
+"""Synthetic missions: simulated glider flights with known disturbances and currents."""
 
 from gliderhpc.simulator.disturbance import Impulse
 from gliderhpc.simulator.mission import MissionSummary, ProfileSummary, check_place, simulate_mission, write_ocean_model

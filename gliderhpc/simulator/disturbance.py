@@ -1,4 +1,4 @@
-"""The true disturbance of one profile: sinusoids and random processes in every channel, impulses of the yaw moment."""
+"""True disturbance of one profile: sinusoids and random processes in every channel, and impulses of the yaw moment."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ YAW = 5
 """Channel of the yaw moment B_cr."""
 
 _REACH = 8.0
-"""Beyond this many widths an impulse is below 1e-13 of its peak."""
+"""Extent of an impulse in widths; beyond it, the impulse is below 1e-13 of its peak."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Impulse:
     Attributes
     ----------
     time : float
-        Of its peak, s.
+        Time of its peak, s.
     amplitude : float
-        At its peak, N m.
+        Peak moment, N m.
     width : float
         Standard deviation of its Gaussian shape, s.
     """
@@ -46,13 +46,13 @@ class Wave:
 
 @dataclass(frozen=True)
 class RandomProcess:
-    """First-order Gauss-Markov processes, and the seed of the numbers they are drawn from."""
+    """First-order Gauss-Markov processes, and the seed of their random numbers."""
 
     settings: GaussMarkov
     seed: int
 
     def sampled(self, count: int, step: float) -> FloatArray:
-        """Values ``(count, 6)`` in N and N m at times `step` s apart: exactly distributed, whatever the step."""
+        """Values ``(count, 6)`` in N and N m at times `step` s apart; their distribution is exact for any step."""
         drawn = np.random.default_rng(self.seed).standard_normal((count, 6))
         time = np.array(self.settings.correlation_time)
         drawn[1:] *= np.sqrt(-np.expm1(-2.0 * step / time))
@@ -97,7 +97,7 @@ def _draw_waves(settings: Disturbances, rng: np.random.Generator) -> tuple[Wave,
     for channel, rms in enumerate(settings.slow_rms):
         amplitude = rms * np.sqrt(2.0 / settings.slow_terms)
         for _ in range(settings.slow_terms):
-            # Drawn for silent channels too, so that switching one on leaves the others as they are.
+            # Numbers are drawn for silent channels too, so switching one on does not change the others.
             period, phase = rng.uniform(*settings.slow_periods), rng.uniform(0.0, 2.0 * np.pi)
             if rms > 0.0:
                 waves.append(Wave(channel, float(amplitude), float(2.0 * np.pi / period), float(phase)))

@@ -1,4 +1,4 @@
-"""One dive flown: commands, actuators and helm, and the integration through the water."""
+"""Simulated flight of one dive: commands, actuators and helm, and the integration through the water."""
 
 import math
 from dataclasses import dataclass
@@ -20,18 +20,19 @@ from gliderhpc.simulator.sections import Steering
 from gliderhpc.simulator.water import Water
 
 FIRST_DECISION = 60.0
-"""The helm leaves a beginning dive alone for so long (s)."""
+"""Time of the first decision of the helm after the start of a dive (s)."""
 
 
 class Actuators:
-    """Battery translation, battery rotation and ballast, each a ramped command and a first-order lag behind it.
+    """Battery translation, battery rotation and ballast, each with a ramped command and a first-order lag.
 
-    What is recorded is the command; what acts on the glider lags it, so the estimator's controls are never quite true.
+    The record contains the commands, but the actual positions lag behind. The estimator's controls are therefore always
+    slightly in error.
 
     Attributes
     ----------
     commanded, actual : (3,) arrays
-        Battery position (m), battery rotation (rad), ballast volume (m3) at the present time.
+        Battery position (m), battery rotation (rad) and ballast volume (m3) at the present time.
     """
 
     def __init__(self, start: FloatArray, rates: FloatArray, scenario: Scenario) -> None:
@@ -51,11 +52,12 @@ class Actuators:
         Returns
         -------
         (steps, 3) array
-            What the actuators do at the midpoint of every integration step.
+            Actual positions at the midpoint of every integration step.
 
         Notes
         -----
-        Exact for ``lag * d(actual)/dt = commanded - actual`` with a command linear over the interval.
+        The positions are the exact solution of ``lag * d(actual)/dt = commanded - actual`` for a command that is linear
+        over the interval.
         """
         change = np.minimum(np.maximum(targets - self.commanded, -self._largest_change), self._largest_change)
         slope = change / self._interval
@@ -67,10 +69,10 @@ class Actuators:
 
 
 class Helm:
-    """A discrete heading controller with a dead band (see `Steering`).
+    """Discrete heading controller with a dead band (see `Steering`).
 
-    Once an interval it looks at the heading; an error beyond the dead band starts one turn, as long as the hull's turn
-    rate asks for, but bounded. So the battery is upright for most of the time.
+    The heading is checked once per interval. An error beyond the dead band starts one turn. Its length follows from the
+    hull's turn rate, but is limited. The battery is therefore upright most of the time.
     """
 
     def __init__(self, steering: Steering, course: float) -> None:
@@ -83,13 +85,13 @@ class Helm:
         self._commanded = 0.0
 
     def rotation(self, time: float, heading: float, turn_rate: float) -> float:
-        """Battery rotation (rad) wanted at `time` (s) for a heading (rad) and the leg's turn rate (rad/s)."""
+        """Commanded battery rotation (rad) at `time` (s), from the heading (rad) and the leg's turn rate (rad/s)."""
         if time >= self._next_decision:
             self._decide(time, heading, turn_rate)
         return self._commanded if time < self._turn_ends else 0.0
 
     def postpone(self, time: float) -> None:
-        """End the turn, if any, and decide again one interval after `time` (s); for inflections."""
+        """End any turn, and set the next decision to one interval after `time` (s); used at inflections."""
         self._turn_ends = time
         self._next_decision = time + self._steering.interval
 
@@ -103,12 +105,12 @@ class Helm:
 
 
 def setting_of(leg: Leg) -> FloatArray:
-    """Battery position (m), rotation (rad) and ballast volume (m3) that a leg is flown with."""
+    """Battery position (m), battery rotation (rad) and ballast volume (m3) of a leg."""
     return np.array([leg.glide.battery_position, 0.0, leg.ballast_volume])
 
 
 def actuator_rates(plan: FlightPlan, scenario: Scenario) -> FloatArray:
-    """Largest rates of the commands (m/s, rad/s, m3/s): translation and ballast take the inflection's time."""
+    """Largest rates of the commands (m/s, rad/s, m3/s); translation and ballast take the duration of the inflection."""
     rates: FloatArray = np.abs(setting_of(plan.climb) - setting_of(plan.dive)) / scenario.actuation.inflection_duration
     rates[1] = math.radians(scenario.actuation.rotation_rate)
     return rates
@@ -117,12 +119,12 @@ def actuator_rates(plan: FlightPlan, scenario: Scenario) -> FloatArray:
 DEPTH = 5
 """Index of depth in the state of eq. 16."""
 _ABOUT = 0.5
-"""Over so much (m) above and below is the ocean's slope taken."""
+"""Distance (m) above and below a depth over which the slope of the buoyancy is computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """True flight of one profile, on the simulator's own steps.
+    """True flight of one profile on the simulator's own steps.
 
     Attributes
     ----------
@@ -131,15 +133,16 @@ class Flight:
     control_interval : float
         Interval of the control loop, s.
     states : (n + 1, 12) array
-        State of eq. 16 relative to the water, X and Y from the start of the profile (SI, rad).
+        State of eq. 16 relative to the water, with X and Y from the start of the profile (SI, rad).
     actuators : (n, 3) array
-        Battery position (m), battery rotation (rad), ballast volume (m3) at the midpoint of every step.
+        Actual battery position (m), battery rotation (rad) and ballast volume (m3) at the midpoint of every step.
     commands : (m + 1, 3) array
-        The same as commanded, at the ends of the control intervals; linear in between.
+        Commands of the same quantities at the ends of the control intervals; linear in between.
     carried : (n + 1, 3) array
-        How far the water has carried the glider north and east, and the path length flown through the water, m.
+        Displacement by the water to the north and east, and path length flown through the water, m.
     disturbances : (n, 6) array
-        Over every step, N and N m: the scenario's additive ones and what the water's changes exert.
+        Disturbances over every step, N and N m: the sum of the scenario's additive ones and of those exerted by changes
+        of the water's velocity.
     """
 
     step: float
@@ -152,12 +155,12 @@ class Flight:
 
     @property
     def duration(self) -> float:
-        """Time from the first state to the last, s."""
+        """Time from the first to the last state, s."""
         return (len(self.states) - 1) * self.step
 
 
 class _Autopilot:
-    """The working arrays of one flight, and the integration of one control interval within them."""
+    """Working arrays of one flight, and the integration of single control intervals."""
 
     def __init__(
         self, glider: Glider, hull: TrueHull, plan: FlightPlan, scenario: Scenario, water: Water, additive: FloatArray
@@ -185,7 +188,7 @@ class _Autopilot:
         self._bodies = np.empty((self.chunk, 11))
 
     def fly(self, interval: int, targets: FloatArray, *, climbing: bool) -> None:
-        """Integrate one control interval; the kernels are called directly, for this runs thousands of times a dive."""
+        """Integrate one control interval; kernels are called directly, as this runs thousands of times per dive."""
         first = interval * self.chunk
         now, edges = slice(first, first + self.chunk), slice(first, first + self.chunk + 1)
         positions = self.actuators.advance(targets)
@@ -203,21 +206,21 @@ class _Autopilot:
             self.states[first], self.carried[first], first * self.step, self._additive[now], self.step,
             self.states[edges], self.carried[edges], self.disturbances[now],
         )  # fmt: skip
-        # Within a control interval the water rises by centimetres, too few to change the hull's buoyancy there.
+        # The water rises by centimetres in a control interval, which does not change the hull's buoyancy noticeably.
         begin, ends = first * self.step, self.step * (first + 1.0 + np.arange(self.chunk, dtype=np.float64))
         self.states[first + 1 : first + self.chunk + 1, DEPTH] -= self._water.vertical.rise(begin, ends)
 
     def _weigh(self, hull: Hull, floating: FloatingHull, depth: float, oil_volume: FloatArray) -> Hull:
-        """Put the weight in the ocean into the mass properties, and its slope about this depth into the hull.
+        """Set the net weight in the ocean in the mass properties, and return the hull with its slope at this depth.
 
-        A control interval is a fraction of a metre long, over which the ocean is a straight line.
+        Over a control interval the glider sinks by a fraction of a metre, within which the net weight is linear.
         """
         slope = floating.depth_slope(depth, float(oil_volume[0]), _ABOUT)
         self._bodies[:, NET_WEIGHT] = GRAVITY * floating.net_mass(depth, oil_volume) + slope * depth
         return hull._replace(depth_slope=slope)
 
     def flight(self, intervals: int) -> Flight:
-        """Give what the first `intervals` control intervals hold."""
+        """Return the flight over the first `intervals` control intervals."""
         steps = intervals * self.chunk
         return Flight(
             step=self.step,
@@ -246,24 +249,25 @@ def fly(
     Parameters
     ----------
     glider : Glider
-        The hull that its pilots know.
+        Glider with the nominal hull, for which the flight is planned.
     hull : TrueHull
-        The hull that flies.
+        True hull, which is flown.
     plan : FlightPlan
-        Its trim.
+        Trim of dive and climb.
     scenario : Scenario
         Depths, actuation, steering and steps.
     disturbance : Disturbance
         Disturbance that acts in addition to the water.
     water : Water
-        What it flies through.
+        Motion of the water.
     heading, course : float
-        Heading at the start and the one to steer, rad.
+        Heading at the start, and course to steer, rad.
 
     Raises
     ------
     InputError
-        The hull does not reach the depth, or does not come back, within the plan's time.
+        The hull does not reach the depth, or does not come back, within the plan's time limit, or its flight is
+        unstable.
     """
     interval = scenario.integration.control_interval
     limit = math.ceil(plan.time_limit / interval)

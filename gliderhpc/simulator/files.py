@@ -1,8 +1,8 @@
-"""Files of a synthetic mission, appended profile by profile: its observations, and the truth.
+"""Files of a synthetic mission, appended profile by profile: the observations and the truth.
 
-The truth file has four kinds of rows, each on an axis of its own: the steps (``truth_time``), the samples (``time``),
-the impulses (``impulse``) and the profiles (``dive``, named so because ``profile`` is a variable along ``time``). Along
-``level`` are the depths of the true current profiles, along ``leg`` dive and climb.
+The truth file has four kinds of rows, each on its own axis: the steps (``truth_time``), the samples (``time``), the
+impulses (``impulse``) and the profiles (``dive``, because ``profile`` is a variable along ``time``). The axis ``level``
+has the depths of the true current profiles, and the axis ``leg`` has dive and climb.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,8 @@ from gliderhpc.simulator.profile import ProfileTruth
 from gliderhpc.vocabulary import CHANNELS
 
 _DECIMALS = 9
-"""Decimals of degrees and cm3 in the file, which undo the rounding to radians and back: quanta stay quanta."""
+"""Decimals of degrees and cm3 in the file. They remove the rounding errors of the conversion to SI units and back, and
+quantised values remain multiples of the quantum."""
 
 _TIMES = {
     "time": ("time", {"standard_name": "time", "long_name": "time", "axis": "T"}),
@@ -31,12 +32,12 @@ _TIMES = {
 def observation_file(
     path: Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
 ) -> AppendedFile:
-    """Open an observation file for appending; an existing one is replaced at the end with `overwrite`."""
+    """Open an observation file for appending; with `overwrite`, an existing file is replaced on completion."""
     return AppendedFile(path, {"Conventions": CONVENTIONS, **attributes}, {"fix": 1024}, overwrite=overwrite)
 
 
 def observation_columns(record: ProfileRecord) -> dict[str, Column]:
-    """Lay out one profile and its fixes for an observation file."""
+    """Return the columns of one profile and its fixes for an observation file."""
     columns = {}
     for name, values in observation_variables([record]).items():
         dimension, attributes = _TIMES.get(name) or _of_format(name)
@@ -45,7 +46,7 @@ def observation_columns(record: ProfileRecord) -> dict[str, Column]:
 
 
 def observation_variables(records: Sequence[ProfileRecord]) -> dict[str, npt.NDArray[np.generic]]:
-    """Variables of the observation format, in its units, from records in the order of the mission.
+    """Variables of the observation format, in the units of the format, from records in the order of the mission.
 
     Fixes are taken from `ProfileRecord.surface_fixes_before` and `surface_fixes_after`.
     """
@@ -160,7 +161,7 @@ _DESCRIPTIONS = {
 def truth_file(
     path: str | Path, attributes: Mapping[str, str | int | float], *, overwrite: bool = False
 ) -> AppendedFile:
-    """Open a truth file for appending; an existing one is replaced at the end with `overwrite`."""
+    """Open a truth file for appending; with `overwrite`, an existing file is replaced on completion."""
     chunks = {"dive": 64, "impulse": 1024}
     return AppendedFile(Path(path), {"Conventions": "CF-1.11", **attributes}, chunks, overwrite=overwrite)
 
@@ -171,7 +172,7 @@ def append_truth(file: AppendedFile, truth: ProfileTruth) -> None:
 
 
 def _truth_columns(truth: ProfileTruth) -> dict[str, Column]:
-    """Lay out one profile's rows, by name with their axes."""
+    """Return the columns of one profile's rows, with their axes, by name."""
     columns: dict[str, Column] = {}
     for axes, values in (
         (("truth_time",), _step_rows(truth)),
@@ -187,7 +188,7 @@ def _truth_columns(truth: ProfileTruth) -> dict[str, Column]:
 
 def _step_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
     steps = len(truth.disturbances)
-    # Single precision lies a million times below the accuracy of any estimate of a disturbance, and halves the file.
+    # Rounding to single precision is a million times smaller than the error of any estimate, and halves the file.
     channels = truth.disturbances.T.astype(np.float32)
     return {
         "truth_time": _instants(truth, np.arange(steps, dtype=np.float64) * truth.step),
@@ -224,7 +225,7 @@ def _sample_rows(truth: ProfileTruth) -> dict[str, npt.NDArray[np.generic]]:
     return {
         "time": _instants(truth, truth.time),
         "profile": np.full(len(truth.time), truth.number, dtype=np.int32),
-        # A ten-millionth of any of these is nothing, and doubles would fill the disk with noise.
+        # The relative rounding error of 1e-7 is negligible, and doubles would fill the disk with noise.
         **{name: column.astype(np.float32) for name, column in values.items()},
     }
 

@@ -1,4 +1,4 @@
-"""The hull that truly flies: the platform file's with its errors, its fouling by then, and its weight in the ocean."""
+"""True hull of a profile: the platform file's hull with its errors and its fouling, and its weight in the ocean."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from gliderhpc.simulator.sections import Fouling
 
 @dataclass(frozen=True)
 class TrueHull:
-    """The hull of one profile.
+    """True hull of one profile.
 
     Attributes
     ----------
     dive, climb : Platform
-        With its true coefficients at positive and at negative angle of attack.
+        Platforms with the true coefficients at positive and at negative angle of attack.
     net_mass : float
         Unrecorded net mass, kg, positive heavy; it acts at the centre of buoyancy.
     """
@@ -31,13 +31,13 @@ class TrueHull:
     net_mass: float
 
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Give the true coefficients on dive and climb, by the paper's symbol."""
+        """Return the true coefficients on dive and climb, by the paper's symbol."""
         dive, climb = coefficients_of(self.dive), coefficients_of(self.climb)
         return {name: (dive[name], climb[name]) for name in dive}
 
 
 def true_hull(platform: Platform, scenario: Scenario, seed: int, number: int) -> TrueHull:
-    """Give the hull that flies the profile `number`."""
+    """Return the true hull of the profile `number`."""
     drawn = with_errors(platform, scenario.coefficients.spread, seed)
     settings, episode = scenario.fouling, scenario.episode
     part = episode.part(number)
@@ -50,7 +50,7 @@ def true_hull(platform: Platform, scenario: Scenario, seed: int, number: int) ->
 
 
 def _fouled(platform: Platform, settings: Fouling, part: float) -> Platform:
-    """Platform after a part of the mission's changes."""
+    """Platform after a fraction of the changes due to fouling."""
     changes = {"K_D0": settings.drag, "K_L": settings.lift, "K_M": settings.moment}
     if part == 0.0 or not any(changes.values()):
         return platform
@@ -59,7 +59,7 @@ def _fouled(platform: Platform, settings: Fouling, part: float) -> Platform:
 
 
 def _dragged(platform: Platform, change: float) -> Platform:
-    """Platform with its K_D0 changed by a part of itself."""
+    """Platform with a relative change of its K_D0."""
     return with_viscous(platform, {"K_D0": platform.viscous.K_D0 * (1.0 + change)}) if change else platform
 
 
@@ -69,7 +69,7 @@ class FloatingHull:
     Parameters
     ----------
     platform : Platform
-        The hull; one that states no compressibility has a typical one, and a typical thermal expansion.
+        The hull. If it has no compressibility, typical values replace it, and also an absent thermal expansion.
     column : OceanColumn
         The ocean.
     """
@@ -85,17 +85,17 @@ class FloatingHull:
         self._displaced = column.density * volume
 
     def net_mass(self, depth: float, oil_volume: FloatArray | float) -> FloatArray:
-        """Net mass (kg) at a depth (m) with so much oil outside (m3)."""
+        """Net mass (kg) at a depth (m) with a volume of oil in the external bladder (m3)."""
         depths, density = self._column.depth, self._column.density
         displaced = np.interp(depth, depths, self._displaced) + np.interp(depth, depths, density) * oil_volume
         return np.asarray(self._mass - displaced)
 
     def oil_volume(self, net_mass: float) -> float:
-        """Oil outside (m3) that gives a net mass (kg) at the surface."""
+        """Volume of oil in the external bladder (m3) that gives a net mass (kg) at the surface."""
         return float((self._mass - self._displaced[0] - net_mass) / self._column.density[0])
 
     def depth_slope(self, depth: float, oil_volume: float, reach: float) -> float:
-        """Buoyancy gained with depth about a depth, from `reach` (m) above to as much below, N/m."""
+        """Gain in buoyancy with depth (N/m), over the interval from `reach` (m) above a depth to `reach` below it."""
         above, below = max(depth - reach, 0.0), depth + reach
         lost = self.net_mass(above, oil_volume) - self.net_mass(below, oil_volume)
         return float(GRAVITY * lost / (below - above))

@@ -1,6 +1,6 @@
-"""A whole synthetic mission into files: its observations, and the truth next to them.
+"""Simulation of a whole synthetic mission, which is written as observations with the truth next to them.
 
-Every profile is one job; its result waits in its own file until it is written to the mission.
+Every profile is one job. Its result is stored in its own file until it is written to the files of the mission.
 """
 
 import json
@@ -29,7 +29,7 @@ from gliderhpc.simulator.scenario import Scenario
 
 @dataclass(frozen=True)
 class PartJob:
-    """Input of a worker that simulates one profile: its number, its course (degree), and the folder for its part."""
+    """Input of a worker that simulates one profile; the course is in degrees, and the folder receives its result."""
 
     number: int
     course: float
@@ -40,27 +40,28 @@ class PartJob:
 
 
 RunJobs: TypeAlias = Callable[[Callable[[PartJob], int], Sequence[PartJob]], Iterator[int]]
-"""Runs a function over jobs and yields the results in any order, as the executors of ``gliderhpc.mission`` do."""
+"""Function that runs another one over jobs and yields the results in any order, like the executors of
+``gliderhpc.mission``."""
 
 
 def one_by_one(function: Callable[[PartJob], int], jobs: Sequence[PartJob]) -> Iterator[int]:
-    """Run the jobs in this process."""
+    """Run the jobs one after the other in this process."""
     return map(function, jobs)
 
 
 def make_part(job: PartJob) -> int:
-    """Simulate one profile, leave it in its file and return its number."""
+    """Simulate one profile, write it to its part file and return its number."""
     flown = fly_profile(Glider(job.platform), job.scenario, job.seed, job.number, job.course)
     aside = part_path(job.folder, job.number).with_suffix(".partial")
     with aside.open("wb") as file:
         pickle.dump(flown, file, protocol=5)
-    # A worker that dies leaves no half of a part.
+    # A worker that dies leaves no incomplete part.
     aside.replace(part_path(job.folder, job.number))
     return job.number
 
 
 def parts_in_order(jobs: Sequence[PartJob], run: RunJobs) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
-    """Run the jobs and yield what they made in the jobs' own order, whatever the order they finish in."""
+    """Run the jobs and yield their results in the order of the jobs, independent of the order of completion."""
     waiting = [job.number for job in jobs]
     made: set[int] = set()
     for number in run(make_part, jobs):
@@ -70,7 +71,7 @@ def parts_in_order(jobs: Sequence[PartJob], run: RunJobs) -> Iterator[tuple[Prof
 
 
 def part_path(folder: str, number: int) -> Path:
-    """Path of a part until the mission takes it up."""
+    """Path of the temporary file with the result of one profile."""
     return Path(folder) / f"profile_{number:06d}.part"
 
 
@@ -83,20 +84,20 @@ def _taken(path: Path) -> tuple[ProfileRecord, ProfileTruth]:
 
 @dataclass(frozen=True)
 class ProfileSummary:
-    """One simulated profile in figures.
+    """Summary of one simulated profile.
 
     Attributes
     ----------
     number : int
-        Its number.
+        Number of the profile.
     start : numpy.datetime64
         Time of its first sample.
     duration, max_depth : float
-        Of the dive, s and m.
+        Duration (s) and greatest depth (m) of the dive.
     samples, impulses : int
-        How many.
+        Numbers of samples and of impulses.
     current_north, current_east : float
-        True current, m/s.
+        True depth-averaged current, m/s.
     """
 
     number: int
@@ -111,7 +112,7 @@ class ProfileSummary:
 
 @dataclass(frozen=True)
 class MissionSummary:
-    """Result of `simulate_mission`: the files, their profiles in figures, and the mission's whole time in s."""
+    """Result of `simulate_mission`: the files, summaries of their profiles, and the duration of the mission (s)."""
 
     path: Path
     truth_path: Path
@@ -136,18 +137,18 @@ def simulate_mission(
     platform : Platform
         The hull.
     path : str or Path
-        Observation file to write, ending in ``.nc``; the truth goes into ``.truth.nc``.
+        Observation file to write, ending in ``.nc``; the truth is written to ``.truth.nc``.
     scenario : Scenario, optional
-        What happens, by default four profiles of about 45 minutes.
+        The scenario, by default four profiles of about 45 minutes.
     seed : int
-        Not negative. The same seed gives the same bytes.
+        Seed of the random numbers, not negative. The same seed gives the same bytes.
     run : callable, optional
-        Where profiles are simulated: ``Executor.run`` of ``gliderhpc.mission``, by default in this process. Whatever it
-        is, the bytes are the same, and no more than a few profiles are held in memory.
+        Function that runs the simulation of the profiles, such as ``Executor.run`` of ``gliderhpc.mission``; by default
+        they run in this process. The bytes do not depend on it, and only a few profiles are in memory at a time.
     report : callable, optional
-        Called with each profile in turn once it is written.
+        Function that is called with the summary of each profile after it has been written.
     overwrite : bool
-        Replace files that are there.
+        Replace existing files.
 
     Raises
     ------
@@ -157,7 +158,7 @@ def simulate_mission(
     path, scenario = Path(path), scenario or Scenario()
     check_place(path, overwrite=overwrite)
     summaries = []
-    # The truth is closed, and so complete, first: where the observations lie, so does their truth.
+    # The truth is closed first, so complete observations always have their truth.
     with (
         tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
         observation_file(path, _attributes(platform, scenario, seed), overwrite=overwrite) as observed,
@@ -176,7 +177,7 @@ def simulate_mission(
 def _mission(
     platform: Platform, scenario: Scenario, seed: int, folder: str, run: RunJobs
 ) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
-    """Fly the profiles on the executor of `run`, and place them one after the other in time and space."""
+    """Fly the profiles with `run`, and place them one after the other in time and space."""
     time: np.datetime64 = np.datetime64(scenario.start, "ns")
     position = scenario.origin
     for flown in parts_in_order(_jobs(platform, scenario, seed, folder), run):
@@ -186,7 +187,7 @@ def _mission(
 
 
 def _jobs(platform: Platform, scenario: Scenario, seed: int, folder: str) -> list[PartJob]:
-    # Planned here too, so that what the hull cannot fly is refused before any worker starts on it.
+    # The plan is made here too, which refuses a scenario that the hull cannot fly before any worker starts.
     plan = plan_flight(Glider(platform), scenario)
     steered = courses(scenario, plan, seed, scenario.profiles)
     return [PartJob(number, course, platform, scenario, seed, folder) for number, course in enumerate(steered, start=1)]
@@ -222,12 +223,12 @@ def _attributes(platform: Platform, scenario: Scenario, seed: int, *, truth: boo
 
 
 def check_place(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = ()) -> None:
-    """Refuse a name for the observations of a mission, before it is flown, that they or their truth cannot have.
+    """Refuse an unusable path of a mission's observations or their truth, before the mission is flown.
 
     Raises
     ------
     InputError
-        As `check_output`, or the name does not end in ``.nc``.
+        As for `check_output`, or the name does not end in ``.nc`` or ends in ``.truth.nc``.
     """
     if path.suffix != ".nc" or path.name.endswith(".truth.nc"):
         raise InputError(f"{path}: give a name that ends in .nc (and not in .truth.nc, which is for the truth)")
@@ -236,13 +237,14 @@ def check_place(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = (
 
 
 INTERVAL = np.timedelta64(6, "h")
-"""Between the fields."""
+"""Interval between the fields of the ocean model."""
 
 ERROR = 0.05
-"""Standard deviation of either component, alike over a dive's depths and another at the next dive, m/s."""
+"""Standard deviation of the error of either component, m/s; the error is constant over the depths of a dive and
+independent between dives."""
 
 _MARGIN = 0.5
-"""The grid reaches beyond the dives by so much, degree."""
+"""Margin of the grid around the dives, degree."""
 
 _NAMES = {
     "vo": ("northward_sea_water_velocity", "profile_current_north"),
@@ -251,19 +253,19 @@ _NAMES = {
 
 
 def write_ocean_model(truth: str | Path, out: Path, seed: int) -> Path:
-    """Write the file of an ocean model that errs by chance.
+    """Write the file of an ocean model with random errors.
 
-    Fields are uniform in the horizontal and every six hours; each is the true current of the dive nearest in time, of
-    the depths that the truth has.
+    The fields are horizontally uniform and six hours apart. Each is the true current of the dive nearest in time plus
+    its error, at the depths of the truth.
 
     Parameters
     ----------
     truth : str or Path
-        Truth of a synthetic mission.
+        Truth file of a synthetic mission.
     out : Path
-        The file to write; one of that name is replaced.
+        The file to write; an existing file is replaced.
     seed : int
-        Of the errors.
+        Seed of the errors.
 
     Raises
     ------
@@ -304,12 +306,12 @@ def write_ocean_model(truth: str | Path, out: Path, seed: int) -> Path:
 
 
 def _fields(entries: NDArray[np.datetime64]) -> tuple[NDArray[np.datetime64], NDArray[np.int64]]:
-    """Times of the fields, and the dive whose current each has."""
+    """Times of the fields, and for each the index of the dive nearest in time."""
     times = np.arange(entries[0] - 4 * INTERVAL, entries[-1] + 4 * INTERVAL, INTERVAL)
     return times, np.abs(times[:, None] - entries).argmin(axis=1)
 
 
 def _corners(currents: xr.Dataset, axis: str) -> NDArray[np.float64]:
-    """Ends of an axis of the grid, around all dives."""
+    """Ends of an axis of the grid, which covers all dives."""
     places = np.concatenate([currents[f"{end}_{axis}"].values for end in ("entry", "exit")])
     return np.array([places.min() - _MARGIN, places.max() + _MARGIN])

@@ -1,9 +1,10 @@
 """The ocean of a scenario: stratification, current profiles and vertical motion.
 
-The true density follows from the exact Gibbs function, at the true depth; the estimator uses the 75-term equation and
-the recorded values. A current has a uniform part, a surface layer, vertical modes and a smooth random profile. Layer
-and modes have amplitudes that vary slowly and smoothly from profile to profile, as sums of sinusoids in the profile's
-number, so that any profile's current follows from the seed alone, whichever profiles are simulated.
+The true density is computed from the exact Gibbs function at the true depth. The estimator uses the 75-term equation
+and the recorded values. A current has a uniform part, a surface layer, vertical modes and a smooth random profile. The
+amplitudes of the layer and the modes vary slowly and smoothly from profile to profile, as sums of sinusoids in the
+profile's number. The current of a profile therefore depends only on the seed and its number, and not on which profiles
+are simulated.
 """
 
 import math
@@ -29,11 +30,11 @@ class OceanColumn:
     Attributes
     ----------
     depth : (n,) array
-        Nodes, m.
+        Depths of the nodes, m.
     temperature, practical_salinity, pressure : (n,) arrays
-        In situ, degC, 1 and dbar.
+        In-situ temperature (degC), practical salinity (1) and pressure (dbar).
     density : (n,) array
-        In situ, kg/m3.
+        In-situ density, kg/m3.
     """
 
     depth: FloatArray
@@ -43,7 +44,7 @@ class OceanColumn:
     density: FloatArray
 
     def measured(self, depth: FloatArray, settings: Ocean, interval: float, rng: np.random.Generator) -> FloatArray:
-        """Temperature, practical salinity and pressure (m, 3) of a CTD at depths (m), samples so many seconds apart."""
+        """Temperature, practical salinity and pressure (m, 3) of a CTD at depths (m); `interval` is in s."""
         columns = (self.temperature, self.practical_salinity, self.pressure)
         true = np.column_stack([np.interp(depth, self.depth, column) for column in columns])
         noise = np.array([settings.temperature_noise, settings.salinity_noise, settings.pressure_noise])
@@ -54,7 +55,7 @@ class OceanColumn:
 
 
 def ocean_column(settings: Ocean, position: tuple[Latitude, Longitude], deepest: float) -> OceanColumn:
-    """Lay out a scenario's ocean down to some way below `deepest` (m) at a latitude and longitude (degree)."""
+    """Compute a scenario's ocean down to 100 m below `deepest` (m), at a latitude and longitude (degree)."""
     depth = SPACING * np.arange(math.ceil((deepest + _BELOW) / SPACING) + 1, dtype=np.float64)
     above = _above(settings, depth)
     temperature = settings.deep_temperature + (settings.surface_temperature - settings.deep_temperature) * above
@@ -65,7 +66,7 @@ def ocean_column(settings: Ocean, position: tuple[Latitude, Longitude], deepest:
 
 
 def _above(settings: Ocean, depth: FloatArray) -> FloatArray:
-    """Part of the surface water: 1 at the surface, a half about the thermocline, 0 far below."""
+    """Fraction of surface water: 1 at the surface, about one half at the thermocline, 0 far below."""
     place = settings.thermocline / settings.thickness
     return np.asarray((1.0 + math.exp(-place)) / (1.0 + np.exp(depth / settings.thickness - place)))
 
@@ -83,27 +84,28 @@ class CurrentProfile:
     Attributes
     ----------
     spacing : float
-        Of the nodes in depth, the first at the surface, m.
+        Spacing of the nodes in depth, the first at the surface, m.
     table : (n, 8) array
-        Current north and east at the start (m/s), their slopes in depth (1/s), and the rates of these four (per s).
+        Current north and east at the start (m/s), their slopes in depth (1/s), and the rates of change of these four
+        (per s).
     """
 
     spacing: float
     table: FloatArray
 
     def at(self, depths: FloatArray, time: float) -> FloatArray:
-        """Current ``(n, 2)`` north and east at depths (m) and one time (s), linear between the nodes."""
+        """Current ``(n, 2)`` north and east (m/s) at depths (m) and one time (s), linear between the nodes."""
         nodes = self.spacing * np.arange(len(self.table))
         values = self.table[:, :2] + time * self.table[:, 4:6]
         return np.column_stack([np.interp(depths, nodes, column) for column in values.T])
 
 
 def current_profile(settings: Current, seed: int, number: int, *, depth: float, duration: float) -> CurrentProfile:
-    """Draw the current of the profile `number` down to `depth` m; it evolves over a `duration` in s.
+    """Draw the current of the profile `number` down to `depth` (m); it evolves over `duration` (s).
 
     Notes
     -----
-    The time's part is linear: the amplitudes are those of the slow sums at the profile's beginning and at its end.
+    The slow part is linear in time, between its values at the beginning and the end of the profile.
     """
     spacing = node_spacing(settings)
     nodes = spacing * np.arange(int(np.ceil(depth / spacing)) + 2, dtype=np.float64)
@@ -121,13 +123,13 @@ def draw_uniform(settings: Current, seed: int, number: int) -> FloatArray:
 
 
 def node_spacing(settings: Current) -> float:
-    """Distance of the nodes in depth that resolves every part, m."""
+    """Spacing of the nodes in depth that resolves every part, m."""
     finest = min(settings.surface_scale, settings.fine_scale, settings.mode_depth / settings.modes)
     return min(finest / _NODES_PER_SCALE, _LARGEST_SPACING)
 
 
 def _slow_part(settings: Current, seed: int, place: float, nodes: FloatArray) -> FloatArray:
-    """Layer and modes ``(n, 4)`` at a place in the mission, counted in profiles: north, east and their slopes."""
+    """Layer and modes ``(n, 4)`` (north, east and their slopes) at a time in the mission, in profiles."""
     amplitudes = _slow_amplitudes(settings, seed, place)
     decay = np.exp(-nodes / settings.surface_scale)
     part = settings.surface_rms * np.outer(decay, _paired(amplitudes[0], -1.0 / settings.surface_scale))
@@ -143,7 +145,7 @@ def _paired(amplitude: FloatArray, factor: float) -> FloatArray:
 
 
 def _slow_amplitudes(settings: Current, seed: int, place: float) -> FloatArray:
-    """Amplitudes ``(1 + modes, 2)`` of unit variance, of Gaussian correlation over `Current.evolution` profiles."""
+    """Amplitudes ``(1 + modes, 2)`` of unit variance, with a Gaussian correlation over `Current.evolution` profiles."""
     rng = generator(seed, MISSION, Stream.SHEAR)
     shape = (1 + settings.modes, 2, _SLOW_TERMS)
     frequency = rng.normal(0.0, np.sqrt(2.0) / settings.evolution, shape)
@@ -153,7 +155,7 @@ def _slow_amplitudes(settings: Current, seed: int, place: float) -> FloatArray:
 
 
 def _fine_part(settings: Current, rng: np.random.Generator, nodes: FloatArray) -> FloatArray:
-    """Smooth random profile ``(n, 4)``, of Gaussian correlation over `Current.fine_scale`."""
+    """Smooth random profile ``(n, 4)``, with a Gaussian correlation over `Current.fine_scale`."""
     wavenumber = rng.normal(0.0, np.sqrt(2.0) / settings.fine_scale, (2, _FINE_TERMS))
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, _FINE_TERMS))
     angle = wavenumber[:, None, :] * nodes[:, None] + phase[:, None, :]
@@ -170,7 +172,7 @@ class VerticalMotion:
     Attributes
     ----------
     amplitude, frequency, phase : (k,) arrays
-        Of the upward velocity's sinusoids: m/s, rad/s, rad.
+        Amplitude (m/s), angular frequency (rad/s) and phase (rad) of the sinusoids of the upward velocity.
     """
 
     amplitude: FloatArray
@@ -178,11 +180,11 @@ class VerticalMotion:
     phase: FloatArray
 
     def velocity(self, time: FloatArray) -> FloatArray:
-        """Velocity upward (n,) at times (s), m/s."""
+        """Upward velocity (n,) at times (s), m/s."""
         return np.asarray(np.sin(np.outer(time, self.frequency) + self.phase) @ self.amplitude)
 
     def rise(self, begin: float, time: FloatArray) -> FloatArray:
-        """Rise of the water (n,) from a time until others (s), m."""
+        """Rise of the water (n,) from `begin` to times (s), m."""
         phase = np.cos(self.frequency * begin + self.phase) - np.cos(np.outer(time, self.frequency) + self.phase)
         return np.asarray(phase @ (self.amplitude / self.frequency))
 

@@ -1,4 +1,4 @@
-"""Flight plan of a hull in a scenario: trim of dive and climb, rate of turn, limits of time and path, and courses."""
+"""Flight plan of a hull in a scenario: trim of dive and climb, turn rate, limits of time and path, and courses."""
 
 import math
 from collections.abc import Iterator
@@ -26,22 +26,22 @@ from gliderhpc.simulator.ocean import current_profile, ocean_column
 from gliderhpc.simulator.scenario import Scenario
 
 RELATIVE_NET_MASS = 0.0035
-"""Net mass at half the depth, in parts of the hull's own."""
+"""Net mass at half the depth, as a fraction of the hull's mass."""
 
 MIN_RELATIVE_NET_MASS = 0.0025
-"""Least net mass at any depth, in parts of the hull's own."""
+"""Least net mass at any depth, as a fraction of the hull's mass."""
 
 SETTLING_TIME = 60.0
-"""A turn is steady after this (s)."""
+"""Time after which a turn is steady (s)."""
 
 PATIENCE = 1.5
-"""A profile that takes this many times as long as its steady glides is given up ..."""
+"""Time limit of a profile relative to the duration of its steady glides; `GRACE` is added."""
 
 GRACE = 600.0
-"""... after this much more time (s)."""
+"""Constant part of the time limit of a profile (s)."""
 
 RESERVE = 1.25
-"""A profile's path is at most so many times that of its steady glides."""
+"""Greatest path length of a profile relative to that of its steady glides."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Leg:
     Attributes
     ----------
     glide : SteadyGlide
-        At half the depth; its battery position and ballast hold over the whole leg.
+        Steady glide at half the depth; its battery position and ballast apply to the whole leg.
     entry : SteadyGlide
-        At the depth where the leg begins.
+        Steady glide at the depth where the leg begins.
     ballast_volume : float
         Oil in the external bladder, m3.
     turn_rate : float
@@ -73,9 +73,9 @@ class FlightPlan:
     Attributes
     ----------
     dive, climb : Leg
-        Their trim.
+        Trim of dive and climb.
     nominal_duration, nominal_range, nominal_path : float
-        Time (s), horizontal and whole length (m) of the two steady glides.
+        Duration (s), horizontal distance and path length (m) of the two steady glides.
     """
 
     dive: Leg
@@ -91,7 +91,7 @@ class FlightPlan:
 
     @property
     def longest_path(self) -> float:
-        """Length through the water for which gusts are laid out, m; beyond it they end."""
+        """Path length through the water for which gusts are drawn, m; there are none beyond it."""
         return RESERVE * self.nominal_path
 
 
@@ -120,21 +120,21 @@ def plan_flight(glider: Glider, scenario: Scenario) -> FlightPlan:
 
 
 def floating_hull(platform: Platform, scenario: Scenario) -> FloatingHull | None:
-    """Give what a hull weighs in the scenario's ocean, or None where the scenario has none."""
+    """Return the net mass of a hull in the scenario's ocean; None if the scenario has no ocean."""
     if scenario.ocean is None:
         return None
     return FloatingHull(platform, ocean_column(scenario.ocean, scenario.origin, scenario.depth + scenario.depth_spread))
 
 
 def _with_slope_of(floating: FloatingHull, platform: Platform, scenario: Scenario) -> Platform:
-    """Hull that pilots reckon with: a depth slope that is right at the surface and at the turning point."""
+    """Hull for planning, with the mean depth slope between the surface and the turning point."""
     half = 0.5 * scenario.depth
     slope = floating.depth_slope(half, platform.buoyancy.neutral_volume_m3, half)
     return platform.model_copy(update={"buoyancy": platform.buoyancy.model_copy(update={"depth_slope": slope})})
 
 
 def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
-    """Net masses at the surface of dive and climb, kg: the scenario's, or what the hull needs (see `Actuation`)."""
+    """Net masses of dive and climb at the surface, kg: from the scenario, or chosen for the hull (see `Actuation`)."""
     usual, least = RELATIVE_NET_MASS * platform.mass.total, MIN_RELATIVE_NET_MASS * platform.mass.total
     gain = platform.buoyancy.depth_slope * scenario.depth / GRAVITY
     dive, climb = scenario.actuation.dive_net_mass, scenario.actuation.climb_net_mass
@@ -182,7 +182,7 @@ def _refuse_stall(platform: Platform, scenario: Scenario, net_mass: float) -> No
 
 
 def _turn_rate(glider: Glider, glide: SteadyGlide, rotation: float) -> float:
-    """Rate of the heading once the turn is steady; its sign may differ between dive and climb."""
+    """Rate of the heading in a steady turn (rad/s); its sign may differ between dive and climb."""
     step = 0.1
     count = round(SETTLING_TIME / step)
     controls = np.tile(glide.control, (count, 1))
@@ -193,7 +193,7 @@ def _turn_rate(glider: Glider, glide: SteadyGlide, rotation: float) -> float:
 
 
 def courses(scenario: Scenario, plan: FlightPlan, seed: int, count: int) -> list[float]:
-    """Give the courses of the first `count` profiles, degree."""
+    """Return the courses of the first `count` profiles, degree."""
     steering = scenario.steering
     if not steering.waypoints:
         return [steering.courses[index % len(steering.courses)] for index in range(count)]
@@ -214,7 +214,7 @@ def _bearings(scenario: Scenario, plan: FlightPlan, seed: int) -> Iterator[float
 
 
 def _planned_displacement(scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float) -> FloatArray:
-    """Displacement ``[north, east]`` of one profile as planned, m."""
+    """Planned displacement ``[north, east]`` of one profile, m."""
     current = current_profile(scenario.current, seed, number, depth=scenario.depth, duration=plan.nominal_duration)
     depths = np.linspace(0.0, scenario.depth, 33)
     drift = plan.nominal_duration * current.at(depths, 0.5 * plan.nominal_duration).mean(axis=0)

@@ -1,4 +1,4 @@
-"""One synthetic profile: its record, and its truth."""
+"""Simulation of one synthetic profile: its record and its truth."""
 
 import math
 from dataclasses import dataclass, replace
@@ -35,47 +35,47 @@ class ProfileTruth:
     epoch : numpy.datetime64
         Time of its first sample (ns, UTC).
     duration : float
-        Of the dive, s.
+        Duration of the dive, s.
     step : float
         Interval over which `disturbances` are averaged, s.
     disturbances : (n, 6) array
-        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m: the additive ones and what
-        the water's changes exert.
+        ``B_cu`` ... ``B_cr`` averaged over each step from the epoch on, N and N m: the sum of the additive disturbances
+        and of those exerted by changes of the water's velocity.
     time : (m,) array
         Times of the samples, s from the epoch.
     states : (m, 12) array
         State of eq. 16 at the samples: attitude (rad, heading unwrapped), X, Y (m, through the water from the start of
         the profile), depth, velocity through the water and rates (SI).
     actuators : (m, 3) array
-        Where the actuators were: battery position (m), battery rotation (rad), ballast volume (m3).
+        Actual battery position (m), battery rotation (rad) and ballast volume (m3) at the samples.
     water : (m, 3) array
-        Current north and east without the gust, and the gust to starboard of the course, where the glider was, m/s.
+        Current north and east without the gust, and the gust to starboard of the course, at the glider's position, m/s.
     water_up : (m,) array
         Vertical velocity of the water at the samples, upward, m/s.
     levels : (k,) array
-        Depths, the same for every profile of a mission, m.
+        Depths of the current profile, the same for every profile of a mission, m.
     shear : (k, 2) array
         Current north and east at these depths halfway through the dive, m/s.
     current : (2,) array
-        Of the water, north and east, averaged over the dive, m/s.
+        Velocity of the water, north and east, averaged over the dive, m/s.
     surface_currents : two (2,) arrays
-        At the surface before and after the dive, m/s.
+        Currents at the surface before and after the dive, m/s.
     displacement : (2,) array
-        Through the water over the whole dive, north and east, m.
+        Displacement through the water over the whole dive, north and east, m.
     course : float
-        Steered, rad.
+        Steered course, rad.
     coefficients : dict of str to tuple
         True coefficients on dive and climb, by the paper's symbol.
     net_mass : float
         Unrecorded net mass, kg.
     impulses : tuple of Impulse
-        Those that peak within the dive.
+        Impulses that peak within the dive.
     entry, exit : Position
         True latitude and longitude at the start and at the end of the dive, degree.
     surface_until : numpy.datetime64
         End of the time at the surface that belongs to this profile.
     end : Position
-        True latitude and longitude then.
+        True latitude and longitude at that time, degree.
     """
 
     number: int
@@ -113,17 +113,18 @@ def simulate_profile(
     platform : Platform
         The hull.
     scenario : Scenario
-        What happens.
+        The scenario.
     seed : int
-        Of all random numbers.
+        Seed of all random numbers.
     number : int
-        Number of the profile; its random numbers are those that it has in a whole mission.
+        Number of the profile; its random numbers are the same as in a whole mission.
 
     Returns
     -------
     record : ProfileRecord
-        As :meth:`gliderhpc.observations.Observations.profile` gives it.
+        Record as returned by :meth:`gliderhpc.observations.Observations.profile`.
     truth : ProfileTruth
+        Truth of the profile.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def simulate_profile(
 def fly_profile(
     glider: Glider, scenario: Scenario, seed: int, number: int, course: float
 ) -> tuple[ProfileRecord, ProfileTruth]:
-    """Simulate the profile `number` on a `course` (degree), before it has a time and a place (see `place_profile`)."""
+    """Simulate the profile `number` on a `course` (degree), without its time and place (see `place_profile`)."""
     levels = level_depths(scenario)
     scenario = scenario.model_copy(update={"depth": _depth(scenario, seed, number)})
     plan = plan_flight(glider, scenario)
@@ -163,9 +164,9 @@ def fly_profile(
 def place_profile(
     record: ProfileRecord, truth: ProfileTruth, scenario: Scenario, seed: int, start: np.datetime64, position: Position
 ) -> tuple[ProfileRecord, ProfileTruth]:
-    """Give a flown profile the time and the place of a mission: its surface time begins at `start` and `position`.
+    """Give a flown profile its time and place in a mission: its surface interval begins at `start` and `position`.
 
-    Before and after the dive it drifts with the current at the surface, for whole seconds, and fixes are taken.
+    Before and after the dive the glider drifts with the surface current for whole seconds, and fixes are taken.
     """
     settings, rng = scenario.surface, generator(seed, record.number, Stream.SURFACE)
     wait_before, wait_after = (math.ceil(wait) for wait in rng.uniform(*settings.half_interval, size=2))
@@ -200,12 +201,12 @@ def place_profile(
 
 
 def _later(time: np.datetime64, seconds: float) -> np.datetime64:
-    """Add seconds to a time, to the nanosecond."""
+    """Add seconds to a time, rounded to a nanosecond."""
     return time + np.timedelta64(round(seconds * 1e9), "ns")
 
 
 def _depth(scenario: Scenario, seed: int, number: int) -> float:
-    """Depth at which the profile `number` turns, m."""
+    """Depth of the turning point of the profile `number`, m."""
     if scenario.depth_spread == 0.0:
         return scenario.depth
     rng = generator(seed, number, Stream.DEPTH)
@@ -280,6 +281,6 @@ def _truth(
 
 
 def level_depths(scenario: Scenario) -> FloatArray:
-    """Depths at which the true current profile is given, `LEVEL_SPACING` apart, m."""
+    """Depths of the true current profile, `LEVEL_SPACING` apart, m."""
     deepest = math.ceil((scenario.depth + scenario.depth_spread) / LEVEL_SPACING)
     return LEVEL_SPACING * np.arange(deepest + 1, dtype=np.float64)

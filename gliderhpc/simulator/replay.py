@@ -1,6 +1,7 @@
-"""A glider flown open loop by recorded actuation: what its sensors would have shown under other disturbances.
+"""Open-loop flight with recorded actuation, which gives the sensor records under other disturbances.
 
-The scheme is the simulator's: half the estimator's step, and stages of its own (`gliderhpc.kernels.current`).
+The numerical scheme is that of the simulator: half the estimator's step, and its own stages
+(`gliderhpc.kernels.current`).
 """
 
 from dataclasses import dataclass, replace
@@ -18,27 +19,27 @@ from gliderhpc.simulator.sensors import observe
 from gliderhpc.simulator.water import still_water
 
 OUT_OF_THE_WATER = 0.5
-"""The glider is at the surface once it is this far (m) above it, and above where it began."""
+"""Height (m) above the surface, and above the depth of the start, at which the glider has left the water."""
 
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """Actuation of a glider, as recorded.
+    """Recorded actuation of a glider.
 
     Attributes
     ----------
     number : int
-        Of the profile.
+        Number of the profile.
     epoch : numpy.datetime64
         Time of the first record.
     interval : float
-        Between records, s.
+        Interval between records, s.
     state : (12,) array
-        At the first record (eq. 16, SI).
+        State at the first record (eq. 16, SI).
     commands : (m, 4) array
-        Battery position (m), battery rotation (rad), ballast volume (m3), rudder (rad) on the records.
+        Battery position (m), battery rotation (rad), ballast volume (m3) and rudder (rad) on the records.
     sampled : (m,) array of bool
-        Records at which the sensors were read.
+        Mask of the records at which the sensors were read.
     """
 
     number: int
@@ -50,7 +51,7 @@ class Actuation:
 
     @property
     def steps(self) -> int:
-        """Steps of the simulator in one interval: at most as long as it would take by itself."""
+        """Number of simulator steps in one interval, each about as long as the simulator's own step."""
         return max(1, round(self.interval / Integration().step))
 
     @property
@@ -71,13 +72,13 @@ def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbance
     Parameters
     ----------
     hull : Platform
-        Whose coefficients are true.
+        Hull with the true coefficients.
     actuation : Actuation
-        How it is flown.
+        Recorded actuation.
     bodies : (n, 11) array
-        Mass properties at `Actuation.times`, of the hull that is known.
+        Mass properties of the nominal hull at `Actuation.times`.
     disturbances : (n, 6) array
-        Over the simulator's steps, N and N m.
+        Disturbances over the simulator's steps, N and N m.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbance
 
 
 def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.random.Generator) -> ProfileRecord:
-    """Record a flight by the hull's sensor model, at the records at which the sensors were read."""
+    """Record a flight with the hull's sensor model, on the records at which the sensors were read."""
     sensors = platform.sensors.model_copy(update={"sample_interval": actuation.interval})
     record = observe(flight, sensors, SensorErrors(), rng, number=actuation.number, epoch=actuation.epoch)
     sampled = actuation.sampled[: len(record.time)]
@@ -117,7 +118,7 @@ def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.
 
 
 def _intervals_in_the_water(depth: FloatArray, actuation: Actuation) -> int:
-    """Whole intervals before the glider comes out of the water."""
+    """Number of whole intervals before the glider leaves the water."""
     out = np.flatnonzero(depth < min(0.0, float(depth[0])) - OUT_OF_THE_WATER)
     steps = int(out[0]) if len(out) else len(depth) - 1
     return steps // actuation.steps

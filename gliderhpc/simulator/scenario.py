@@ -1,4 +1,4 @@
-"""Scenario of a synthetic mission, and the scenario files."""
+"""Scenario of a synthetic mission, and scenario files."""
 
 import datetime
 from collections.abc import Mapping
@@ -71,17 +71,17 @@ class Scenario(Section):
         return self
 
     def replaced(self, values: Mapping[str, Any]) -> "Scenario":
-        """Give the scenario with some top-level values replaced, validated again.
+        """Return the scenario with some top-level values replaced, validated again.
 
         Parameters
         ----------
         values : mapping
-            By name; None leaves a value as it is.
+            New values by name; None leaves a value unchanged.
 
         Raises
         ------
         InputError
-            A name that a scenario does not have, or a value out of range.
+            A name does not belong to a scenario, or a value is out of range.
         """
         given = {name: value for name, value in values.items() if value is not None}
         return read_scenario({**self.model_dump(), **given})
@@ -93,7 +93,7 @@ def read_scenario(content: Mapping[str, Any], label: str = "scenario") -> Scenar
     Raises
     ------
     InputError
-        Naming the first key that is unknown or out of range.
+        A key is unknown or out of range; the message names the first one.
     """
     try:
         return Scenario.model_validate(content)
@@ -102,29 +102,29 @@ def read_scenario(content: Mapping[str, Any], label: str = "scenario") -> Scenar
 
 
 def shipped_scenarios() -> list[str]:
-    """Names of the scenarios that come with the package, sorted."""
+    """Names of the scenarios shipped with the package, sorted."""
     return _FILES.names()
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """Read a scenario file; what it leaves out is as in the scenario ``impulses``.
+    """Read a scenario file; values that it omits are those of the scenario ``impulses``.
 
     Parameters
     ----------
     name_or_path : str or Path
-        Name of a shipped scenario (these win over a file of the same name) or the path of a YAML file.
+        Name of a shipped scenario (which has priority over a file of the same name), or path of a YAML file.
 
     Raises
     ------
     InputError
-        No such scenario or file, not YAML, a key that is unknown or a value out of range.
+        There is no such scenario or file, it is not YAML, a key is unknown, or a value is out of range.
     """
     label, content = _FILES.content(name_or_path)
     return read_scenario(content, label)
 
 
 def _explanation(error: ValidationError) -> str:
-    """One line on the first fault; an unknown key comes with the nearest known one."""
+    """Describe the first fault in one line; for an unknown key, name the nearest known one."""
     faults = error.errors(include_url=False)
     faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
     fault = faults[0]

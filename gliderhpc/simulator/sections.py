@@ -1,4 +1,4 @@
-"""The sections of a scenario: every number of the simulator, validated once, stored with its truth."""
+"""Sections of a scenario: all numbers of the simulator, which are validated once and stored with the truth."""
 
 from typing import Annotated, Literal, Self, TypeAlias
 
@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from gliderhpc.yaml_text import shown
 
 LARGEST_VALUE = 1e9
-"""Largest number of a scenario, in any unit; a larger one was mistyped."""
+"""Largest number in a scenario, in any unit; a larger one is a typing error."""
 
 
 def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
@@ -27,7 +27,7 @@ SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive,
 
 
 class Section(BaseModel):
-    """Values that do not change, no others than those named, all of them finite."""
+    """Immutable section of finite values, without unknown names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -44,8 +44,8 @@ class Section(BaseModel):
 class Actuation(Section):
     """Actuation of the glider.
 
-    Unset net masses follow the hull: 0.35 % of its mass at half the depth, and at least 0.25 % where the hull's gain in
-    buoyancy with depth (docs/theory/model.md) leaves least net mass.
+    Unset net masses are derived from the hull: 0.35 % of its mass at half the depth, and at least 0.25 % at any depth,
+    given the hull's gain in buoyancy with depth (docs/theory/model.md).
     """
 
     pitch: float = Field(23.0, gt=0, lt=80, description="magnitude of the pitch, nose down and nose up, degree")
@@ -61,9 +61,9 @@ class Actuation(Section):
 
 
 class Steering(Section):
-    """The heading controller: single turns towards the course, the battery upright in between.
+    """Heading controller: single turns towards the course, with the battery upright in between.
 
-    The course is that of the bearing to the next waypoint, or one of `courses` where no waypoint is given.
+    The course is the bearing to the next waypoint, or one of `courses` if there are no waypoints.
     """
 
     courses: tuple[float, ...] = Field(
@@ -81,14 +81,14 @@ class Steering(Section):
 
 
 class GaussMarkov(Section):
-    """First-order Gauss-Markov processes, one a channel, stationary from the start: what filter and smoother assume."""
+    """First-order Gauss-Markov processes, one per channel and stationary, as assumed by filter and smoother."""
 
     deviation: Six = Field(description="stationary standard deviation, six channels, N and N m")
     correlation_time: SixPositive = Field(description="correlation time, six channels, s")
 
 
 class Disturbances(Section):
-    """The true disturbance: slow sinusoids and random processes in each channel, and impulses of the yaw moment."""
+    """True disturbance: slow sinusoids and random processes in each channel, and impulses of the yaw moment."""
 
     slow_rms: Six = Field(
         (0.15, 0.0, 0.2, 0.0, 0.035, 0.0), description="root mean square of the slow part, six channels, N and N m"
@@ -108,7 +108,7 @@ class Disturbances(Section):
 
 
 class Current(Section):
-    """The horizontal current: uniform and steady within a profile and another one in the next; and its shear."""
+    """Horizontal current: shear, and a uniform part that is steady within a profile and changes between profiles."""
 
     speed: Range = Field((0.05, 0.4), description="speed of the uniform part, m/s; its direction is uniform")
     surface_rms: NonNegative = Field(
@@ -132,9 +132,9 @@ class Current(Section):
 
 
 class VerticalCurrent(Section):
-    """Vertical motion of the water, the same at all depths: sinusoids in time, as of internal waves met on the way.
+    """Vertical motion of the water, the same at all depths: sinusoids in time, like internal waves along the path.
 
-    It varies in time alone, so it carries the glider and leaves its motion relative to the water as it is.
+    It varies only in time. It carries the glider and does not change its motion relative to the water.
     """
 
     rms: NonNegative = Field(0.0, description="root mean square of the vertical velocity, m/s")
@@ -143,11 +143,11 @@ class VerticalCurrent(Section):
 
 
 class Gusts(Section):
-    """Lateral gusts: a frozen random field across the course, met along the path (docs/theory/model.md).
+    """Lateral gusts: a frozen random velocity across the course, as a function of path length (docs/theory/model.md).
 
-    ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` its twin of the same spectrum. Within an octave or
-    two of the smallest scale a cascade's increments are a little less intermittent than promised, for no finer ones add
-    to them.
+    ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` a Gaussian field with the same spectrum. Within an
+    octave or two of the smallest scale, the increments of a cascade are slightly less intermittent than in theory,
+    because finer scales are absent.
     """
 
     kind: Literal["none", "cascade", "gaussian"] = Field("none", description="none, cascade or gaussian")
@@ -168,9 +168,9 @@ class Gusts(Section):
 
 
 class Ocean(Section):
-    """A stratified ocean, and the CTD that measures it; the hull's compressibility then takes its depth slope's place.
+    """Stratified ocean, and the CTD that measures it; the hull's compressibility then replaces its depth slope.
 
-    Temperature and salinity go from their values at the surface to those at depth as a logistic function.
+    Temperature and salinity change from their surface values to their deep values as a logistic function of depth.
     """
 
     surface_temperature: float = Field(18.0, ge=-2, le=35, description="in situ, at the surface, degC")
@@ -187,7 +187,7 @@ class Ocean(Section):
 
 
 class Coefficients(Section):
-    """Errors of the platform file: every viscous and added-mass coefficient of the true hull is drawn."""
+    """Errors of the platform file: every viscous and added-mass coefficient of the true hull has a random error."""
 
     spread: float = Field(0.0, ge=0, lt=1, description="largest relative error, uniform and independent; 0.15 is usual")
 
@@ -195,8 +195,8 @@ class Coefficients(Section):
 class Fouling(Section):
     """Growth on the hull: coefficients that drift over the mission, and a loss of buoyancy.
 
-    Dive and climb (positive and negative angle of attack) foul differently: on the climb the changes are `climb_share`
-    times those of the dive.
+    Fouling acts differently on dive and climb (positive and negative angle of attack): the changes on the climb are
+    `climb_share` times those on the dive.
     """
 
     profiles: int = Field(565, ge=1, description="number of profiles over which the changes come about")
@@ -209,7 +209,7 @@ class Fouling(Section):
 
 
 class Episode(Section):
-    """A drag that comes at once, decays along a line, and is gone at once; dive and climb apart."""
+    """Additional drag that appears suddenly, decays linearly and ends suddenly; dive and climb are separate."""
 
     first: int = Field(0, ge=0, description="first profile with it; 0 for none")
     last: int = Field(0, ge=0, description="last profile with it")
@@ -224,7 +224,7 @@ class Episode(Section):
         return self
 
     def part(self, number: int) -> float:
-        """Part of the change on a profile."""
+        """Fraction of the change on a profile, 0 outside the episode."""
         if not self.first or not self.first <= number <= self.last:
             return 0.0
         return 1.0 - (1.0 - self.remaining) * (number - self.first) / max(self.last - self.first, 1)
@@ -271,7 +271,7 @@ class Surface(Section):
 
 
 class Integration(Section):
-    """Time steps of the simulation; half the estimator's, so that its discretisation is not assumed true."""
+    """Time steps of the simulation: half the estimator's, so the truth does not share its discretisation."""
 
     step: float = Field(0.05, gt=0, le=0.25, description="Runge-Kutta step, s")
     truth_step: float = Field(0.1, gt=0, description="interval over which the true disturbance is averaged, s")

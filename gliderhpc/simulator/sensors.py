@@ -1,4 +1,4 @@
-"""Sensors of a simulated glider: samples, noise and quantisation, and a record's gaps and false samples."""
+"""Sensors of a simulated glider: samples, noise and quantisation, gaps and false samples."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ _ROUNDING = 1e-6
 
 
 def sample_times(flight: Flight, sensors: Sensors) -> FloatArray:
-    """Give the times of the samples, s from the start of the profile."""
+    """Return the times of the samples, s from the start of the profile."""
     count = int(np.floor(flight.duration / sensors.sample_interval + _ROUNDING)) + 1
     return np.arange(count, dtype=np.float64) * sensors.sample_interval
 
@@ -26,19 +26,19 @@ def states_at(flight: Flight, time: FloatArray) -> FloatArray:
 
 
 def carried_at(flight: Flight, time: FloatArray) -> FloatArray:
-    """Interpolate how far the water has carried the glider, and the path length ``(n, 3)``, linearly at times (s)."""
+    """Interpolate the displacement by the water and the path length ``(n, 3)`` linearly at times (s)."""
     grid = np.arange(len(flight.carried), dtype=np.float64) * flight.step
     return _columns_at(time, grid, flight.carried)
 
 
 def actuators_at(flight: Flight, time: FloatArray) -> FloatArray:
-    """Interpolate where the actuators truly are ``(n, 3)`` at times (s)."""
+    """Interpolate the actual positions of the actuators ``(n, 3)`` linearly at times (s)."""
     midpoints = (np.arange(len(flight.actuators), dtype=np.float64) + 0.5) * flight.step
     return _columns_at(time, midpoints, flight.actuators)
 
 
 def commands_at(flight: Flight, time: FloatArray) -> FloatArray:
-    """Interpolate the actuators' commands ``(n, 3)`` at times (s)."""
+    """Interpolate the actuators' commands ``(n, 3)`` linearly at times (s)."""
     grid = np.arange(len(flight.commands), dtype=np.float64) * flight.control_interval
     return _columns_at(time, grid, flight.commands)
 
@@ -57,13 +57,13 @@ def observe(
     Parameters
     ----------
     flight : Flight
-        What happened.
+        True flight.
     sensors : Sensors
         Sample interval, attitude quantum and depth noise of the platform.
     errors : SensorErrors
-        How much of quantum and noise to apply.
+        Factor of quantum and noise, kind of the attitude's errors, and its offsets.
     rng : numpy.random.Generator
-        Of the depth noise and, after it, of white errors of the attitude.
+        Random generator of the depth noise and, after it, of white errors of the attitude.
     number : int
         Number of the profile.
     epoch : numpy.datetime64
@@ -72,8 +72,8 @@ def observe(
     Returns
     -------
     ProfileRecord
-        Attitude with its offsets and quantised (or with white errors in place of that), depth with noise; of the
-        actuators their commands, not their positions.
+        Record with quantised attitude including its offsets (or with white errors instead of quantisation), depth with
+        noise, and the commands of the actuators.
     """
     time = sample_times(flight, sensors)
     states = states_at(flight, time)
@@ -101,7 +101,7 @@ def observe(
 
 
 def quantised(values: FloatArray, quantum: float) -> FloatArray:
-    """Round to whole quanta; a quantum of zero rounds nothing."""
+    """Round values to multiples of a quantum; a quantum of zero leaves them unchanged."""
     return np.rint(values / quantum) * quantum if quantum > 0.0 else values.copy()
 
 
@@ -116,7 +116,7 @@ _SHALLOWEST = -9.0
 
 
 def with_faults(record: ProfileRecord, errors: SensorErrors, rng: np.random.Generator) -> ProfileRecord:
-    """Put false samples and then gaps (NaN) into a record."""
+    """Add false samples and then gaps (NaN) to a record."""
     channels = {name: getattr(record, name).copy() for name in _CHANNELS}
     hours = float(record.time[-1] - record.time[0]) / 3600.0
     _falsify(channels, errors, rng.poisson(errors.outliers * hours), rng)
@@ -132,7 +132,7 @@ def _falsify(channels: dict[str, FloatArray], errors: SensorErrors, count: int, 
 
 
 def _possible(name: str, value: float) -> float:
-    """Nearest value that a file may hold."""
+    """Nearest value in the valid range of a channel."""
     if name == "depth":
         return max(value, _SHALLOWEST)
     if name == "heading":
@@ -144,7 +144,7 @@ def _possible(name: str, value: float) -> float:
 def _silence(
     channels: dict[str, FloatArray], time: FloatArray, errors: SensorErrors, count: int, rng: np.random.Generator
 ) -> None:
-    """Make gaps; compass and depth sensor fail apart."""
+    """Make gaps, each either in all three angles or in the depth."""
     for _ in range(count):
         begin, length = rng.uniform(time[0], time[-1]), rng.exponential(errors.dropout_length)
         names = _ANGLES if rng.random() < 0.5 else ("depth",)

@@ -1,14 +1,14 @@
-"""The water along one profile: its current, and its gusts as a random velocity field along a line.
+"""Water along one profile: its current, and its gusts as a random velocity field along a line.
 
 The field has a prescribed spectrum and is intermittent or Gaussian. It is a sum of wavelets on a dyadic tree (Benzi et
-al. 1993): at level j, cells of length ``outer / 2^j`` carry a
-Gaussian coefficient times the product of multipliers W along the branch that leads there. With She and Leveque's
-log-Poisson multipliers ``W = 2^(-1/9) (2/3)^(N/3)``, N of mean ``2 ln 2``, one finds ``E[W^p] = 2^(-zeta_p)`` with
+al. 1993). At level j, cells have the length ``outer / 2^j``. The coefficient of a cell is a Gaussian number times the
+product of the multipliers W along its branch of the tree. She and Leveque's log-Poisson multipliers
+``W = 2^(-1/9) (2/3)^(N/3)``, with N of mean ``2 ln 2``, give ``E[W^p] = 2^(-zeta_p)`` with
 
     ``zeta_p = p/9 + 2 (1 - (2/3)^(p/3))``,
 
-and increments scale accordingly. With the constant ``W = 2^(-zeta_2 / 2)`` the field is Gaussian and has the very same
-expected spectrum, of slope ``1 + zeta_2``. A given slope multiplies every W by a power of two more or less.
+and increments scale accordingly. With the constant ``W = 2^(-zeta_2 / 2)`` the field is Gaussian and has the same
+expected spectrum, of slope ``1 + zeta_2``. For a given slope, every W is multiplied by the same power of two.
 """
 
 import math
@@ -27,20 +27,20 @@ from gliderhpc.simulator.sections import Gusts
 from gliderhpc.vocabulary import she_leveque
 
 NODES_PER_CELL = 4
-"""Grid nodes in a cell of the smallest scale."""
+"""Number of grid nodes in a cell of the smallest scale."""
 
 _WIDTH = 0.35
-"""Width of the wavelet (a Mexican hat's standard deviation), in cells: an even variance within a cell."""
+"""Width of the wavelet (standard deviation of a Mexican hat) in cells, which gives an even variance within a cell."""
 
 _SUPPORT = 5.0
 """Half the wavelet's support, in widths."""
 
 _MARGIN = 3
-"""Cells of the largest scale on either side, so that no end is seen."""
+"""Number of cells of the largest scale on either side of the line, which prevent end effects."""
 
 
 def scaling_exponent(settings: Gusts, order: float) -> float:
-    """Scaling exponent zeta_p that a field is made with."""
+    """Scaling exponent zeta_p of a field."""
     slope = spectral_slope(settings)
     if settings.kind == "gaussian":
         return 0.5 * order * (slope - 1.0)
@@ -48,36 +48,36 @@ def scaling_exponent(settings: Gusts, order: float) -> float:
 
 
 def spectral_slope(settings: Gusts) -> float:
-    """Slope of the spectrum between the scales, positive for one that falls."""
+    """Slope of the spectrum between the largest and the smallest scale; positive for a falling spectrum."""
     return 1.0 + she_leveque(2.0) if settings.slope is None else settings.slope
 
 
 def levels(settings: Gusts) -> int:
-    """Levels of the tree below the first."""
+    """Number of levels of the tree below the first."""
     return max(1, round(math.log2(settings.outer / settings.inner)))
 
 
 def node_spacing(settings: Gusts) -> float:
-    """Distance of the field's nodes, m."""
+    """Spacing of the field's nodes, m."""
     return float(settings.outer / (2 ** levels(settings) * NODES_PER_CELL))
 
 
 def gust_field(settings: Gusts, length: float, rng: np.random.Generator) -> FloatArray:
-    """Draw a field of at least `length` m.
+    """Draw a field with a length of at least `length`.
 
     Parameters
     ----------
     settings : Gusts
         Kind, strength, scales and slope.
     length : float
-        Of the line, m.
+        Length of the line, m.
     rng : numpy.random.Generator
-        Of the multipliers and the coefficients.
+        Random generator of the multipliers and the coefficients.
 
     Returns
     -------
     (n,) array
-        Velocity at nodes `node_spacing` apart, m/s; its expected mean square is that asked for.
+        Velocity at nodes `node_spacing` apart, m/s; its expected mean square is the square of `Gusts.rms`.
     """
     deepest = levels(settings)
     finest = 2**deepest * NODES_PER_CELL
@@ -95,19 +95,19 @@ def gust_field(settings: Gusts, length: float, rng: np.random.Generator) -> Floa
 
 
 def with_slopes(values: FloatArray, spacing: float) -> FloatArray:
-    """Values and their slopes ``(n, 2)`` at uniform nodes, by central differences (a Catmull-Rom spline)."""
+    """Values and slopes ``(n, 2)`` at uniform nodes; slopes are central differences (a Catmull-Rom spline)."""
     return np.column_stack([values, np.gradient(values, spacing)])
 
 
 def _descended(settings: Gusts, strength: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Strengths of the next level: each cell's two children, multiplied."""
+    """Strengths of the next level: those of each cell's two children, multiplied by their W."""
     children = np.repeat(strength, 2)
     steepened = math.pow(2.0, -0.5 * (spectral_slope(settings) - 1.0))
     if settings.kind == "gaussian":
         return children * steepened
     counts = rng.poisson(2.0 * math.log(2.0), len(children))
     multipliers: FloatArray = 2.0 ** (-1.0 / 9.0) * (2.0 / 3.0) ** (counts / 3.0)
-    # The multipliers fall off by 2^(-zeta_2 / 2) a level of their own.
+    # The multipliers themselves already have an rms of 2^(-zeta_2 / 2) per level.
     multipliers *= steepened * math.pow(2.0, 0.5 * she_leveque(2.0))
     return children * multipliers
 
@@ -123,14 +123,14 @@ def _add_wavelets(field: FloatArray, coefficients: FloatArray, stride: int) -> N
 
 
 def _expected_rms(settings: Gusts) -> float:
-    """Root mean square of the field before scaling: the wavelet's energy times the expected squares of the levels."""
+    """Root mean square of the field before scaling, from the wavelet's energy and the levels' expected squares."""
     energy = _WIDTH * 0.75 * math.sqrt(math.pi)
     ratio = 2.0 ** (1.0 - spectral_slope(settings))
     return math.sqrt(energy * sum(ratio**level for level in range(levels(settings) + 1)))
 
 
 OVERSHOOT = 50.0
-"""Depth below a dive's turning point to which its current is laid out (m)."""
+"""Depth below a dive's turning point to which its current is computed (m)."""
 
 _STILL = np.zeros((2, 2))
 
@@ -142,15 +142,15 @@ class Water:
     Attributes
     ----------
     current : CurrentProfile
-        As a function of depth and time.
+        Current as a function of depth and time.
     gusts : (n, 2) array
         Gust (m/s) and its slope (1/s) at nodes of path length.
     gust_spacing : float
-        Distance of these nodes, m.
+        Spacing of these nodes, m.
     bearing : float
         Direction of a positive gust: to starboard of the course, rad clockwise from north.
     vertical : VerticalMotion
-        Its motion up and down.
+        Vertical motion of the water.
     """
 
     current: CurrentProfile
@@ -160,11 +160,11 @@ class Water:
     vertical: VerticalMotion
 
     def field(self, mass: float) -> Field:
-        """Pack for the kernel, with the mass (kg) of the hull that is carried."""
+        """Pack the parameters for the kernel, with the mass (kg) of the hull carried by the water."""
         return Field(mass, self.current.spacing, self.gust_spacing, math.cos(self.bearing), math.sin(self.bearing))
 
     def along(self, depth: FloatArray, path: FloatArray, time: FloatArray) -> FloatArray:
-        """Current north and east without the gust, and the gust ``(n, 3)``, m/s, at depths, path lengths and times."""
+        """Current north and east without the gust, and the gust, ``(n, 3)``, m/s, at depths, path lengths and times."""
         out = np.empty((len(depth), 3))
         water_along(self.field(0.0), self.current.table, self.gusts, depth, path, time, out)
         return out
