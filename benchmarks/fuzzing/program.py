@@ -143,6 +143,8 @@ def _serve(kernels: bool) -> None:
 
         warm_kernels()
         warm_simulator()
+    # Signals are meant for the calls, and for them only while the program runs.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Answers go where calls cannot write.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -234,6 +236,8 @@ def _answer(call: dict[str, Any]) -> None:
 
         main(call["arguments"])
     except SystemExit as end:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
     except BaseException:  # noqa: BLE001 - a fork must never go on as the process it came from
         if sys.stderr is not None:

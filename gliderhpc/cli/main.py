@@ -1,20 +1,15 @@
 """Program ``gliderhpc``: verbs and exit statuses."""
 
-import _thread
 import importlib
 import io
 import os
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
 
 import click
 from click.shell_completion import get_completion_class
 
+from gliderhpc.cli.interruption import interruptible
 from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.garbage import seldom_collected
@@ -165,7 +160,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     """Run a verb, report its error if any, and return the exit status."""
     remedy = "finish it with --resume" if verb in RESUMABLE else "run it again"
     try:
-        with _terminated_as_interrupted(), seldom_collected(), warnings.catch_warnings():
+        with interruptible(), seldom_collected(), warnings.catch_warnings():
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
@@ -257,41 +252,3 @@ def _open_standard_streams() -> None:
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             _discard(name)
-
-
-_AGAIN = 0.02
-"""Delay after which an interruption that Python has dropped is raised again, s."""
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Treat SIGTERM, which batch systems send before they kill a job, like Ctrl-C.
-
-    A signal may arrive in the callback of a weak reference, where Python has no caller to raise the interruption to. It
-    is then raised again shortly afterwards.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    def raise_again(unraisable: "sys.UnraisableHookArgs") -> None:
-        if unraisable.exc_type is KeyboardInterrupt:
-            # Raised within this hook, it would be dropped too.
-            again.append(threading.Timer(_AGAIN, _thread.interrupt_main))
-            again[-1].start()
-        else:
-            usual(unraisable)
-
-    again: list[threading.Timer] = []
-    before, usual = signal.signal(signal.SIGTERM, interrupt), sys.unraisablehook
-    sys.unraisablehook = raise_again
-    try:
-        yield
-    finally:
-        sys.unraisablehook = usual
-        for timer in again:
-            timer.cancel()
-        signal.signal(signal.SIGTERM, before)

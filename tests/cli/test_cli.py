@@ -3,12 +3,9 @@
 import errno
 import io
 import logging
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
 
 import click
 import numpy as np
@@ -158,25 +155,6 @@ def test_an_error_on_the_way_out_of_an_interrupt_is_130(brief, run, monkeypatch)
     answer, _ = run(brief)
     assert answer.status == 130
     assert "interrupted; the archive is intact, finish it with --resume" in answer.err
-
-
-def test_an_interrupt_that_python_would_drop_is_raised_again(brief, run, monkeypatch):
-    """One that arrives while an object is finalised has no caller to be raised to."""
-
-    class Finalised:
-        def __del__(self):
-            os.kill(os.getpid(), signal.SIGTERM)
-
-    def lose(*_, **__):
-        Finalised()
-        for _ in range(100):
-            time.sleep(0.01)
-        return "not interrupted"
-
-    monkeypatch.setattr(mission_run, "run_mission", lose)
-    answer, _ = run(brief)
-    assert answer.status == 130
-    assert "Exception ignored" not in answer.err
 
 
 _INTO = ("--platform", "petrel-l", "--store", "a.zarr")

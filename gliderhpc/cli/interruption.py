@@ -1,0 +1,90 @@
+"""Interruption of a command by Ctrl-C or SIGTERM, at a moment at which it neither gets lost nor leaves a lock taken."""
+
+import _thread
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_PAUSE = 0.02
+"""Seconds before an interruption that came at a bad moment is raised again."""
+
+_LONGEST = 250
+"""Largest number of pauses; an interruption that is still at a bad moment then (after about 5 s) is raised there."""
+
+_LOCKING = ("xarray.backends.locks", "xarray.backends.file_manager")
+"""Modules that take locks of files in Python code. An exception between taking a lock and entering the block that
+releases it leaves the lock taken, and the process waits for ever when it closes the file."""
+
+_NEAR = 4
+"""Number of innermost frames in which those modules are looked for: their context managers run under `contextlib`."""
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt on Ctrl-C, and on SIGTERM, which batch systems send before they kill a job.
+
+    An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
+    releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
+    Ctrl-C stays ignored if the process was started so, as shells start background jobs. The context has no effect
+    outside the main thread, which alone receives signals.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    timers: list[threading.Timer] = []
+
+    def raise_later() -> None:
+        timers.append(threading.Timer(_PAUSE, _signal_main_thread))
+        timers[-1].start()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if len(timers) < _LONGEST and _handles_lock(frame):
+            raise_later()
+        else:
+            raise KeyboardInterrupt
+
+    def raise_again(unraisable: "sys.UnraisableHookArgs") -> None:
+        if unraisable.exc_type is KeyboardInterrupt:
+            # Not from here: Python would drop an exception of this hook too.
+            raise_later()
+        else:
+            usual_hook(unraisable)
+
+    numbers = [signal.SIGTERM] if signal.getsignal(signal.SIGINT) is signal.SIG_IGN else [signal.SIGTERM, signal.SIGINT]
+    usual_hook = sys.unraisablehook
+    usual_handlers = {number: signal.signal(number, interrupt) for number in numbers}
+    sys.unraisablehook = raise_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = usual_hook
+        for timer in timers:
+            # Joined, since a signal after the usual handlers are back would end the process.
+            timer.cancel()
+            timer.join()
+        for number, handler in usual_handlers.items():
+            signal.signal(number, handler)
+
+
+def _signal_main_thread() -> None:
+    """Send SIGTERM to the main thread, since Ctrl-C may be ignored; a real signal also ends its waiting."""
+    main = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and main is not None:
+        signal.pthread_kill(main, signal.SIGTERM)
+    else:
+        _thread.interrupt_main(signal.SIGTERM)
+
+
+def _handles_lock(frame: FrameType | None) -> bool:
+    """Return whether one of the innermost frames takes or releases a lock in Python code."""
+    for _ in range(_NEAR):
+        if frame is None:
+            return False
+        module = frame.f_globals.get("__name__")
+        if module in _LOCKING or (module == "threading" and frame.f_code.co_name in ("__enter__", "__exit__")):
+            return True
+        frame = frame.f_back
+    return False

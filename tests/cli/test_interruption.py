@@ -1,0 +1,104 @@
+"""Interruptions of a command: none is lost, and none leaves a lock taken."""
+
+import _thread
+import os
+import signal
+import threading
+import time
+
+import pytest
+from xarray.backends import locks
+
+from gliderhpc.cli.interruption import interruptible
+
+
+def interrupted_by(action):
+    """Do something that interrupts, and wait for the interruption for a minute at most; return whether it came."""
+    try:
+        with interruptible():
+            action()
+            for _ in range(6000):
+                time.sleep(0.01)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_either_signal_interrupts(number):
+    before = signal.getsignal(number)
+    assert interrupted_by(lambda: os.kill(os.getpid(), number))
+    assert signal.getsignal(number) == before
+
+
+def test_an_interruption_that_python_would_drop_is_raised_again():
+    """One that arrives while an object is finalised has no caller to be raised to."""
+
+    class Finalised:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    assert interrupted_by(Finalised)
+
+
+def test_an_interruption_while_a_lock_of_a_file_is_taken_leaves_it_free():
+    """Ctrl-C after the lock was taken and before its block was entered made one import in a hundred wait for ever."""
+
+    class Interrupted:
+        """Lock that is interrupted in the moment in which it has been taken."""
+
+        def __init__(self):
+            self.lock = threading.Lock()
+
+        def acquire(self, blocking=True):
+            taken = self.lock.acquire(blocking)
+            _thread.interrupt_main(signal.SIGTERM)
+            return taken
+
+        def release(self):
+            self.lock.release()
+
+    def hold(lock):
+        with lock:
+            time.sleep(60.0)
+
+    inner = Interrupted()
+    assert interrupted_by(lambda: hold(locks.CombinedLock([inner])))
+    assert inner.lock.acquire(blocking=False)
+
+
+def test_a_condition_is_left_free():
+    condition = threading.Condition(threading.Lock())
+
+    def take_and_release():
+        threading.Timer(0.01, _thread.interrupt_main, [signal.SIGTERM]).start()
+        while True:
+            with condition:
+                pass
+
+    assert interrupted_by(take_and_release)
+    assert condition.acquire(blocking=False)
+
+
+def test_ctrl_c_stays_ignored_where_it_was():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interruptible():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.05)
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_another_thread_is_left_alone():
+    before, ended = signal.getsignal(signal.SIGTERM), []
+
+    def work():
+        with interruptible():
+            ended.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert ended == [before]
