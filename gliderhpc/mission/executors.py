@@ -29,7 +29,7 @@ ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
 profile is returned to the kernel and mapped again page by page, which took a third of a study's processor time."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
-"""Threads of linear algebra in each worker, as there is one worker for each core."""
+"""Threads of linear algebra in each worker, since there is one worker for each core."""
 
 
 class WorkerKilledError(Exception):
@@ -85,7 +85,7 @@ class Executor(ABC):
 
 
 class SerialExecutor(Executor):
-    """Executor of one job after the other in this process, for debugging and very small missions."""
+    """Executor of one job after another in this process, for debugging and very small missions."""
 
     workers = 1
 
@@ -158,7 +158,7 @@ class DaskExecutor(Executor):
     client : distributed.Client
         Client of the cluster.
     patience : float
-        Seconds to wait for a worker where there is none.
+        Time to wait for a worker if there is none, s.
     """
 
     def __init__(self, client: Any, patience: float = PATIENCE) -> None:
@@ -287,7 +287,7 @@ def _is_cancelled(worker: Any) -> bool:
 
 
 def was_killed(error: Exception) -> bool:
-    """Return whether every worker died that ran a job, or on which it was queued behind a job that kills workers."""
+    """Return whether an error states that a job failed by the deaths of its workers (`WorkerKilledError`)."""
     return isinstance(error, WorkerKilledError)
 
 
