@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _UNINFORMATIVE = 1e-3
-"""Information on a direction below which a dive is not compared with others there."""
+"""Information of a dive below which a direction is left out of its comparison with the others."""
 
 
 @dataclass(frozen=True, eq=False)

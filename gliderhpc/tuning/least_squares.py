@@ -54,7 +54,7 @@ def jackknife_covariance(jacobian: Array, residuals: Array, cluster: NDArray[np.
     for number in numbers:
         own = cluster == number
         rest = information - jacobian[own].T @ jacobian[own]
-        # The pseudo-inverse ignores directions that one cluster alone determines: they need that cluster.
+        # Pseudo-inverse: directions that one cluster alone determines cannot be judged by leaving it out.
         moves.append(np.linalg.pinv(rest, hermitian=True) @ (jacobian[own].T @ residuals[own]))
     moved = np.array(moves)
     return np.asarray((len(numbers) - 1) / len(numbers) * moved.T @ moved)

@@ -183,7 +183,7 @@ class _Flight:
         return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
     def _following(self, partials: tuple[Array, Array]) -> Array:
-        """Derivatives (n, 10) of the rates by an angle, with a velocity that keeps depth rate and forces."""
+        """Derivatives (n, 10) of the rates by an angle, with the velocity adjusted to keep `missing` unchanged."""
         rates, missing = partials
         return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
 
@@ -307,7 +307,7 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
 
 
 def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
-    """Straight glide with wings level; NaN on paths flatter than the least glide angle, or nose up while heavy."""
+    """Straight glide with wings level; NaN on too flat paths, nose up while heavy, or nose down while light."""
     alpha = angle_of_attack(glider.platform, attitude.pitch)
     path = np.sin(attitude.pitch - alpha)
     weight = glider.net_weight(bodies, attitude.depth)

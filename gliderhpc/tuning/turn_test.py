@@ -1,4 +1,4 @@
-"""The turn test: a gain of the speed and an offset of the compass from currents that are alike from dive to dive.
+"""The turn test: a gain of the speed and an offset of the compass from currents that are similar from dive to dive.
 
 While a glider turns between dives, an error of its own speed or heading turns with it and a current does not (Todd,
 Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the mission's sum the current is a
