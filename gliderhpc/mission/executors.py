@@ -33,7 +33,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS"
 
 
 class WorkerKilledError(Exception):
-    """Every worker that ran a job died, or every worker on which it was queued behind a job that kills workers."""
+    """Error of a job whose workers all died, as they ran it or as it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
@@ -321,8 +321,7 @@ def warm_estimation() -> None:
 def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
     """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
 
-    Kernels are compiled once by `warm` in this process, before a worker starts, so that the workers load them from the
-    cache.
+    Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
     """
     warm()
     if workers == 0:

@@ -70,7 +70,7 @@ def steady_phases(estimate: ProfileEstimate, every: int) -> tuple[Mask, Mask]:
 
 
 def _band(deepest: float) -> tuple[float, float]:
-    """Range of depths (m) of the steady glide used in a profile with a largest depth (m)."""
+    """Range of depths (m) of the steady glide used, for a profile's largest depth (m)."""
     if deepest >= _BAND[1]:
         return _BAND
     return min(_BAND[0], _SHALLOW_BAND[0] * deepest), _SHALLOW_BAND[1] * deepest

@@ -198,7 +198,7 @@ class _Worker:
         return place, kind, value
 
     def terminate(self) -> None:
-        """Terminate a worker in a job, so that it leaves no partial file; kill an idle one at once."""
+        """Terminate a worker in a job, which then leaves no partial file; kill an idle one at once."""
         if self.job is None:
             self._process.kill()
         else:

@@ -76,7 +76,7 @@ class FileLock:
         return str(self._path)
 
     def create(self, content: bytes) -> bool:
-        """Write under a temporary name and link, so that the lock is never seen without its content."""
+        """Write under a temporary name and link the file; the lock is thus never seen without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         aside = self._aside()
         # Written inside the block: a run that is interrupted at any moment must leave no file.
