@@ -1,6 +1,6 @@
-"""From one profile's record to its disturbances, motion and currents.
+"""Estimation of the disturbances, motion and currents of one profile from its record.
 
-Follow a profile through `profile.estimate_profile`, which filters, smooths and inverts it. Before it, `preparation`
-brings the record onto the steps; after it come `quality`, and `self_motion` and `currents` for the depth-averaged
-current.
+The entry point is `profile.estimate_profile`, which filters, smooths and inverts a profile. Before it, `preparation`
+interpolates the record to the steps. After it, `quality` sets flags, and `self_motion` and `currents` give the
+depth-averaged current.
 """

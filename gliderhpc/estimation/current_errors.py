@@ -1,11 +1,12 @@
 """The uncertainty of a depth-averaged current: one budget for the archive's root, both estimates, and the study.
 
-The current is the drift between fixes less the displacement through the water, over the time. So its errors are those
-of the displacement (speed along the track, course across it, what was bridged while actuators moved) and of the places
-between which the water carried the glider. They go with the speed through the water, not with the current.
+The current is the drift between fixes less the displacement through the water, divided by the time. Its errors are
+those of the displacement (speed along the track, course across it, parts bridged while actuators moved) and those of
+the positions between which the water carried the glider. They depend on the speed through the water rather than on the
+current.
 
-A platform's own budget is fitted to the errors of many twins by maximum likelihood, in that very form, so that the
-ellipses have their nominal coverage; it is written to and read from ``budget.yaml``.
+A platform's own budget, in the same form, is fitted to the errors of many twins by maximum likelihood, which gives the
+ellipses their nominal coverage. It is written to and read from ``budget.yaml``.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class _CommonErrors(Settings):
-    """Terms that do not go with the hull."""
+    """Terms that do not depend on the hull."""
 
     cross_track_error: float = Field(
         0.0,
@@ -51,15 +52,15 @@ class CurrentErrors(_CommonErrors):
 
 
 CALIBRATED = {"axial_error": 0.017, "relative_error": 0.0, "heading_error": 2.5}
-"""Terms that hold with a calibrated hull, measured on twins (docs/current-ellipses.md)."""
+"""Terms for a calibrated hull, measured on twins (docs/current-ellipses.md)."""
 
 
 PUBLISHED_TERMS = ("axial_error", "relative_error", "heading_error")
-"""Those of section 5.5."""
+"""Names of the terms of section 5.5."""
 
 
 class CurrentSettings(_CommonErrors):
-    """Terms of the current's uncertainty, and of the drift at the surface. Unset terms follow the hull."""
+    """Terms of the current's uncertainty, and of the drift at the surface. Unset terms depend on the hull."""
 
     budget: Literal["hull", "published"] | None = Field(
         None, description="errors of the displacement: by the smoother with the hull's own, or by the publication's "
@@ -82,13 +83,13 @@ class CurrentSettings(_CommonErrors):
 
     @property
     def by_hull(self) -> bool:
-        """Return whether the errors of a displacement are those that the smoother and the hull's errors state of it."""
+        """Return whether the errors of a displacement come from the smoother and the hull's errors."""
         if self.budget is None:
             return all(getattr(self, name) is None for name in PUBLISHED_TERMS)
         return self.budget == "hull"
 
     def errors(self, platform: Platform) -> CurrentErrors:
-        """Terms for a hull: those given, else those measured with calibrated hulls, else the publication's."""
+        """Terms for a hull: those given, else those for calibrated hulls if it is one, else the publication's."""
         by_hull = {} if platform.calibration is None else CALIBRATED
         given = {name: value for name, value in self.model_dump(exclude={"budget"}).items() if value is not None}
         return CurrentErrors(**(by_hull | given))
@@ -101,11 +102,11 @@ class CurrentUncertainty:
     Attributes
     ----------
     axial, cross_track, magnitude, heading, fixes, actuation : float
-        Standard deviations: along and across the track, along the current, across the track by the course, and (either
-        way) by the fixes with the drift at the surface and by the displacement bridged while the actuators moved.
-        What the estimates differ by and what the smoother states of itself is in the covariance alone.
+        Standard deviations: along and across the track, along the current, across the track from the course, and (in
+        each direction) from the fixes with the drift at the surface and from the displacement bridged while the
+        actuators moved. The difference of the estimates and the smoother's own uncertainty are in the covariance only.
     covariance : (2, 2)
-        Of north and east, m2/s2.
+        Covariance of the north and east components, m2/s2.
     """
 
     axial: float
@@ -130,34 +131,34 @@ class CurrentUncertainty:
 
     @property
     def area(self) -> float:
-        """Covariance of the 1-sigma ellipse, m2/s2."""
+        """Area of the 1-sigma ellipse, m2/s2."""
         return float(np.pi * np.sqrt(max(np.linalg.det(self.covariance), 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Origin of a current.
+    """Quantities from which a current and its uncertainty follow.
 
     Attributes
     ----------
     velocity : (2,)
-        The current, north and east, m/s.
+        Current, north and east, m/s.
     track : (2,)
         Displacement through the water, north and east, m.
     elapsed : float
         Time over which the current acted, s.
     position_variance : float
-        Of the places where the current began and ended to act, together, north and east each, m2.
+        Sum of the variances of the positions where the current begins and ceases to act, north and east each, m2.
     bridged : float
-        Length of the displacement that was put into the actuation intervals, m; zero for the smoother, whose noise
-        there is in its covariance.
+        Length of the displacement that was interpolated over the actuation intervals, m; zero for the smoother, whose
+        covariance contains the noise there.
     track_covariance : (2, 2)
-        What the smoother states of the displacement, m2; zero for an adjoint without one.
+        Covariance of the displacement from the smoother, m2; zero for an adjoint without one.
     with_hull : bool
-        Whether the hull's errors are in it, so that the terms which stand for them do not count.
+        Whether the track's covariance contains the hull's errors, which makes the terms for them zero.
     disagreement : (2,)
-        The current by the one estimate less that by the other, m/s; zero where there is but one. Of windows that start
-        from the smoothed path, the other is the filter's.
+        Difference between the currents of two estimates, m/s; zero if there is only one. If the windows start from the
+        smoothed path, the current of the filter replaces that of the adjoint.
     """
 
     velocity: Array
@@ -181,10 +182,11 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
         C = axial^2 t t' + ((heading U)^2 + cross_track^2) c c' + (relative |V|)^2 v v'
             + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2
 
-    The first three terms stand for errors of the hull and the compass; where the track's covariance has these
-    (`Drift.with_hull`) they are zero. Adjoint and smoother share hull, sensors and fixes, so where they differ, by d,
-    at least one of them is wrong for reasons that no other term knows; the variance of their difference is shared out
-    between them. Where the windows start from the smoothed path, the filter's current takes the adjoint's place in d.
+    The terms axial, heading, cross_track and relative represent errors of the hull and the compass. They are zero if
+    the track's covariance contains these errors (`Drift.with_hull`). Adjoint and smoother have the same hull, sensors
+    and fixes. If they differ by d, at least one of them has an error that no other term contains, and the variance of
+    the difference is divided between them. If the windows start from the smoothed path, the filter's current replaces
+    the adjoint's in d.
     """
     if drift.with_hull:
         errors = errors.model_copy(update=dict.fromkeys(TERMS, 0.0))
@@ -214,21 +216,21 @@ def _unit(vector: Array) -> Array:
 
 
 TERMS = (*PUBLISHED_TERMS, "cross_track_error")
-"""Those that can be fitted."""
+"""Names of the terms that can be fitted."""
 
 _BEGIN = {"axial_error": 0.01, "relative_error": 0.05, "heading_error": 3.0, "cross_track_error": 0.01}
 
 _LIMITS = (-12.0, 5.0)
-"""Standard deviation of the terms' logarithms."""
+"""Bounds of the terms' logarithms."""
 
 _MIN_VARIANCE = 1e-12
-"""Keeps covariances from becoming singular, m2/s2."""
+"""Variance added to covariances to prevent singular ones, m2/s2."""
 
 MIN_TWINS = 3
-"""That a budget can be fitted to."""
+"""Smallest number of twins to which a budget can be fitted."""
 
 CHI_SQUARE_MEDIAN = 1.386
-"""Median of the squared Mahalanobis distance in two dimensions, were the budget exact and the errors normal."""
+"""Median of the squared Mahalanobis distance in two dimensions for an exact budget and normal errors."""
 
 
 class Budget(Settings):
@@ -249,15 +251,15 @@ class Budget(Settings):
 
     @property
     def current(self) -> CurrentErrors:
-        """The terms of the current's covariance."""
+        """Terms of the current's covariance."""
         return CurrentErrors(**{name: getattr(self, name) for name in TERMS})
 
 
 @dataclass(frozen=True)
 class CurrentError:
-    """One twin's depth-averaged current: truth and error (m/s, north and east), the way it flew (m), and the time (s).
+    """Depth-averaged current of one twin: truth and error (m/s, north and east), displacement (m) and duration (s).
 
-    `known` is the variance, either way, of errors that the terms are not to explain (m2/s2), as of the fixes.
+    `known` is the variance in each direction of errors from other sources than the terms (m2/s2), such as the fixes.
     """
 
     truth: tuple[float, float]
@@ -269,7 +271,7 @@ class CurrentError:
 
 @dataclass(frozen=True)
 class FittedBudget:
-    """Terms of largest likelihood, and the median squared distance of the errors under them (`CHI_SQUARE_MEDIAN`)."""
+    """Maximum-likelihood terms, and the median squared distance of the errors under them (`CHI_SQUARE_MEDIAN`)."""
 
     settings: CurrentErrors
     median_distance: float
@@ -302,7 +304,7 @@ def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_
 
 
 def budget_text(budget: Budget, study: str = "recoverability") -> str:
-    """Give a budget as YAML, figures to four digits, with the twin study that made it."""
+    """Format a budget as YAML, figures to four digits, with the name of the twin study that made it."""
     content = {
         name: float(f"{value:.4g}") if isinstance(value, float) else value
         for name, value in budget.model_dump().items()
@@ -317,7 +319,7 @@ def read_budget(path: str | Path) -> Budget:
     Raises
     ------
     InputError
-        No such file, not YAML, or a key missing, unknown or out of range.
+        The file does not exist or is not YAML, or a key is missing, unknown or out of range.
     """
     content = parse_yaml(read_yaml_text(Path(path), "budget"), str(path))
     try:
@@ -333,7 +335,7 @@ def _settings(values: Sequence[float], names: Sequence[str]) -> CurrentErrors:
 
 
 def _shapes(errors: Sequence[CurrentError], names: Sequence[str]) -> Array:
-    """Covariances ``(n, terms, 2, 2)`` of terms of one: the covariance is their sum, times the terms' squares."""
+    """Covariances ``(n, terms, 2, 2)`` of unit terms; the total covariance is their sum times the squared terms."""
     return np.array(
         [
             [current_uncertainty(_drift(error), _settings([1.0], [name])).covariance for name in names]
@@ -348,7 +350,7 @@ def _drift(error: CurrentError) -> Drift:
 
 
 def _covariances(shapes: Array, known: Array, x: Array) -> Array:
-    """Covariances ``(n, 2, 2)`` under terms of logarithm x."""
+    """Covariances ``(n, 2, 2)`` for terms with logarithms x."""
     terms = np.exp(2.0 * np.clip(x, *_LIMITS))
     return np.asarray(np.einsum("k,nkij->nij", terms, shapes) + (known + _MIN_VARIANCE)[:, None, None] * np.eye(2))
 

@@ -1,4 +1,4 @@
-"""The depth-averaged current: displacement by GPS beyond the glider's own motion (section 4.4, eqs. 39 and 40)."""
+"""The depth-averaged current: displacement by GPS less the glider's own motion (section 4.4, eqs. 39 and 40)."""
 
 from dataclasses import dataclass, replace
 
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 _SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
-"""Shorter dive-climb cycles (s) are joined to the one before."""
+"""Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 MIN_DRIFT_TIME = 60.0
-"""Fixes less than this apart (s) do not determine the surface drift."""
+"""Shortest time between two fixes (s) that determine the surface drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +33,20 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceInterval:
-    """Time between a fix and the end of the dive next to it.
+    """Interval at the surface between a fix and the start or the end of the dive.
 
     Attributes
     ----------
     lasts : float
-        s, not negative.
+        Duration, s, not negative.
     drift_removed : float
         Part of that time (s) covered by the drift measured at the surface; over the rest the current below acts.
     displacement : (2,)
         Drift over that part, north and east (m).
     variance : float
-        Of the place where the drift of the dive begins or ends, north and east each (m2): by the errors of the fixes,
-        which the drift measured carries on, and by what the drift over the rest may differ from the current below.
+        Variance of the position where the drift of the dive begins or ends, north and east each (m2): from the fixes,
+        whose errors also enter the measured drift, and from the difference between the drift over the rest of the time
+        and the current below.
     """
 
     lasts: float
@@ -56,20 +57,20 @@ class SurfaceInterval:
 
 @dataclass(frozen=True, eq=False)
 class DepthAveragedCurrent:
-    """Current of one profile, by the adjoint's or the smoother's displacement.
+    """Current of one profile from the adjoint's or the smoother's displacement.
 
     Attributes
     ----------
     velocity : (2,)
-        North and east, m/s.
+        Current, north and east, m/s.
     covariance : (2, 2)
-        m2/s2.
+        Covariance of the current, m2/s2.
     drift : Drift
         Displacements, time and variances from which both follow.
     segments : tuple of Segment
-        Eqs. 39 and 40, one a dive-climb cycle; none of the smoother's.
+        Drift of each dive-climb cycle (eqs. 39 and 40); empty for the smoother.
     entry, exit : SurfaceInterval
-        Time at the surface between the fixes and the dive, and the drift removed there.
+        Intervals at the surface between the fixes and the dive, and the drift removed there.
     """
 
     velocity: Array
@@ -87,7 +88,7 @@ class SurfaceDrift:
     Attributes
     ----------
     velocity : (2,)
-        North and east, m/s.
+        Velocity, north and east, m/s.
     lasts : float
         Time between the two fixes (s).
     """
@@ -96,7 +97,7 @@ class SurfaceDrift:
     lasts: float
 
     def trust(self, errors: CurrentErrors) -> float:
-        """Weight of this drift relative to the current below as its estimate, by the errors of both (0 to 1)."""
+        """Weight (0 to 1) of this drift in its weighted mean with the current below, from the errors of both."""
         if errors.surface_shear == 0.0:
             return 0.0
         error = np.sqrt(2.0) * errors.fix_error / self.lasts
@@ -118,29 +119,29 @@ def depth_averaged_current(
     errors: CurrentErrors,
     track_covariance: Array | None = None,
 ) -> DepthAveragedCurrent | None:
-    """Drift of each dive-climb cycle and their mean, or None without a fix on either side.
+    """Compute the drift of each dive-climb cycle and their mean, or None unless there is a fix on both sides.
 
     Parameters
     ----------
     record, series : ProfileRecord, ProfileSeries
-        Fixes and clock.
+        Fixes, and times of the samples.
     motion : SelfMotion
-        Displacement through the water a step.
+        Displacement through the water at each step.
     boundaries : (k+1,)
         Samples between which the cycles lie, first 0, last n.
     errors : CurrentErrors
         Terms of the uncertainty (`current_uncertainty`).
     track_covariance : (2, 2), optional
-        Covariance of the displacement through the water with the hull's errors in it, m2, in place of the terms.
+        Covariance of the displacement through the water including the hull's errors, m2, in place of the terms.
 
     Notes
     -----
-    Between a fix and the dive the glider drifts with the water and wind at the surface, which is not the current that
-    the dive averages. Where consecutive fixes determine that drift it is removed, time and displacement; where they do
-    not, the first or last cycle's time reaches out to the fix, as if the current below acted there too. Between the
-    two: the drift is the mean of the one measured (error ``sqrt(2) fix_error / lasts``) and the current below (error
-    ``surface_shear``), weighted by their errors, and the weight of the measured one is the part of the time taken out.
-    The glider does not move by itself at the surface. The segments close exactly:
+    Between a fix and the dive the glider drifts at the surface with the water and the wind. This drift differs from the
+    current that the dive averages. If consecutive fixes determine it, its time and displacement are removed. If they do
+    not, the time of the first or last cycle extends to the fix, as if the current below acted there too. In general the
+    drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / lasts``) and the current below (error
+    ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
+    The glider has no motion of its own at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     between_fixes = _fix_to_fix_drift(record, series, errors)
@@ -178,7 +179,7 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
 def glide_angle_current(
     record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, errors: CurrentErrors
 ) -> Array | None:
-    """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None without fixes."""
+    """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None unless there is a fix on both sides."""
     boundaries = np.array([0, len(series.time) - 1])
     current = depth_averaged_current(record, series, motion, boundaries, errors)
     return None if current is None else current.velocity
@@ -193,26 +194,26 @@ def smoothed_current(
     *,
     with_hull: bool = False,
 ) -> DepthAveragedCurrent | None:
-    """Current by the smoother's displacement through the water, or None without a fix on either side.
+    """Compute the current from the smoother's displacement through the water, or None unless both sides have a fix.
 
     Parameters
     ----------
     record, series : ProfileRecord, ProfileSeries
-        Fixes and clock.
+        Fixes, and times of the samples.
     displacement, displacement_covariance : (2,), (2, 2)
-        North and east from the profile's start to its end, m and m2.
+        Displacement north and east from the profile's start to its end, and its covariance, m and m2.
     errors : CurrentErrors
         Terms of the uncertainty.
     with_hull : bool
-        Whether the covariance has the hull's errors in it.
+        Whether the covariance contains the hull's errors.
 
     Notes
     -----
-    ``V = (dX_GPS - dX_surface - dX) / T``, the drift at the surface taken out as in `depth_averaged_current`; X and Y
-    of eq. 16 are north and east, as the geodesic's components are. The smoother's own covariance knows what the
-    disturbance prior and the sensors leave open, but nothing of errors of the hull and the compass: these are in it
-    with the hull's errors, or else the terms of the budget (`current_uncertainty`). Vibration intervals are not
-    bridged: the smoother adds the noise there itself.
+    ``V = (dX_GPS - dX_surface - dX) / T``, with the drift at the surface removed as in `depth_averaged_current`. X and
+    Y of eq. 16 are north and east, like the geodesic's components. The smoother's own covariance contains the
+    uncertainty from the disturbance prior and the sensors, without errors of the hull and the compass. These either are
+    added to the covariance (`with_hull`) or enter through the terms of the budget (`current_uncertainty`). Vibration
+    intervals are not bridged, because the smoother itself adds noise there.
     """
     between_fixes = _fix_to_fix_drift(record, series, errors)
     if between_fixes is None:
@@ -232,10 +233,10 @@ def with_disagreement(
     errors: CurrentErrors,
     other: DepthAveragedCurrent | None = None,
 ) -> tuple[DepthAveragedCurrent, DepthAveragedCurrent]:
-    """Widen the covariances of one profile's two currents by what estimates differ by (`current_uncertainty`).
+    """Widen the covariances of one profile's two currents by the difference of two estimates (`current_uncertainty`).
 
-    These are the smoother's and the adjoint's, or another in its place: windows that start from the smoothed path
-    agree with it, whether it is right or wrong.
+    The difference is between the smoother's current and the adjoint's, or the `other` one if given: windows that start
+    from the smoothed path agree with it, whether it is right or wrong.
     """
     difference = (adjoint if other is None else other).velocity - smoothed.velocity
     drifts = [replace(one.drift, disagreement=difference) for one in (adjoint, smoothed)]
@@ -249,7 +250,7 @@ def with_disagreement(
 def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
     """Drift between the first and the last of consecutive surface fixes.
 
-    None without two fixes a minute apart, and where they lie further apart than any drift leads.
+    The result is None unless two fixes are at least a minute apart, or if the drift exceeds `MAXIMUM_DRIFT`.
     """
     if len(fixes) < 2:
         return None
@@ -262,7 +263,7 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
 
 @dataclass(frozen=True, eq=False)
 class _FixToFixDrift:
-    """Displacement that the current below has to explain, and when it begins and ends to act (s of the record)."""
+    """Displacement due to the current below, and the times when it begins and ceases to act (s of the record)."""
 
     moved: Array
     begin: float
@@ -272,12 +273,12 @@ class _FixToFixDrift:
 
     @property
     def variance(self) -> float:
-        """Variance of the positions where the current begins and ends to act, together, north and east each (m2)."""
+        """Sum of the variances of the positions where the current begins and ceases to act, per component (m2)."""
         return self.entry.variance + self.exit.variance
 
 
 def _fix_to_fix_drift(record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> _FixToFixDrift | None:
-    """Displacement and time from fix to fix less the drift at the surface, or None without a fix on either side."""
+    """Displacement and time from fix to fix less the drift at the surface, or None unless both sides have a fix."""
     if record.entry_fix is None or record.exit_fix is None:
         return None
     begin, end = float(series.time[0]), float(series.time[-1])
@@ -302,15 +303,15 @@ def _surface_interval(lasts: float, fixes: tuple[Fix, ...], errors: CurrentError
 
 
 def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) -> float:
-    """Variance (m2) of the place where the drift of a dive begins or ends, by the surface time that an archive holds.
+    """Variance (m2) of the position where the drift of a dive begins or ends, from surface times in an archive.
 
     Parameters
     ----------
     lasts, drift_removed : float
-        Time between fix and dive, and the part that the drift measured at the surface covers, s. Their ratio is
-        the trust in that drift, from which the time between its fixes follows.
+        Time between fix and dive, and the part that the drift measured at the surface covers, s. Their ratio gives the
+        weight of that drift (`SurfaceDrift.trust`), from which the time between its fixes follows.
     errors : CurrentErrors
-        That the run was made with.
+        Terms with which the run was made.
     """
     if not 0.0 < drift_removed < lasts or errors.fix_error == 0.0:
         return _position_variance(lasts, drift_removed, 0.0, errors)
@@ -319,10 +320,10 @@ def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) 
 
 
 def _position_variance(lasts: float, drift_removed: float, carried: float, errors: CurrentErrors) -> float:
-    """Variance (m2) by the fixes and by what the drift over the rest of the time may differ from the current below.
+    """Variance (m2) from the fixes, and from the difference between drift and current below over the remaining time.
 
-    The fix next to the dive is one of the two that the drift is measured by: its error is carried on with the drift, by
-    the time taken out over the time between the two (`carried`).
+    The fix next to the dive is one of the two from which the drift is measured. Its error therefore enters the removed
+    drift as well, times the ratio of the time removed to the time between the two fixes (`carried`).
     """
     measured = errors.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
     return float(measured + ((lasts - drift_removed) * errors.surface_shear) ** 2)

@@ -1,9 +1,9 @@
 """Engines that solve windows: scipy one at a time, lanes side by side, Fortran kernels in the lanes.
 
-The lanes engine solves windows of several dives at a time, one in each lane of the processor's vector registers.
-Windows of one dive follow each other, but dives are independent: a lane takes a dive, solves its windows in turn, and
-takes the next dive when that ends, so that all lanes are busy until no dive is left to start. The Fortran engine is the
-lanes engine with cost and gradient by the library that ``make fortran`` builds.
+The lanes engine solves windows of several dives at a time, one in each lane of the processor's vector registers. The
+windows of one dive depend on each other, but dives are independent: a lane solves the windows of one dive in turn and
+then takes the next dive. All lanes are busy until no dive is left to start. The Fortran engine is the lanes engine with
+cost and gradient from the library that ``make fortran`` builds.
 """
 
 import time
@@ -53,7 +53,7 @@ Array = NDArray[np.float64]
 
 
 class WindowProblem:
-    """Evaluates cost and gradient in the scaled unknown ``x = b / s``, in buffers of its own."""
+    """Cost and gradient of a window in the scaled unknown ``x = b / s``, with buffers of its own."""
 
     def __init__(self, data: WindowData) -> None:
         self.data = data
@@ -72,11 +72,11 @@ class WindowProblem:
         return float(np.max(np.abs(self._gradient * self.data.scale)) / self.data.step)
 
     def disturbances(self, x: Array) -> Array:
-        """The disturbance ``(n, 6)`` that the unknown ``x (6 n,)`` stands for."""
+        """Disturbance ``(n, 6)`` of the unknown ``x (6 n,)``."""
         return np.asarray(x.reshape(-1, 6) * self.data.scale)
 
     def evaluate(self, x: Array) -> tuple[float, Array]:
-        """Cost and its gradient with respect to ``x``; the trajectory is left in ``states``."""
+        """Compute the cost and its gradient with respect to ``x``, and write the trajectory to ``states``."""
         data = self.data
         self.evaluations += 1
         kernel.cost_and_gradient(
@@ -91,10 +91,10 @@ class WindowProblem:
 
 
 class _Objective:
-    """Cost and gradient with a wall where the trajectory cannot be flown, so that such a trial step is shortened.
+    """Cost and gradient with a barrier where the trajectory cannot be flown, which shortens such a trial step.
 
-    The wall is a steep bowl about the best point so far: the line search sees a higher cost and an uphill slope, and
-    interpolates back towards the flyable side. A point on the wall is never the one returned.
+    The barrier is a steep bowl about the best point so far. The line search finds a higher cost and an uphill slope,
+    and interpolates back towards the flyable side. A point on the barrier is never returned.
     """
 
     def __init__(self, problem: WindowProblem, start: Array, cost: float) -> None:
@@ -116,7 +116,7 @@ class _Objective:
 def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -> WindowSolution:
     """Minimise one window's cost from the disturbance ``start (n, 6)``, N and N m.
 
-    Stops when ``max |s g|`` is within the preset's tolerance, and counts as converged only then.
+    The iteration stops when ``max |s g|`` is within the preset's tolerance; only then has it converged.
     """
     problem = WindowProblem(data)
     x0 = (start / data.scale).ravel()
@@ -159,11 +159,11 @@ def _ended(norm: float, iterations: int, settings: EstimationSettings) -> Outcom
 
 Key = TypeVar("Key")
 Run = Callable[[Problem, Descent, Progress, int], None]
-"""Evaluates and decides, within a cap on iterations, until a lane is done: `run_until_done`, or another of its kind."""
+"""Function that evaluates and decides, within an iteration limit, until a lane is done, such as `run_until_done`."""
 
 
 class LaneBatch:
-    """`LANES` windows being solved in step, by settings that give tolerance, cap and history."""
+    """`LANES` windows solved in step, with the tolerance, iteration limit and history of the settings."""
 
     def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
         self._run, self._settings = run, settings
@@ -177,13 +177,13 @@ class LaneBatch:
         self._make_room(len(data.bodies))
         load_window(
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies,
-            # Of one kind wherever it comes from: the kernel would be compiled again for a column of a matrix.
+            # Always contiguous: for a column of a matrix the kernel would be compiled again.
             np.ascontiguousarray(data.state0), data.measurements, data.weights, data.step, data.scale, start,
             self._settings.tolerance * data.step,
         )  # fmt: skip
 
     def _make_room(self, steps: int) -> None:
-        """Grow the memory for a longer window; those under way go on behind steps of no duration."""
+        """Grow the memory for a longer window; windows under way continue, with added steps of no duration."""
         if steps <= len(self._problem.bodies):
             return
         problem, descent, _ = allocate(steps, self._settings.optimizer.history)
@@ -192,7 +192,7 @@ class LaneBatch:
         self._problem, self._descent = problem, descent
 
     def run(self) -> list[tuple[int, WindowSolution]]:
-        """Go on until a window is solved; give the lanes that are done with their solutions, and leave those idle."""
+        """Continue until a window is solved; return finished lanes with their solutions, and leave them idle."""
         self._run(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
         return [
             (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
@@ -218,7 +218,7 @@ class LaneBatch:
 
 @dataclass
 class _UnderWay:
-    """A dive in a lane: its windows to come, and the computing time that it has had."""
+    """A dive in a lane: its remaining windows, and the computing time used so far."""
 
     key: Any
     sequence: Generator[WindowTask, WindowSolution, DiveSolution]
@@ -228,19 +228,19 @@ class _UnderWay:
 def solve_dives(
     dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings
 ) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve dives by the engine of the settings; yield each with its key as it ends.
+    """Solve dives with the engine of the settings; yield each solution with its key when it is complete.
 
     Parameters
     ----------
     dives : iterable of (key, DiveProblem)
-        Taken one by one, as they are needed.
+        Dives, taken one by one as they are needed.
     settings : EstimationSettings
-        Engine, tolerance and iteration limit.
+        Settings with engine, tolerance and iteration limit.
 
     Raises
     ------
     InputError
-        The engine cannot run here.
+        The engine cannot run on this machine.
     """
     if settings.engine == "scipy":
         solve = partial(solve_window, settings=settings)
@@ -251,7 +251,7 @@ def solve_dives(
 def invert_windows(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
 ) -> DiveSolution:
-    """Solve the windows of one filtered profile (section 4.3), from a path where one is given."""
+    """Solve the windows of one filtered profile (section 4.3), from a path if one is given."""
     ((_, solution),) = solve_dives([(None, pose_windows(profile, filtered, settings, start))], settings)
     return solution
 
@@ -259,7 +259,7 @@ def invert_windows(
 def solve_in_lanes(
     dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings, run: Run = run_until_done
 ) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve dives side by side, one in each lane, by the kernels of ``run``; yield each with its key as it ends."""
+    """Solve dives side by side, one in each lane, with the kernels of ``run``; yield each solution when complete."""
     batch, waiting = LaneBatch(settings, run), iter(dives)
     under_way: dict[int, _UnderWay] = {}
     while True:
@@ -291,7 +291,7 @@ def _advance(
     sequence: Generator[WindowTask, WindowSolution, DiveSolution],
     solution: WindowSolution | None,
 ) -> DiveSolution | None:
-    """Send a solution and put the next window into the lane; the dive's solution when there is none."""
+    """Send a solution and put the next window into the lane; return the dive's solution if no window is left."""
     try:
         batch.put(lane, next(sequence) if solution is None else sequence.send(solution))
     except StopIteration as stop:
@@ -301,24 +301,24 @@ def _advance(
 
 
 def check_engine(settings: EstimationSettings) -> None:
-    """Refuse, before anything is done, an engine that cannot run here.
+    """Refuse an engine that cannot run on this machine, before any computation.
 
     Raises
     ------
     InputError
-        The Fortran kernels are not built here.
+        The Fortran library cannot be used on this machine.
     """
     if settings.engine == "fortran":
         fortran_library()
 
 
 def fortran_library() -> Library:
-    """Load the library.
+    """Load the Fortran library.
 
     Raises
     ------
     InputError
-        It cannot be used here; the message says how to build it.
+        The library cannot be used on this machine; the message explains how to build it.
     """
     try:
         return load()
@@ -327,12 +327,12 @@ def fortran_library() -> Library:
 
 
 class FortranRun:
-    """`gliderhpc.kernels.quasi_newton.run_until_done` for a batch that the library evaluates.
+    """Equivalent of `gliderhpc.kernels.quasi_newton.run_until_done` with evaluation by the Fortran library.
 
     Raises
     ------
     InputError
-        The library cannot be used here.
+        The library cannot be used on this machine.
     """
 
     def __init__(self) -> None:
@@ -341,7 +341,7 @@ class FortranRun:
         self._evaluate: Callable[[], None] | None = None
 
     def __call__(self, problem: Problem, descent: Descent, progress: Progress, max_iterations: int) -> None:
-        """Evaluate and decide until a lane is done or none is left at work."""
+        """Evaluate and decide until a lane is done or no lane is active."""
         evaluate = self._evaluation(problem)
         done = False
         while not done:
@@ -349,7 +349,7 @@ class FortranRun:
             done = proceed(problem, descent, progress, max_iterations)
 
     def _evaluation(self, problem: Problem) -> Callable[[], None]:
-        """The library's call for this memory, which changes only where it has to grow."""
+        """Return the library's call for this memory, which changes only when it grows."""
         if self._evaluate is None or problem is not self._problem:
             self._problem, self._evaluate = problem, self._library.evaluation(problem)
         return self._evaluate

@@ -25,7 +25,7 @@ _PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 
 """Indices of the kernel's sensed states, disturbances, X and Y among the twelve states and six disturbances."""
 
 GUESS_INTERVAL = 1.0
-"""Seconds between the velocities and rates that a restart may take; attitude and depth are those of its own sample."""
+"""Interval (s) of the velocities and rates that a restart uses; attitude and depth are those of its own sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +35,24 @@ class FilterEstimate:
     Attributes
     ----------
     states : (n+1, 12)
-        Filtered states (eq. 16), SI and rad; NaN behind the row at which a run was given up.
+        Filtered states (eq. 16), SI and rad; NaN after the row at which a run was given up.
     disturbances : (n+1, 6)
-        Filtered disturbances, N and N m; likewise.
+        Filtered disturbances, N and N m; NaN after the same row.
     gated, inflated, reset : int
-        Samples with a rejected channel, with a widened variance inside the vibration set, and restarts.
+        Numbers of samples with a rejected channel, of those with a widened variance inside the vibration set, and of
+        restarts.
     fed : int
-        Samples the filter was fed.
+        Number of samples fed to the filter.
     events : (n+1,) uint8
-        What happened to each sample, as bits of `gliderhpc.kernels.filter`.
+        Events at each sample, as bits of `gliderhpc.kernels.filter`.
     innovations, innovation_variances : (m, 4)
-        Of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2): measured less predicted, gated ones too,
-        and the variance the filter expected. An innovation is NaN where nothing was measured and where the
-        estimate was no longer plausible, its variance then meaningless; both are behind the row at which a run was
-        given up.
+        Innovations of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2), including gated ones, and
+        the variances that the filter expected. An innovation is NaN where nothing was measured, and where the estimate
+        was no longer plausible; its variance is then meaningless. Both are NaN after the row at which a run was given
+        up.
     prior_name, prior : str, DisturbancePrior
-        Disturbance prior used, and its name (`candidate_priors`): ``usual``, or ``rough_water`` where that one could
-        not follow the record.
+        Name of the disturbance prior used (`candidate_priors`), and the prior: ``usual``, or ``rough_water`` if the
+        usual one could not follow the record.
     """
 
     states: Array
@@ -68,7 +69,7 @@ class FilterEstimate:
 
     @property
     def rejected_fraction(self) -> float:
-        """Gated, inflated and reset samples over fed ones."""
+        """Ratio of gated, inflated and reset samples to fed ones."""
         return (self.gated + self.inflated + self.reset) / max(self.fed, 1)
 
     def describe(self) -> str:
@@ -82,7 +83,7 @@ def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> Filter
     Raises
     ------
     ProfileError
-        Nothing of the profile could be fed, or the filter rejected more than the allowed share.
+        No sample of the profile could be fed, or the filter rejected more than the allowed share.
     """
     (filtered,) = run_filters([profile], settings)
     if isinstance(filtered, ProfileError):
@@ -95,20 +96,20 @@ def run_filters(
 ) -> list[FilterEstimate | ProfileError]:
     """Filter profiles side by side (eqs. 19-27), each with its candidate priors until one can follow its record.
 
-    A prior that has rejected more than the allowed share of all the profile's samples is given up at once; the last
-    candidate runs to the end, so that a refusal has all its counts.
+    A prior is given up as soon as it has rejected more than the allowed share of all the profile's samples. The last
+    candidate runs to the end, and a refusal therefore has complete counts.
 
     Parameters
     ----------
     profiles : iterable of PreparedProfile
-        Any number of profiles. The result of one does not depend on the others, to the bit.
+        Any number of profiles. The result of one is identical to the bit, whatever the others.
     settings : EstimationSettings
-        Uses ``step`` and ``filter``.
+        Settings, of which ``step`` and ``filter`` are used.
 
     Returns
     -------
     list
-        For each profile its estimate, or the error that refuses it.
+        Estimate of each profile, or the error with the reason of its refusal.
     """
     found: dict[int, FilterEstimate | ProfileError] = {}
 
@@ -128,12 +129,12 @@ def run_filters(
 def filter_with_priors(
     profiles: Iterable[PreparedProfile], priors: Iterable[DisturbancePrior], settings: EstimationSettings
 ) -> list[FilterEstimate]:
-    """Filter profiles side by side to their end, each with a prior given for it and however much is rejected.
+    """Filter profiles side by side to their end, each with the prior given for it, whatever share is rejected.
 
     Raises
     ------
     ProfileError
-        Nothing of a profile could be fed.
+        No sample of a profile could be fed.
     """
     pairs = enumerate(zip(profiles, priors, strict=True))
     tasks = (_Task(i, _inputs(profile, settings), (("given", prior),)) for i, (profile, prior) in pairs)
@@ -147,12 +148,12 @@ class FilterTrials:
     Parameters
     ----------
     profiles, settings : sequence of PreparedProfile, EstimationSettings
-        As in `run_filters`.
+        Profiles and settings, as in `run_filters`.
 
     Raises
     ------
     ProfileError
-        Nothing of a profile could be fed.
+        No sample of a profile could be fed.
     """
 
     def __init__(self, profiles: Sequence[PreparedProfile], settings: EstimationSettings) -> None:
@@ -160,9 +161,9 @@ class FilterTrials:
         self._profiles = [_inputs(profile, settings) for profile in profiles]
 
     def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
-        """Filter every profile with every prior, side by side; yield each as it ends, with both indices.
+        """Filter every profile with every prior, side by side; yield each when complete, with both indices.
 
-        The results are those of `filter_with_priors`, to the bit.
+        The results are identical to those of `filter_with_priors`, to the bit.
         """
         tasks = (
             _Task(len(priors) * i + k, profile, (("given", prior),))
@@ -174,7 +175,7 @@ class FilterTrials:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed shares samples."""
+    """Error for an estimate that rejected more than the allowed share of samples."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"
@@ -183,7 +184,7 @@ def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileEr
 
 @dataclass(frozen=True, eq=False)
 class _Inputs:
-    """Inputs of the kernel for one profile: the filter's arrays (`Records`), first state, variances and patience."""
+    """Inputs of the kernel for one profile: the filter's arrays (`Records`), initial state, variances and patience."""
 
     hull: Array
     bodies: Array
@@ -206,7 +207,7 @@ class _Task:
 
 
 class _FilterBatch:
-    """`LANES` profiles being filtered in step."""
+    """`LANES` profiles filtered in step."""
 
     def __init__(self, settings: EstimationSettings) -> None:
         self._settings = settings
@@ -220,7 +221,7 @@ class _FilterBatch:
         self._priors: dict[int, tuple[str, DisturbancePrior]] = {}
 
     def put(self, lane: int, task: _Task) -> None:
-        """Put a profile into a lane with the first of its priors, to be given up when it rejects too many samples."""
+        """Put a profile into a lane with its first prior; the run is given up when it rejects too many samples."""
         profile, step = task.profile, self._settings.step
         rows = len(profile.measured)
         self._priors[lane] = _, prior = task.priors[0]
@@ -245,7 +246,7 @@ class _FilterBatch:
         )  # fmt: skip
 
     def run(self) -> list[tuple[int, FilterEstimate]]:
-        """Go on until a profile has ended; give the lanes that are done with their estimates, and leave those idle."""
+        """Continue until a profile has ended; return finished lanes with their estimates, and leave them idle."""
         options, step = self._settings.filter, self._settings.step
         records = Records(*zip(*self._records, strict=True))
         kernel.run_until_done(
@@ -274,7 +275,7 @@ class _FilterBatch:
 
 
 def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, FilterEstimate]]:
-    """Filter profiles, a lane each; a lane takes the next as soon as it falls free."""
+    """Filter profiles, one in each lane; a lane takes the next profile as soon as it is free."""
     batch, at_work = _FilterBatch(settings), dict[int, _Task]()
 
     def start(lane: int, task: _Task | None) -> None:
@@ -295,7 +296,7 @@ def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Itera
 
 
 def _allowed(task: _Task, settings: EstimationSettings) -> int:
-    """Most samples in trouble with which a prior's run goes on: any number where no other prior is left."""
+    """Largest number of rejected samples with which a prior's run continues: unlimited if no other prior is left."""
     fed = int(task.profile.fed.sum())
     if not task.priors[1:]:
         return 3 * len(task.profile.fed)
@@ -325,5 +326,5 @@ def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
 
 
 def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:
-    """Return an array of the one layout that the kernel is compiled for."""
+    """Return an array in the layout for which the kernel is compiled."""
     return np.require(values, kind, ["C", "W"])

@@ -1,7 +1,7 @@
-"""Hold the library of Fortran kernels against Numba's on this machine.
+"""Compare the library of Fortran kernels with Numba's kernels on this machine.
 
-Usage: ``make fortran`` does it after the build; ``python -m gliderhpc.estimation.fortran_check`` by itself, on any host
-that is to use the library.
+``make fortran`` runs the comparison after the build. ``python -m gliderhpc.estimation.fortran_check`` runs it alone, on
+any host that is to use the library.
 """
 
 import sys
@@ -20,14 +20,14 @@ from gliderhpc.platform import read_platform
 
 STEPS, STEP = 100, 0.1
 BOUND = 1e-10
-"""Relative difference of cost and gradient beyond which the library is not what it should be."""
+"""Relative difference of cost and gradient beyond which the library is faulty."""
 
 _DISTURBED = np.array([0.05, 0.05, 0.05, 0.05, 0.02, 1.0])
 _ERRORS = np.array([5e-4, 5e-4, 5e-4, 0.03])
 
 
 def posed_window(seed: int) -> WindowData:
-    """Fly a window of petrel-l under disturbances of its own, and measure it with errors."""
+    """Simulate a window of petrel-l under random disturbances, with errors of the measurements."""
     rng = np.random.default_rng(seed)
     glider = Glider(read_platform("petrel-l"))
     dive = steady_glide(glider, 0.4, np.radians(-23.0), 100.0)
@@ -41,7 +41,7 @@ def posed_window(seed: int) -> WindowData:
 
 
 def evaluated(library: Library, windows: list[WindowData]) -> Problem:
-    """Windows at no disturbance, one a lane, as the library evaluates them."""
+    """Evaluate windows without disturbance, one in each lane, with the library."""
     problem, descent, progress = allocate(STEPS, 1)
     for lane, data in enumerate(windows):
         load_window(
@@ -53,7 +53,7 @@ def evaluated(library: Library, windows: list[WindowData]) -> Problem:
 
 
 def difference(library: Library) -> float:
-    """Largest relative difference of any lane's cost and gradient from Numba's kernel; NaN where one is no number."""
+    """Largest relative difference of any lane's cost and gradient from Numba's kernel; NaN if any of them is NaN."""
     windows = [posed_window(lane) for lane in range(LANES)]
     problem = evaluated(library, windows)
     found = []
@@ -65,7 +65,7 @@ def difference(library: Library) -> float:
 
 
 def main() -> None:
-    """Print what the library is and how far it is from Numba; exit status 1 beyond `BOUND`, 2 where there is none."""
+    """Print the library's properties and difference from Numba; exit with 1 beyond `BOUND`, with 2 if there is none."""
     try:
         library = fortran_library()
     except InputError as error:
@@ -74,7 +74,7 @@ def main() -> None:
     found = difference(library)
     print(f"{library.path}\n{library.compiler}, {LANES} lanes, flags {library.flags}")
     print(f"cost and gradient differ from Numba's by {found:.0e}, relative to the largest entry")
-    # NaN fails the comparison, as it must.
+    # NaN fails the comparison, as intended.
     if not found < BOUND:
         print(f"error: {BOUND:.0e} is the most that rounding explains; build it with other flags", file=sys.stderr)
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""Currents without a flight model: displacement by the glide angle, drift by the fixes, and the errors of both."""
+"""Currents without a flight model: displacement from the glide angle, drift from the fixes, and the errors of both."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 STEP = 5.0
-"""Distance of the points (s) between which the displacement is summed up; less, so that the last is a sample."""
+"""Largest interval of the points (s) of a track; it is shortened to end on the last sample."""
 
 _EQUATOR, _ECCENTRICITY = 6_378_137.0, 6.694379990141e-3
 """Semi-major axis (m) and squared eccentricity of WGS84."""
@@ -31,15 +31,15 @@ class GlideErrors:
     Attributes
     ----------
     pitch_offset : float
-        Constant error of pitch, which dive and climb share, rad.
+        Constant error of the pitch, common to dive and climb, rad.
     course : float
-        Error of the compass, its declination included, degree.
+        Error of the compass, including the declination, degree.
     vertical : float
         Vertical velocity of the water, averaged over a dive or a climb, m/s.
     bridged : float
-        Error of the displacement across turns and gaps, relative.
+        Relative error of the displacement across turns and gaps.
     fix : float
-        Of a fix, north and east each, m.
+        Error of a fix, north and east each, m.
     surface_shear : float
         Difference between the drift at the surface and the current below, m/s.
     """
@@ -53,7 +53,7 @@ class GlideErrors:
 
     @property
     def of_current(self) -> CurrentErrors:
-        """Terms that the depth-averaged current's own budget takes."""
+        """Terms for the budget of the depth-averaged current."""
         return CurrentErrors(
             axial_error=0.0, relative_error=0.0, heading_error=self.course, fix_error=self.fix,
             surface_shear=self.surface_shear,
@@ -62,18 +62,18 @@ class GlideErrors:
 
 @dataclass(frozen=True, eq=False)
 class GlideTrack:
-    """Flight of one profile by the glide angle, on ``n + 1`` points about `STEP` apart.
+    """Flight of one profile from the glide angle, on ``n + 1`` points about `STEP` apart.
 
     Attributes
     ----------
     series : ProfileSeries
-        Record on the points.
+        Record at the points.
     motion : SelfMotion
         Displacement through the water.
     angle_of_attack, speed : (n + 1,) arrays
-        rad and m/s; NaN where the path is flatter than the hull can glide.
+        Angle of attack (rad) and speed (m/s); NaN where the path is flatter than the hull can glide.
     current : DepthAveragedCurrent or None
-        None without a fix on either side.
+        Depth-averaged current; None unless there is a fix on both sides.
     """
 
     series: ProfileSeries
@@ -91,14 +91,14 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     record : ProfileRecord
         Depth, pitch, heading and fixes.
     hulls : tuple of three Platforms
-        Drag and lift as estimated, and with more and with less drag by one standard deviation.
+        Hull with the estimated drag and lift, and hulls with more and less drag by one standard deviation.
     errors : GlideErrors
-        Of the records.
+        Errors of the records and of the glide.
 
     Raises
     ------
     ProfileError
-        Depth, pitch and heading have no time in common, or no sample is steep enough to glide.
+        Depth, pitch and heading have no time in common, or no sample is steep enough for a glide.
     """
     duration = float(record.time[-1])
     step = duration / math.ceil(duration / STEP)
@@ -122,10 +122,10 @@ def _motion(platform: Platform, series: ProfileSeries, pitch_offset: float = 0.0
 def _displacement_covariance(
     hulls: tuple[Platform, Platform, Platform], series: ProfileSeries, motion: SelfMotion, errors: GlideErrors
 ) -> Array:
-    """Covariance ``(2, 2)`` of the displacement through the water, m2, but for the course.
+    """Covariance ``(2, 2)`` of the displacement through the water, m2, without the error of the course.
 
-    The drag over lift and a constant error of the pitch act on the whole dive; the water's vertical velocity on dive
-    and climb apart; and what was bridged is known to a part of its length.
+    The drag and a constant error of the pitch act on the whole profile, and the water's vertical velocity on dive and
+    climb separately. The bridged displacement has an error relative to its length.
     """
     by_drag = 0.5 * (_motion(hulls[1], series).total - _motion(hulls[2], series).total)
     by_pitch = 0.5 * (
@@ -141,9 +141,9 @@ def _displacement_covariance(
 
 
 def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
-    """Latitude and longitude ``(n + 1,)`` under water (degree), by the glide and the current, from fix to fix.
+    """Latitude and longitude ``(n + 1,)`` under water (degree), from the glide and the current, between the fixes.
 
-    NaN where there is no current.
+    They are NaN if there is no current.
     """
     current, entry = track.current, record.entry_fix
     if current is None or entry is None:
@@ -156,7 +156,7 @@ def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
 
 
 def _on_the_globe(origin: Fix, displacement: Array) -> tuple[Array, Array]:
-    """Positions at displacements ``(m, 2)`` (m, north and east) from a fix, by the ellipsoid's radii on the way."""
+    """Positions at displacements ``(m, 2)`` (m, north and east) from a fix, with the ellipsoid's radii half-way."""
     end = moved((origin.latitude, origin.longitude), displacement[-1])
     middle = np.radians(0.5 * (origin.latitude + end[0]))
     stretched = 1.0 - _ECCENTRICITY * np.sin(middle) ** 2

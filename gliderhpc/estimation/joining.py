@@ -1,10 +1,10 @@
-"""The path put together from the windows of a dive, each in turn.
+"""Joining of the windows of a dive to one path.
 
-Windows that start from the state to which the one before leads make one trajectory of the flight model as they are.
-Their corrections do not: a correction is largest where its window begins and vanishes where it ends, so that it jumps
-where one window replaces another, and what looks for impulses finds these jumps. Windows that start from a path's own
-states instead are joined without a seam: over an overlap one solution fades into the next, and a run that is steered
-along what results (`gliderhpc.kernels.follow`) makes it one trajectory again.
+If each window starts from the state at which the previous one ends, the windows form one trajectory of the flight
+model. Their corrections, however, jump from window to window: a correction is largest at the start of its window and
+vanishes at its end. Searches for impulses then find these jumps. Windows that start from the states of a given path are
+joined without a seam instead. In the overlap one solution fades into the next, and a run steered along the result
+(`gliderhpc.kernels.follow`) makes it one trajectory again.
 """
 
 from itertools import pairwise
@@ -22,17 +22,17 @@ from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
 Array = NDArray[np.float64]
 
 STEERING_RATE = 0.2
-"""1/s, of the decay of a joined path's distance from the windows' solutions.
+"""Decay rate (1/s) of a joined path's distance from the windows' solutions.
 
-Faster than a window; the noise of heave, which steers the depth, grows with its square.
+The decay is faster than a window. The noise of heave, which steers the depth, grows with the square of the rate.
 """
 
 
 def flyable(states: Array) -> bool:
-    """Test whether states ``(n+1, 10)`` are finite and inside the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+    """Return whether states ``(n+1, 10)`` are finite and in the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
     with np.errstate(over="ignore", invalid="ignore"):
         speed2 = (states[:, 4:7] ** 2).sum(axis=1)
-    # NaN fails the comparisons, as it must.
+    # NaN fails the comparisons, as intended.
     return bool((np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all())
 
 
@@ -43,14 +43,14 @@ def fading(count: int) -> Array:
 
 
 class JoinedWindows:
-    """Windows' solutions on the steps of a dive: the newest wins, or overlaps fade where windows start from a path.
+    """Windows' solutions on the steps of a dive: the newest replaces others, or overlaps fade if there is a path.
 
     Attributes
     ----------
     disturbances, states : (n, 6), (n+1, 10)
-        The filter's where no window was put yet.
+        Disturbances and sensed states; the filter's where there is no window yet.
     failed : (n,) mask
-        Steps of windows that have no usable solution.
+        Steps of windows without a usable solution.
     source : (n,)
         Number of the window whose solution is used at each step; over an overlap, that of the later one.
     """
@@ -63,7 +63,7 @@ class JoinedWindows:
         self._reach = 0
 
     def state_at(self, begin: int) -> Array:
-        """Sensed state ``(10,)`` that a window starts from."""
+        """Sensed state ``(10,)`` from which a window starts."""
         return np.asarray(self.states[begin] if self._path is None else self._path[begin])
 
     def put(self, begin: int, number: int, disturbances: Array, states: Array) -> None:
@@ -78,7 +78,7 @@ class JoinedWindows:
         self._mark(begin, end, number, failed=False)
 
     def put_filter(self, begin: int, end: int, number: int) -> None:
-        """Put the filter's estimate in place of a window that has no usable solution."""
+        """Put the filter's estimate in place of a window without a usable solution."""
         self.disturbances[begin:end] = self._filtered.disturbances[begin:end]
         self.states[begin + 1 : end + 1] = self._filtered.states[begin + 1 : end + 1, SENSED]
         self._mark(begin, end, number, failed=True)
@@ -87,7 +87,7 @@ class JoinedWindows:
         self.failed[begin:end], self.source[begin:end], self._reach = failed, number, end
 
     def _faded(self, begin: int, overlap: int, disturbances: Array, states: Array) -> tuple[Array, Array]:
-        """Return a solution into which the one before fades over its first steps."""
+        """Return a solution whose first steps fade from the previous one."""
         weights, end = fading(overlap)[:, None], begin + overlap
         disturbances, states = disturbances.copy(), states.copy()
         disturbances[:overlap] -= (1.0 - 0.5 * (weights[1:] + weights[:-1])) * (
@@ -101,7 +101,7 @@ class JoinedWindows:
     def trajectory(self) -> tuple[Array, Array]:
         """Return the disturbances ``(n, 6)`` and the twelve-state rows ``(n+1, 12)`` of the whole dive.
 
-        Where windows start from a path this is a run steered along what was put, from failure to failure.
+        If windows start from a path, this is a run steered along their solutions, from one failed window to the next.
         """
         if self._path is not None:
             edges = np.flatnonzero(np.diff(self.failed, prepend=True, append=True))
@@ -118,7 +118,7 @@ class JoinedWindows:
             self.disturbances[steps], self.states[rows] = disturbances, states
 
     def _with_track(self) -> Array:
-        """Twelve-state rows: states and the track that they lay, the filter's own where a window failed."""
+        """Twelve-state rows: states and the track that follows from them, the filter's own where a window failed."""
         profile, filtered = self._profile, self._filtered.states
         moves = np.empty((len(self.disturbances), 2))
         kernel.moves(profile.glider.hull, profile.bodies, self.states, self.disturbances, profile.series.step, moves)

@@ -5,12 +5,13 @@ Each component of the current is a constant mean plus a Gauss-Markov process plu
 .. math:: u(t) = m + g(t) + \sum_k c_k(t), \qquad \dot g = -g / \tau + w, \qquad \operatorname{Var} g = \sigma^2,
    \qquad \dot c_k = -\omega_k s_k, \qquad \dot s_k = \omega_k c_k .
 
-A depth-averaged current is the average of :math:`u` over a dive, a surface drift is :math:`u` at an instant. The filter
-carries the integral of :math:`u` along, so that both are observed exactly; the same integral gives how far the water
-will move a glider. North and east have the same process and share the observations' covariances.
+A depth-averaged current is the average of :math:`u` over a dive, a surface drift is :math:`u` at an instant. The states
+of the filter include the integral of :math:`u`, which makes both observations exact. The same integral predicts the
+displacement of the water. North and east have the same process and are coupled by the observations' covariances.
 
 Deviation, correlation time and tidal amplitude are unknown. The filter runs for a grid of them at once, and the
-prediction is the average over the grid, weighted by posterior probability. One half of the prior is for no tide at all.
+prediction is the average over the grid, weighted by posterior probability. The prior probability of no tide is one
+half.
 """
 
 from collections.abc import Sequence
@@ -31,15 +32,15 @@ TIDAL_DEVIATIONS = {0.0: 0.5, 0.03: 0.35, 0.12: 0.15}
 line (m/s) with their prior probabilities."""
 
 _USUAL_DEVIATION, _USUAL_HOURS, _SPREAD = 0.08, 24.0, 1.0
-"""Middle of the prior of deviation and correlation time, and its standard deviation in the logarithm."""
+"""Centre of the prior of deviation and correlation time, and its standard deviation in the logarithm."""
 
 
 _INTEGRAL = slice(4, 6)
-"""Places of the integral, north and east, among the states."""
+"""Indices of the integral, north and east, among the states."""
 
 
 def _both(component: Array) -> Array:
-    """Matrices for north and east in turn from those of one component ``(..., n, n)``."""
+    """Matrices for north and east, interleaved, from those of one component ``(..., n, n)``."""
     *batch, rows, columns = component.shape
     full = np.zeros((*batch, rows, 2, columns, 2))
     full[..., 0, :, 0] = full[..., 1, :, 1] = component
@@ -86,7 +87,7 @@ class CurrentProcess:
         return variances
 
     def transition(self, elapsed: float) -> tuple[Array, Array]:
-        """Return the transition and the noise covariance, (..., 2 size, 2 size) each.
+        """Return the transition matrix and the noise covariance, (..., 2 size, 2 size) each.
 
         The states are mean, Gauss-Markov part, integral, and cosine and sine of each line, each north and east.
         """
@@ -114,16 +115,16 @@ class CurrentProcess:
 
 @dataclass(frozen=True, eq=False)
 class CurrentObservation:
-    """An average of the current over an interval, or its value at an instant where the interval has no length.
+    """An average of the current over an interval, or its value at an instant if the interval has no length.
 
     Attributes
     ----------
     begin, end : float
         Interval, s.
     velocity : (2,) array
-        North and east, m/s.
+        Observed current, north and east, m/s.
     covariance : (2, 2) array
-        Of its error, m2/s2.
+        Covariance of its error, m2/s2.
     """
 
     begin: float
@@ -134,18 +135,18 @@ class CurrentObservation:
 
 @dataclass(frozen=True, eq=False)
 class CurrentState:
-    """Distribution of the current at a time, given the observations before; one for each process of a batch.
+    """Distribution of the current at a time, given the earlier observations; one for each process of a batch.
 
     Attributes
     ----------
     process : CurrentProcess
-        The process.
+        Process of the current.
     time : float
-        s.
+        Time, s.
     mean, covariance : (..., n), (..., n, n) arrays
-        Of the states of `CurrentProcess.transition`, n = 2 `CurrentProcess.size`.
+        Mean and covariance of the states of `CurrentProcess.transition`, n = 2 `CurrentProcess.size`.
     log_likelihood : float or (...,) array
-        Of the observations.
+        Log-likelihood of the observations.
     """
 
     process: CurrentProcess
@@ -168,13 +169,13 @@ class CurrentState:
         return CurrentState(self.process, time, mean, covariance, self.log_likelihood)
 
     def restarted(self) -> "CurrentState":
-        """Distribution with an integral that begins now."""
+        """Distribution with an integral that starts from zero at this time."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
         mean[..., _INTEGRAL] = covariance[..., _INTEGRAL, :] = covariance[..., _INTEGRAL] = 0.0
         return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood)
 
     def observed(self, observation: CurrentObservation) -> "CurrentState":
-        """Distribution at the end of an observation, given it.
+        """Distribution at the end of an observation, given this observation.
 
         Raises
         ------
@@ -198,7 +199,7 @@ class CurrentState:
         variance = sees @ self.covariance @ sees.T + observation.covariance
         gain = np.swapaxes(np.linalg.solve(variance, sees @ self.covariance), -1, -2)
         rest = np.eye(self.mean.shape[-1]) - gain @ sees
-        # Joseph's form stays positive where a good observation meets a wide prior.
+        # Joseph's form stays positive definite for an accurate observation and a wide prior.
         covariance = rest @ self.covariance @ np.swapaxes(rest, -1, -2)
         covariance += gain @ observation.covariance @ np.swapaxes(gain, -1, -2)
         scaled = np.linalg.solve(variance, innovation[..., None])
@@ -208,17 +209,17 @@ class CurrentState:
         return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood + term)
 
     def drift(self, begin: float, end: float) -> tuple[Array, Array]:
-        """Predict the water's displacement over an interval to come.
+        """Predict the water's displacement over a future interval.
 
         Parameters
         ----------
         begin, end : float
-            From `time` on, s.
+            Interval, not before `time`, s.
 
         Returns
         -------
         displacement, covariance : (..., 2), (..., 2, 2) arrays
-            North and east, m and m2.
+            Displacement north and east, and its covariance, m and m2.
         """
         ahead = self.at(begin).restarted().at(end)
         return ahead.mean[..., _INTEGRAL], ahead.covariance[..., _INTEGRAL, _INTEGRAL]
@@ -230,9 +231,9 @@ def filter_currents(observations: Sequence[CurrentObservation], process: Current
     Parameters
     ----------
     observations : sequence of CurrentObservation
-        One at least, in the order of time.
+        At least one observation, in the order of time.
     process : CurrentProcess
-        The process, or a batch of processes.
+        One process, or a batch of processes.
     """
     state = CurrentState.initial(process, observations[0].begin)
     for observation in observations:
@@ -247,7 +248,7 @@ class Nowcast:
     Attributes
     ----------
     state : CurrentState
-        Given each of the processes of a batch ``(p,)``.
+        Distributions given each of the processes of a batch ``(p,)``.
     weights : (p,) array
         Posterior probabilities of the processes.
     """
@@ -271,7 +272,7 @@ class Nowcast:
         return self.state.time
 
     def drift(self, begin: float, end: float) -> tuple[Array, Array]:
-        """Predict the water's displacement (2,) over an interval to come, m, and its covariance (2, 2), m2."""
+        """Predict the water's displacement (2,) over a future interval, m, and its covariance (2, 2), m2."""
         means, covariances = self.state.drift(begin, end)
         mean = self.weights @ means
         misses = means - mean
@@ -284,9 +285,9 @@ def nowcast(observations: Sequence[CurrentObservation], tides: Sequence[str] = t
     Parameters
     ----------
     observations : sequence of CurrentObservation
-        One at least, in the order of time, without overlap.
+        At least one observation, in the order of time, without overlap.
     tides : sequence of str
-        Tidal lines, of `TIDAL_PERIODS`; none for a process without a tide.
+        Tidal lines of `TIDAL_PERIODS`; empty for a process without a tide.
     """
     amplitudes = list(TIDAL_DEVIATIONS) if tides else [0.0]
     axes = np.meshgrid(DEVIATIONS, CORRELATION_TIMES, amplitudes, indexing="ij")

@@ -1,7 +1,7 @@
-"""Preparation of a profile: its record corrected, on the steps, with the hull's masses and the vibration set along it.
+"""Preparation of a profile: its corrected record on the steps, with the hull's masses and the vibration set.
 
-`prepare_profile` makes the one record that filter, smoother and windows take. The rest are the properties of its
-samples: which of them count, how often, and with what variance.
+`prepare_profile` makes the common input of filter, smoother and windows. The other functions give properties of the
+samples: the mask of those used, the interval at which they are fed, and their variance.
 """
 
 from dataclasses import dataclass, replace
@@ -25,18 +25,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PreparedProfile:
-    """A profile on its ``n`` steps, as filter, smoother and windows take it.
+    """A profile on its ``n`` steps, the input of filter, smoother and windows.
 
     Attributes
     ----------
     glider, series : Glider, ProfileSeries
-        The hull, and the record on the steps.
+        Hull, and record on the steps.
     bodies : (n, 11)
         Mass properties from `Glider.bodies`.
     vibrating : (n+1,) array of bool
-        The vibration set.
+        Mask of the vibration set.
     initial_error : (12,) array, optional
-        Added to the first guess of the state (eq. 16, SI), to study its influence.
+        Error added to the first guess of the state (eq. 16, SI), to study its influence.
     """
 
     glider: Glider
@@ -54,17 +54,17 @@ def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array 
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
-    """Bring a record onto the integration step, corrected as asked, with the seawater along it.
+    """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    With a platform its sensors' errors are taken off first, as in the estimation; without, those of the settings alone.
-
-    Gaps are judged by the record's own sample intervals, where they are: the rate may change with depth.
+    The errors of the platform's sensors are removed first, as in the estimation, and then those of the settings.
+    Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
+    since the sampling rate may change with depth.
 
     Raises
     ------
     ProfileError
-        The four measurements are never there together, or one of them hardly at all; or the settings require density
-        and the record holds none.
+        There is no time with all four measurements, or hardly any sample of one of them; or the settings require
+        density and the record has none.
     """
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
@@ -80,7 +80,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
 
 
 _LAG_WINDOW = 11
-"""Samples over which the record is smoothed to shift it by parts of a sample interval."""
+"""Number of samples over which the record is smoothed for shifts by fractions of a sample interval."""
 
 HARMONICS = ("sin", "cos", "sin 2", "cos 2")
 """Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
@@ -93,7 +93,7 @@ def harmonics(heading: ArrayLike) -> Array:
 
 
 def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> ProfileRecord:
-    """Remove the errors that settings or a platform's sensors name from a record; without any, return it as it is."""
+    """Remove the errors given by settings or a platform's sensors from a record; return it unchanged without any."""
     if all(getattr(errors, name) == error for name, error in RecordSettings().model_dump().items()):
         return record
     error = np.radians(errors.heading_offset + harmonics(record.heading) @ np.array(errors.heading_deviation))
@@ -109,15 +109,16 @@ def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> Profil
 def _earlier(time: Array, values: Array, lag: float) -> Array:
     """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
 
-    Each is the nearest sample as it was read, but for what the smoothed record changes from there. Interpolated between
-    two samples it would have less noise than either, and the likeliest lag would be half an interval.
+    Each value is that of the nearest sample, plus the change of the smoothed record from there to the shifted time. A
+    value interpolated between two samples would have less noise than either, and the most likely lag would be half an
+    interval.
     """
     known = np.isfinite(values)
     if lag == 0.0 or not known.any():
         return values
     shifted = time + lag
     nearest = nearest_rows(time, shifted)
-    # Times are smoothed alike, so that uneven intervals do no harm.
+    # Times are smoothed in the same way, since intervals may be uneven.
     window = min(_LAG_WINDOW, 2 * ((int(known.sum()) - 1) // 2) + 1)
     at, smooth = (scipy.signal.savgol_filter(x[known], window, min(2, window - 1)) for x in (time, values))
     moved = values[nearest] + np.interp(shifted, at, smooth) - np.interp(time[nearest], at, smooth)
@@ -128,13 +129,13 @@ def _earlier(time: Array, values: Array, lag: float) -> Array:
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:
     """Controls ``(n, 5)`` = [r_px, gamma, m_b, m_m, rudder] from the actuators' records (docs/theory/model.md).
 
-    Where the buoyancy goes by measured density (`by_density`), a sixth is the weight that this adds.
+    Where the buoyancy uses measured density (`by_density`), a sixth control is the resulting additional weight.
     """
     return model_controls(platform, series.controls, series.seawater if by_density(platform, series) else None)
 
 
 def by_density(platform: Platform, series: ProfileSeries) -> bool:
-    """Return whether buoyancy follows measured density: the record has it, and the platform a compressibility."""
+    """Return whether buoyancy uses measured density: the record has it, and the platform has a compressibility."""
     return series.seawater is not None and platform.buoyancy.compressibility is not None
 
 
@@ -154,7 +155,7 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
     Raises
     ------
     InputError
-        The settings ask for density, and the platform states no compressibility.
+        The settings require density, and the platform has no compressibility.
     """
     if settings.seawater == "density" and platform.buoyancy.compressibility is None:
         raise InputError(
@@ -164,7 +165,7 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
 
 
 def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_]:
-    """Mask ``(n+1,)`` of the samples within the platform's guard of an actuator moving faster than its threshold.
+    """Mask ``(n+1,)`` of the samples within the platform's guard time of an actuator that exceeds its threshold.
 
     The rates of battery translation, battery rotation and ballast are compared with `Platform.vibration`.
     """
@@ -179,7 +180,7 @@ def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_
 
 
 def steps_in(seconds: float, step: float) -> int:
-    """Steps in a time (s), at least one."""
+    """Number of steps in a time (s), at least one."""
     return max(1, round(seconds / step))
 
 
@@ -192,8 +193,8 @@ def sample_variance(platform: Platform) -> Array:
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
     """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
 
-    A slow record is fed interpolated, at shorter intervals; its variance grows in proportion, so that no information is
-    made up (docs/theory/model.md).
+    A slow record is interpolated and fed at shorter intervals. Its variance is larger in proportion, which leaves the
+    total information unchanged (docs/theory/estimate.md).
     """
     variance = sample_variance(platform)
     if series.sample_interval > settings.filter.slow_feed:
@@ -208,10 +209,10 @@ def feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float:
 
 
 def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[np.bool_]:
-    """Mask ``(n+1,)`` of the rows that the filter is fed: the samples, or every second of a slow record.
+    """Mask ``(n+1,)`` of the rows fed to the filter: the samples, or one row each feed interval of a slow record.
 
-    Every feed weighs alike. So where a slow record is sampled several times as often as usual, it is fed as many times
-    as often, as far as the steps allow.
+    All feeds have the same weight. Where a slow record is sampled several times as often as usual, it is therefore fed
+    more often by the same factor, as far as the steps allow.
     """
     if series.sample_interval <= settings.filter.slow_feed:
         return recorded_samples(series)
@@ -243,7 +244,7 @@ def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
 
 
 _SAME = 1e-9
-"""Values this close (rad) are the same."""
+"""Largest difference (rad) of values that are considered equal."""
 
 
 def repetitions(values: Array) -> NDArray[np.int64]:

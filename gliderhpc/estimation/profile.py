@@ -1,7 +1,7 @@
 """The estimation of a profile: filter, smoother, windows.
 
-`estimate_profile` is one profile from beginning to end. `estimate_profiles` does the same for many, which share the
-lanes of filter and windows; the results are equal to the bit.
+`estimate_profile` treats one profile from beginning to end. `estimate_profiles` does the same for many profiles, which
+share the lanes of filter and windows; the results are identical to the bit.
 """
 
 import time
@@ -38,17 +38,17 @@ class ProfileEstimate:
     Attributes
     ----------
     profile : PreparedProfile
-        The profile on its steps.
+        Profile on its steps.
     filtered : FilterEstimate
-        The filter's estimate.
+        Estimate of the filter.
     solution : DiveSolution
-        The windows'.
+        Solution of the windows.
     smoothed : SmoothedEstimate, optional
-        The smoother's on the records, where it was asked for.
+        Estimate of the smoother at the records, if there is one.
     hull : HullPart, optional
-        Information on the hull, and its part in the smoothed uncertainty, where the smoother was asked for.
+        Information on the hull, and its part in the smoothed uncertainty, if requested with the smoother's estimate.
     seconds : float
-        Computing time, the profile's share where several are computed side by side.
+        Computing time; the profile's share if several are computed side by side.
     """
 
     profile: PreparedProfile
@@ -60,12 +60,12 @@ class ProfileEstimate:
 
     @property
     def series(self) -> ProfileSeries:
-        """The record on the steps."""
+        """Record on the steps."""
         return self.profile.series
 
     @property
     def vibrating(self) -> NDArray[np.bool_]:
-        """The vibration set ``(n+1,)``."""
+        """Mask ``(n+1,)`` of the vibration set."""
         return self.profile.vibrating
 
     @property
@@ -84,18 +84,19 @@ def estimate_profile(
     Parameters
     ----------
     profile : PreparedProfile
-        The profile on its steps (`prepare_profile`).
+        Profile on its steps (`prepare_profile`).
     settings : EstimationSettings
-        How.
+        Settings of the estimation.
     smooth : bool
-        Give the smoother's estimate with the hull's errors. It runs in any case where the windows start from its path.
+        Whether to return the smoother's estimate with the hull's errors. The smoother runs anyway if the windows start
+        from its path.
 
     Raises
     ------
     ProfileError
         The record cannot be filtered, or the filter rejected more than the allowed share.
     InputError
-        The engine cannot run here.
+        The engine cannot run on this machine.
     """
     began = time.perf_counter()
     filtered = run_filter(profile, settings)
@@ -112,7 +113,7 @@ def _from_smoothed(profile: PreparedProfile, settings: EstimationSettings) -> bo
 def _start(
     profile: PreparedProfile, smoothed: SmoothedEstimate | None, settings: EstimationSettings
 ) -> StartingPath | None:
-    """Return the smoothed path where the windows start from it, None where from the filter's disturbance."""
+    """Return the smoothed path if the windows start from it, None if they start from the filter's disturbance."""
     if smoothed is None or not smoothed.outcome.usable or not _from_smoothed(profile, settings):
         return None
     return StartingPath(smoothed.disturbances, smoothed.states)
@@ -126,7 +127,7 @@ def _finished(
     *,
     with_hull: bool,
 ) -> tuple[SmoothedEstimate | None, HullPart | None]:
-    """Return the smoothed estimate on the records, with the hull's errors in its uncertainty where they are wanted."""
+    """Return the smoothed estimate at the records, with the hull's errors in its uncertainty if `with_hull`."""
     if smoothed is None:
         return None, None
     on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
@@ -151,16 +152,16 @@ def smooth_profile(
     Parameters
     ----------
     profile : PreparedProfile
-        The profile on its steps.
+        Profile on its steps.
     filtered : FilterEstimate
-        The filter's estimate of it.
+        Estimate of the filter.
     settings : EstimationSettings
-        How.
+        Settings of the estimation.
 
     Returns
     -------
     SmoothedEstimate, HullPart or None
-        The estimate on the records, and its information on the hull where it has any.
+        Estimate at the records, and its information on the hull if it has any.
     """
     return _finished(profile, filtered, smooth_dive(profile, filtered, settings), settings, with_hull=True)
 
@@ -168,26 +169,27 @@ def smooth_profile(
 def estimate_profiles(
     profiles: Iterable[tuple[Key, PreparedProfile]], settings: EstimationSettings, *, smooth: bool = False
 ) -> Iterator[tuple[Key, ProfileEstimate | ProfileError]]:
-    """Filter, smooth and invert many profiles as `estimate_profile` does one; yield each with its key as it is done.
+    """Filter, smooth and invert many profiles as `estimate_profile` does one; yield each with its key when complete.
 
     Parameters
     ----------
     profiles : iterable of (key, PreparedProfile)
-        Taken as they are needed, so that a generator that reads records has few of them in memory.
+        Profiles, taken when they are needed: a generator that reads records has only few of them in memory.
     settings : EstimationSettings
-        For all of them.
+        Settings for all of them.
     smooth : bool
-        Give the smoother's estimate, profile by profile: made after the windows, or before where these start from it.
+        Whether to return the smoother's estimates. They are computed after the windows, or before if these start from
+        the smoothed path.
 
     Yields
     ------
     (key, ProfileEstimate or ProfileError)
-        The estimate, or the error that refuses the profile; the others are not affected.
+        Estimate, or the error with the reason of the refusal; other profiles are not affected.
 
     Raises
     ------
     InputError
-        The engine cannot run here.
+        The engine cannot run on this machine.
     """
     refused: deque[tuple[Key, ProfileError]] = deque()
     for work, solution in solve_dives(_posed(profiles, settings, refused, with_hull=smooth), settings):
@@ -202,7 +204,7 @@ def estimate_profiles(
 
 
 class _Work(NamedTuple, Generic[Key]):
-    """A profile whose windows are being solved; ``smoothed`` and ``hull`` where these came before them."""
+    """A profile whose windows are being solved; ``smoothed`` and ``hull`` if these were computed before."""
 
     key: Key
     profile: PreparedProfile
@@ -219,7 +221,7 @@ def _posed(
     *,
     with_hull: bool,
 ) -> Iterator[tuple[_Work[Key], DiveProblem]]:
-    """Filter as many profiles at a time as there are lanes, and pose the windows of each as it is taken."""
+    """Filter as many profiles at a time as there are lanes, and pose the windows of each when it is taken."""
     waiting = iter(profiles)
     while group := list(islice(waiting, LANES)):
         began = time.perf_counter()
@@ -229,7 +231,7 @@ def _posed(
             if isinstance(filtered, ProfileError):
                 refused.append((key, filtered))
                 continue
-            # In a function of its own: its memory, the smoother's above all, is free when the next profile is posed.
+            # A separate function, to free its memory, mainly the smoother's, before the next profile is posed.
             yield _posed_profile(key, profile, filtered, settings, share, with_hull=with_hull)
 
 
@@ -242,7 +244,7 @@ def _posed_profile(
     *,
     with_hull: bool,
 ) -> tuple[_Work[Key], DiveProblem]:
-    """Smooth a filtered profile where its windows start from that path, and pose them; add to its seconds so far."""
+    """Smooth a filtered profile if its windows start from that path, and pose them; add the time to its seconds."""
     began = time.perf_counter()
     smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))

@@ -1,4 +1,4 @@
-"""Quality of an estimate: flags of its samples, and sentences on the profile."""
+"""Quality of an estimate: flags of its samples, and remarks on the profile."""
 
 from collections import Counter
 
@@ -19,25 +19,25 @@ from gliderhpc.vocabulary import QUALITY
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
 SPEED_RANGE = (0.05, 1.5)
 STEADY_MINUTE = 60.0
-"""Self-motion outside those limits for this long in steady glide makes a profile's message."""
+"""Time (s) of self-motion outside those limits in steady glide from which on the profile gets a message."""
 ROTATED = np.radians(1.0)
-"""Battery rotation that counts as rotated: beyond the resting jitter of real actuators."""
+"""Rotation (rad) beyond which the battery is flagged as rotated: more than the jitter of real actuators at rest."""
 _CLIMB_SMOOTHING = 20.0
 
 USUALLY_CONVERGED = 0.9
 """Share of converged windows below which a profile gets a message."""
 _PREVAILS = 0.3
-"""Share of a window's samples that makes out why it did not converge."""
+"""Share of a window's samples beyond which a condition is named as the reason why it did not converge."""
 SEGMENT = 600.0
 """Length of a segment of steady glide, s."""
 SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
-"""Effect of the depth slope on a hull that goes by density."""
+"""Effect of the depth slope on a hull whose neutral volume was fitted by density."""
 
 Mask = NDArray[np.bool_]
 
 
 def implausible_motion(estimate: ProfileEstimate) -> Mask:
-    """Samples ``(n+1,)`` whose reconstructed angle of attack or speed lies outside the plausible range."""
+    """Mask ``(n+1,)`` of samples whose reconstructed angle of attack or speed lies outside the plausible range."""
     u, v, w = estimate.solution.states[:, 6:9].T
     speed = np.sqrt(u * u + v * v + w * w)
     plausible = (
@@ -75,10 +75,10 @@ def quality_flags(estimate: ProfileEstimate) -> NDArray[np.uint8]:
 
 
 def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
-    """Say why a hull that goes by density does not in this profile, and what that does to it.
+    """Explain why buoyancy does not use density although the hull has a compressibility, and the effect on the profile.
 
-    The neutral volume of a hull with a compressibility was fitted in water of a known density. By the depth slope the
-    same hull floats at another volume (23 cm3, or 0.2 N, on mission 12 of SEA035), so the profile is biased.
+    The neutral volume of a hull with a compressibility was fitted in water of a known density. With the depth slope the
+    same hull floats at another volume (23 cm3, or 0.2 N, on mission 12 of SEA035), and the profile is biased.
     """
     if platform.buoyancy.compressibility is None or by_density(platform, series):
         return []
@@ -94,7 +94,7 @@ def _remedy(platform: Platform) -> str:
 
 
 def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
-    """Say how many windows did not converge and why, where they are more than `USUALLY_CONVERGED` allows."""
+    """State the number of windows that did not converge and the reasons, if more than `USUALLY_CONVERGED` allows."""
     windows = estimate.solution.windows
     unfinished = [window for window in windows if window.outcome.unfinished]
     if len(unfinished) <= (1.0 - USUALLY_CONVERGED) * len(windows):
@@ -109,7 +109,7 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
 
 
 def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
-    """Name what prevails in a window that did not converge."""
+    """Name the prevailing condition in a window that did not converge."""
     rows = slice(window.start, window.stop)
     if implausible[rows].mean() > _PREVAILS:
         return f"where the self-motion is implausible: {_remedy(platform)}"
@@ -121,7 +121,7 @@ def _why_unconverged(window: WindowRecord, platform: Platform, estimate: Profile
 
 
 def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
-    """Sentences for the profile's message: implausible self-motion, failures, gaps, what the filter rejected."""
+    """List remarks for the profile's message: implausible self-motion, failures, gaps, rejected samples."""
     series = estimate.series
     lines = []
     if estimate.filtered.prior_name == "rough_water":

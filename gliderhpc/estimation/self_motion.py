@@ -1,7 +1,7 @@
 """The glider's own motion: glide-angle relation (eq. 15; Zhou et al.), first guesses of the state, displacements.
 
-Displacements through the water are those of each step, by the model or by the glide angle, the vibration intervals
-bridged.
+Displacements through the water are computed for each step, from the model or from the glide angle, with the vibration
+intervals bridged.
 """
 
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
 
     Notes
     -----
-    With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha; its small root
-    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` for ``K_D0`` where the hull lifts at zero angle of attack. Its sign gives
-    lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iterating eq. 15 misses the
-    flattest paths, the balance is solved by Newton's method in the distance x from zero lift, starting at the least
-    drag over lift: between there and zero lift the small root is the only one. ``K_M0`` trims the hull and does not
-    enter the force balance.
+    With glide angle ``xi = theta - alpha`` the steady balance ``D = -L tan(xi)`` is quadratic in alpha. Its small root
+    is eq. 15, with ``K_D0 + K_L0 tan(xi)`` in place of ``K_D0`` where the hull has lift at zero angle of attack. Its
+    sign gives lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iteration of eq. 15
+    misses the flattest paths, the balance is solved by Newton's method in the distance x from zero lift. The start is
+    the least drag over lift; between there and zero lift the small root is the only one. ``K_M0`` trims the hull and
+    does not enter the force balance.
     """
     theta = np.asarray(pitch, dtype=np.float64)
     dive = theta < 0.0
@@ -60,16 +60,16 @@ def horizontal_speed(platform: Platform, pitch: ArrayLike, depth_rate: ArrayLike
 
 
 SMOOTHING = 10.0
-"""Seconds (or three sample intervals, if longer) over which slopes are taken."""
+"""Time (s) over which slopes are computed, or three sample intervals if longer."""
 SPEED_LIMITS = (0.05, 1.0)
-"""Speeds (m/s) that limit a guess."""
+"""Limits (m/s) of the speed in a guess."""
 _MIN_PITCH = np.radians(5.0)
 
 
 def flight_guesses(platform: Platform, series: ProfileSeries, every: int = 1) -> Array:
     """State guesses ``(g, 12)`` at rows 0, every, 2 every ...
 
-    Measured attitude and depth, glide speed, rates from the slopes; X = Y = 0.
+    They consist of the measured attitude and depth, the glide speed, and rates from the slopes; X = Y = 0.
     """
     measurements = series.measurements[::every]
     phi, theta, psi, depth = measurements.T
@@ -92,25 +92,25 @@ def flight_guesses(platform: Platform, series: ProfileSeries, every: int = 1) ->
 def slopes_of(series: ProfileSeries, every: int = 1) -> Array:
     """Slopes ``(g, 4)`` of roll, pitch, heading (rad/s) and depth (m/s), over `SMOOTHING` or three intervals.
 
-    At rows 0, every, 2 every ...
+    They are computed at rows 0, every, 2 every ...
     """
     return smoothed_slope(series.measurements, series.step, smoothing_time(series), every)
 
 
 def depth_rate(series: ProfileSeries) -> Array:
-    """Slope ``(n+1,)`` of depth alone, m/s, as in `slopes_of`."""
+    """Slope ``(n+1,)`` of the depth, m/s, as in `slopes_of`."""
     return smoothed_slope(series.measurements[:, 3:], series.step, smoothing_time(series))[:, 0]
 
 
 def smoothing_time(series: ProfileSeries) -> float:
-    """Time over which slopes are taken, s: `SMOOTHING`, or three sample intervals if longer."""
+    """Time over which slopes are computed, s: `SMOOTHING`, or three sample intervals if longer."""
     return max(SMOOTHING, 3.0 * series.sample_interval)
 
 
 def smoothed_slope(values: Array, step: float, smoothing: float, every: int = 1) -> Array:
-    """Slope a second of the straight line fitted to `smoothing` seconds about each sample; columns apart.
+    """Slope, per second, of the straight line fitted to `smoothing` seconds about each sample, for each column.
 
-    Near the ends it is that of the first or last full length. Samples 0, every, 2 every ... are treated.
+    Near the ends it is the slope of the first or last full length. The result has samples 0, every, 2 every ...
     """
     width = min(round(smoothing / step), len(values) - 1) // 2 * 2 + 1
     if width < 3:
@@ -126,21 +126,21 @@ def smoothed_slope(values: Array, step: float, smoothing: float, every: int = 1)
 
 
 BRIDGE = 30.0
-"""Seconds on either side whose mean velocity bridges an interval that is not usable."""
+"""Time (s) on either side whose mean velocity bridges an unusable interval."""
 
 
 @dataclass(frozen=True, eq=False)
 class SelfMotion:
-    """Displacement through the water a step.
+    """Displacement through the water at each step.
 
     Attributes
     ----------
     steps : (n, 2)
-        North and east, m a step, with the unusable intervals bridged.
+        Displacement north and east, m per step, with the unusable intervals bridged.
     bridged : float
-        Length (m) of the displacement that was put into those intervals.
+        Length (m) of the displacement that was interpolated over those intervals.
     masked_fraction : float
-        Share of the steps outside the vibration set that had no solution of their own.
+        Share of the steps outside the vibration set without a solution of their own.
     """
 
     steps: Array
@@ -154,10 +154,9 @@ class SelfMotion:
 
 
 def model_motion(states: Array, vibrating: NDArray[np.bool_], step: float) -> SelfMotion:
-    """Displacement of the reference trajectory ``states (n+1, 12)``, vibration intervals bridged.
+    """Displacement of the reference trajectory ``states (n+1, 12)``, with vibration intervals bridged.
 
-    Inside the vibration set the modelled motion is not used; its time counts and its displacement is that of the
-    glide on either side.
+    Inside the vibration set the modelled motion is replaced by that of the glide on either side.
     """
     steps = np.diff(states[:, 3:5], axis=0)
     bridged = bridge(steps, vibrating[:-1], round(BRIDGE / step))
@@ -167,7 +166,8 @@ def model_motion(states: Array, vibrating: NDArray[np.bool_], step: float) -> Se
 def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDArray[np.bool_]) -> SelfMotion:
     """Displacement by the glide-angle method (eq. 15): pitch and depth rate give the speed, the compass the course.
 
-    Samples below the hull's least glide angle have no solution: they are bridged like the vibration set, and counted.
+    Samples flatter than the hull's least glide angle have no solution. They are bridged like the vibration set, and
+    their share is recorded (`SelfMotion.masked_fraction`).
     """
     _, theta, psi, _ = series.measurements[:-1].T
     speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
@@ -183,8 +183,8 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDA
 def bridge(steps: Array, unusable: NDArray[np.bool_], reach: int) -> Array:
     """Replace the steps of each unusable interval by a straight line between the mean steps on either side.
 
-    The means are over the nearest `reach` usable steps that touch the interval; at an end of the record the one side
-    serves for both. Without a usable step anywhere the steps are unchanged.
+    The means are over the usable ones of the nearest `reach` steps on each side. At an end of the record the mean of
+    the other side is used for both. Without a usable step anywhere the steps are unchanged.
     """
     out = steps.copy()
     usable = ~unusable

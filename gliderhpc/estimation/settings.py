@@ -1,4 +1,4 @@
-"""Every number of the estimation that a user may change: frozen, validated once, stored with the archive."""
+"""All numbers of the estimation that a user may change: frozen, validated once, stored with the archive."""
 
 from typing import Literal, Self, TypeAlias
 
@@ -12,16 +12,16 @@ from gliderhpc.platform_sections import SixPositive
 from gliderhpc.yaml_text import shown
 
 SLOW_SENSORS = 5.0
-"""Sample interval (s) beyond which the window is counted in samples (docs/theory/estimate.md)."""
+"""Sample interval (s) beyond which the window length is a number of samples (docs/theory/estimate.md)."""
 
 USUAL_WINDOW = 30.0
-"""Window length of fast sensors (s), and the shortest that a window of slow ones is halved to."""
+"""Window length of fast sensors (s), and the shortest length to which a window of slow ones is halved."""
 
 LARGEST_SETTING = 1e12
-"""In any unit; what is larger was mistyped."""
+"""Largest value of a setting in any unit; a larger one is a typing error."""
 
 SLOW_SENSORS_PRIOR = 2.0
-"""Sample interval (s) beyond which a platform without a prior of its own gets that of slow sensors."""
+"""Sample interval (s) beyond which a platform without a prior of its own gets the prior of slow sensors."""
 
 
 Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
@@ -43,7 +43,7 @@ class Settings(BaseModel):
 
 
 class WindowSettings(Settings):
-    """Windows and their handover (eq. 38). Unset lengths follow the sensors, see `window_length`."""
+    """Settings of windows and their handover (eq. 38). Unset lengths depend on the sensors, see `window_length`."""
 
     length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six intervals of slow sensors")
     margin: float | None = Field(None, ge=0, description="retraction, s; default a third of the length")
@@ -57,7 +57,7 @@ class WindowSettings(Settings):
 
 
 class OptimizerSettings(Settings):
-    """The quasi-Newton solve of one window (docs/theory/estimate.md). Unset entries follow the preset."""
+    """Settings of the quasi-Newton solver of one window (docs/theory/estimate.md). Unset entries follow the preset."""
 
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
     max_iterations: int = Field(200, ge=1, description="iteration cap a window")
@@ -69,7 +69,7 @@ class OptimizerSettings(Settings):
 
 
 class FilterSettings(Settings):
-    """The extended Kalman filter (docs/theory/estimate.md)."""
+    """Settings of the extended Kalman filter (docs/theory/estimate.md)."""
 
     gate: float = Field(12.0, gt=0, description="innovations beyond this many standard deviations are rejected")
     patience: float = Field(10.0, gt=0, description="seconds or three sample intervals of rejections before a restart")
@@ -80,7 +80,7 @@ class FilterSettings(Settings):
 
 
 class SmootherSettings(Settings):
-    """The iterated smoother (docs/smoother.md)."""
+    """Settings of the iterated smoother (docs/smoother.md)."""
 
     tolerance: float = Field(0.25, gt=0, description="move of a last pass, rms, in standard deviations")
     max_passes: int | None = Field(
@@ -107,7 +107,7 @@ class SmootherSettings(Settings):
 
 
 class RecordSettings(Settings):
-    """Corrections of the records, after those of the platform's sensors; none by default."""
+    """Corrections of the records, made after those of the platform's sensors; none by default."""
 
     roll_offset: float = Field(0.0, ge=-45, le=45, description="taken off the roll, degree")
     pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
@@ -170,41 +170,41 @@ class EstimationSettings(Settings):
         return 5e-4 if self.transformed else 1e-3
 
     def starts_from(self, platform: Platform) -> Literal["prior", "smoothed"]:
-        """Whose path the windows of a platform's records start from: as set, else by preset and sensors.
+        """Path from which the windows of a platform's records start: the setting, else by preset and sensors.
 
-        Slow sensors come with hulls that nobody has tuned; what the smoother makes of their errors is no better a start
-        than the filter's estimate (docs/estimators.md).
+        Hulls with slow sensors usually have not been tuned. Their errors then affect the smoothed path so much that it
+        is no better a start than the filter's estimate (docs/estimators.md).
         """
         if self.start is not None:
             return self.start
         return "smoothed" if self.transformed and not _slow_and_untuned(platform) else "prior"
 
     def window_length(self, sample_interval: float) -> float:
-        """Window length T_seg in s: as set, else 30 s, or six sample intervals where those exceed 5 s."""
+        """Window length T_seg in s: the setting, else 30 s, or six sample intervals where those exceed 5 s."""
         if self.window.length is not None:
             return self.window.length
         return USUAL_WINDOW if sample_interval <= SLOW_SENSORS else 6.0 * sample_interval
 
     def window_margin(self, sample_interval: float) -> float:
-        """Retraction margin in s: as set, else a third of the window."""
+        """Retraction margin in s: the setting, else a third of the window."""
         length = self.window_length(sample_interval)
         margin = length / 3.0 if self.window.margin is None else self.window.margin
         return min(margin, length - self.step)
 
     def cost_threshold(self, sample_interval: float) -> float:
-        """tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
+        """Threshold tau_c in proportion to the window (0.2 at 30 s), since J is an integral."""
         return self.window.cost_threshold * self.window_length(sample_interval) / USUAL_WINDOW
 
     def gap_limit(self, sample_interval: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        """Longest gap (s) that is interpolated where the record has a sample interval, or local intervals (s)."""
+        """Longest gap (s) that is interpolated, for a sample interval or for local intervals (s) of the record."""
         return longest_bridged(sample_interval)[()] if self.max_gap is None else self.max_gap
 
 
 def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
-    """Pass cap of the smoother (docs/smoother.md).
+    """Largest number of passes of the smoother (docs/smoother.md).
 
-    Records slower than the hull's response come with uncalibrated hulls (`default_prior`). About the filter's path one
-    pass is sound there; iterated further, what is wrong with the hull's coefficients decides on its speed.
+    Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There one pass about
+    the filter's path is sound. With more passes the errors of the hull's coefficients would determine the speed.
     """
     if settings.max_passes is not None:
         return settings.max_passes
@@ -214,16 +214,16 @@ def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
 ROUGH_WATER = DisturbancePrior(
     deviation=(0.4, 1.0, 0.4, 0.3, 0.15, 1.0), correlation_time=(3600.0, 10.0, 3600.0, 10.0, 3600.0, 60.0)
 )
-"""Prior in which sway and roll follow gusts within seconds: tried where the calmer one cannot follow the record."""
+"""Prior in which sway and roll follow gusts within seconds, tried if the calmer one cannot follow the record."""
 
 
 def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
 
-    The platform's own alone, or `default_prior` and a freer one. The calmer prior is better wherever it can follow the
-    record (docs/accuracy.md); in gusts it cannot, and the filter's rejections show it (docs/scenario-current.md). For
-    fast sensors the freer one is `ROUGH_WATER`. For slow ones it is the usual one with the yawing moment of
-    `SLOW_RECORD` and nothing else, since their buoyancy and trim are free already.
+    They are the platform's own prior alone, or `default_prior` and a freer one. The calmer prior is better wherever it
+    can follow the record (docs/accuracy.md). In gusts it cannot, and the filter rejects samples
+    (docs/scenario-current.md). For fast sensors the freer prior is `ROUGH_WATER`. For slow ones it is the usual one
+    with only the yawing moment of `SLOW_RECORD`, since their buoyancy and trim are free already.
     """
     usual = default_prior(platform)
     if platform.prior is not None:
@@ -242,17 +242,18 @@ def _with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> Disturban
 SLOW_RECORD = DisturbancePrior(
     deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 3.0), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
 )
-"""Prior of the smoother for slow records of a hull that nobody has tuned (docs/smoother.md)."""
+"""Prior of the smoother for slow records of a hull that has not been tuned (docs/smoother.md)."""
 
 
 def smoother_prior(platform: Platform, prior: DisturbancePrior) -> DisturbancePrior:
-    """Disturbance prior of the smoother for that of the filter.
+    """Disturbance prior of the smoother, given that of the filter.
 
     It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
-    pitching moment are wrong by amounts that change with depth. With a memory of an hour the smoother, which trusts the
-    whole dive, makes such changes out to be the speed's; so they are let go within minutes.
-    Its yawing moment is free: how a hull turns determines its speed only as well as its turning is known, and glides
-    hardly determine that. Held tight, it slowed a calibrated Seaglider by a quarter.
+    pitching moment are wrong by amounts that change with depth. With a correlation time of an hour the smoother would
+    attribute such changes to the speed. The prior therefore lets these channels change within minutes. The yawing
+    moment is free: the rate of turn determines the speed only as well as the turning coefficients are known, and glides
+    hardly determine these. With a tight prior of the yawing moment, the speed of a calibrated Seaglider was a quarter
+    too slow.
     """
     return SLOW_RECORD if _slow_and_untuned(platform) else prior
 
@@ -262,11 +263,12 @@ def _slow_and_untuned(platform: Platform) -> bool:
 
 
 def default_prior(platform: Platform) -> DisturbancePrior:
-    """The platform's disturbance prior, or the one that served on hulls with sensors like its own.
+    """The platform's disturbance prior, or a usual one for hulls with similar sensors.
 
-    Yaw is what the water does within a minute, the rest what a hull does over an hour. Slow sensors come with
-    uncalibrated hulls: their pitch trim may be off by newton metres but hardly moves during a dive, surge is held tight
-    because a slow record cannot separate it from heave, and impulses in yaw are out of reach.
+    Yaw represents the water's action within a minute, the other channels the hull's errors over an hour. Hulls with
+    slow sensors are usually uncalibrated. Their pitch trim may be wrong by newton metres but hardly changes during a
+    dive. Their surge has a tight prior because a slow record cannot separate it from heave, and impulses in yaw cannot
+    be resolved.
     """
     if platform.prior is not None:
         return platform.prior

@@ -1,4 +1,4 @@
-"""Windows of a dive: their lengths, their start, and their handover (section 4.3, eq. 38, Algorithm 1)."""
+"""Windows of a dive: lengths, start and handover (section 4.3, eq. 38, Algorithm 1)."""
 
 import time
 from collections.abc import Callable, Generator
@@ -21,13 +21,13 @@ from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
 LATERAL = np.array([1, 3, 5])
-"""Sway, roll and yaw among the six channels."""
+"""Indices of sway, roll and yaw among the six channels."""
 
 _SPLIT = 1.25
-"""Windows longer than so many usual ones are halved where they do not converge."""
+"""Length, in usual windows, beyond which windows that do not converge are halved."""
 
 _LONGEST_WAIT = 64
-"""Windows that converge, at most, before a longer one is tried again."""
+"""Largest number of windows that must converge before a longer one is tried again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +39,17 @@ class WindowData:
     hull : Hull
         Constants of the hull.
     bodies : (n, 11)
-        Mass properties a step.
+        Mass properties at each step.
     state0 : (10,)
         Sensed state at the start.
     measurements : (n+1, 4)
-        ``[phi, theta, psi, Z]``, rad and m.
+        Measurements ``[phi, theta, psi, Z]``, rad and m.
     weights : (n+1,)
-        0 in gaps.
+        Weights of the samples; 0 in gaps.
     step : float
-        h, s.
+        Step h, s.
     scale : (6,)
-        s of the control-variable transform ``b = s x`` (ones: none).
+        Scale s of the control-variable transform ``b = s x`` (ones: none).
     """
 
     hull: Hull
@@ -68,17 +68,17 @@ class WindowSolution:
     Attributes
     ----------
     disturbances : (n, 6)
-        b*, N and N m.
+        Disturbances b*, N and N m.
     states : (n+1, 10)
         Sensed states under b*.
     cost : float
-        J of eq. 28.
+        Cost J of eq. 28.
     gradient_norm : float
         Optimality measure ``max |s g|`` with the continuous gradient ``g = (1/h) dJ/db``.
     iterations, evaluations : int
-        Of the optimiser; of cost and gradient together.
+        Number of iterations of the optimiser, and of joint evaluations of cost and gradient.
     outcome : Outcome
-        How it ended.
+        Outcome of the solution.
     """
 
     disturbances: Array
@@ -114,18 +114,18 @@ def misfit(states: Array, measurements: Array) -> Array:
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """Lengths and thresholds by which windows are cut.
+    """Lengths and thresholds of the windows.
 
     Attributes
     ----------
     length, margin : int
         Window length and margin, steps.
     cost_threshold : float
-        Cost (rad2 s) over which a window hands over directly.
+        Cost (rad2 s) from which on a window hands over without retraction.
     scale : tuple of 6 floats
-        s of the control-variable transform ``b = s x`` for this length, N and N m.
+        Scale s of the control-variable transform ``b = s x`` for this length, N and N m.
     shorter : WindowPlan, optional
-        Plan by which a window that does not converge is solved again.
+        Plan with which a window that does not converge is solved again.
     """
 
     length: int
@@ -142,8 +142,8 @@ class WindowPlan:
 def plan_windows(settings: EstimationSettings, interval: float, prior: DisturbancePrior | None = None) -> WindowPlan:
     """Plan the windows of a record with a sample interval (s).
 
-    The disturbance prior scales the unknowns; without one there is no scale, nor any shorter window. Where the length
-    follows the sensors, windows of slow ones may be halved until they are as short as fast ones'.
+    The disturbance prior scales the unknowns. Without a prior there is neither a scale nor a shorter window. If the
+    length is not set, windows of slow sensors may be halved until they are as short as those of fast ones.
     """
     lengths = [settings.window_length(interval)]
     while prior is not None and settings.window.length is None and lengths[-1] > _SPLIT * USUAL_WINDOW:
@@ -159,14 +159,14 @@ def plan_windows(settings: EstimationSettings, interval: float, prior: Disturban
 
 
 def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
-    """Length and margin (s) in steps that make whole output intervals, so that a window starts at a stored record."""
+    """Length and margin (s) in steps, as whole output intervals, which makes windows start at stored records."""
     records = settings.steps_per_record
     steps = max(records, max(1, round(length / settings.step)) // records * records)
     return steps, min(round(margin / settings.step) // records * records, steps - records)
 
 
 def transform_scale(prior: DisturbancePrior, length: float, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform for windows of a length (s): as set, by the prior, or ones."""
+    """Scale ``s (6,)`` of the control-variable transform for a window length (s): set, from the prior, or ones."""
     if settings.optimizer.scale is not None:
         return np.array(settings.optimizer.scale)
     if not settings.transformed:
@@ -176,7 +176,7 @@ def transform_scale(prior: DisturbancePrior, length: float, settings: Estimation
 
 
 def starting_disturbance(filtered: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Disturbance ``(n, 6)`` that the windows start from: the filter's, its lateral channels zero or slow part only."""
+    """Disturbance ``(n, 6)`` at the start of the windows: the filter's, with zero or slow lateral channels."""
     start = filtered.disturbances[:-1].copy()
     if not settings.transformed:
         start[:, LATERAL] = 0.0
@@ -197,14 +197,14 @@ class DiveProblem:
     profile : PreparedProfile
         Record, hull and vibration set.
     filtered : FilterEstimate
-        Fallback where a window fails: its disturbance over the window, its state to go on from.
+        Fallback if a window fails: disturbance over the window, and state from which the next window starts.
     start : (n, 6)
-        Disturbance that the windows start from, N and N m.
+        Disturbance from which the windows start, N and N m.
     plan : WindowPlan
-        How the windows are cut.
+        Lengths and thresholds of the windows.
     path : (n+1, 10), optional
-        Sensed states of the path whose disturbance that is; each window then starts from its state, and windows are
-        joined (`gliderhpc.estimation.joining`). None: from the state to which the window before leads.
+        Sensed states of the path with that disturbance. Each window then starts from a state of the path, and windows
+        are joined (`gliderhpc.estimation.joining`). Without it, each starts from the end of the previous window.
     """
 
     profile: PreparedProfile
@@ -215,7 +215,7 @@ class DiveProblem:
 
 
 class StartingPath(NamedTuple):
-    """Path that windows start from: disturbance ``(n, 6)`` and states ``(n+1, 12)`` that it leads to."""
+    """Path from which windows start: disturbance ``(n, 6)`` and the resulting states ``(n+1, 12)``."""
 
     disturbances: Array
     states: Array
@@ -224,7 +224,7 @@ class StartingPath(NamedTuple):
 def pose_windows(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
 ) -> DiveProblem:
-    """Pose the windows of a filtered profile, to start from the filter's disturbance where no path is given."""
+    """Pose the windows of a filtered profile; they start from the filter's disturbance if no path is given."""
     plan = plan_windows(settings, profile.series.sample_interval, filtered.prior)
     if start is None:
         return DiveProblem(profile, filtered, starting_disturbance(filtered, profile.series, settings), plan)
@@ -247,20 +247,20 @@ class WindowRecord:
 
 @dataclass(frozen=True, eq=False)
 class DiveSolution:
-    """The dive put together.
+    """Solution of a dive, joined from its windows.
 
     Attributes
     ----------
     disturbances : (n, 6)
-        b*, N and N m.
+        Disturbances b*, N and N m.
     states : (n+1, 12)
         Reference trajectory under b*, zero drift.
     windows : tuple of WindowRecord
-        In the order solved.
+        Records of the windows, in the order in which they were solved.
     source : (n,)
         Number of the window whose solution is used at each step.
     seconds : float
-        Computing time, the dive's share where several are solved side by side.
+        Computing time; the dive's share if several are solved side by side.
     from_path : bool
         Whether the windows started from a path.
     """
@@ -276,8 +276,8 @@ class DiveSolution:
 class _WindowLength:
     """Plan of the next window: shorter after one that does not converge, longer again after some that do.
 
-    The longer plan is tried again after one window that converges, and after twice as many with every failure, so that
-    a record on which long windows never converge costs little more than short windows alone.
+    The longer plan is tried again after one window that converges, and after twice as many with every failure. A record
+    on which long windows never converge therefore takes little more time than short windows alone.
     """
 
     def __init__(self, plan: WindowPlan) -> None:
@@ -286,7 +286,7 @@ class _WindowLength:
         self._wait, self._next_wait = 0, 1
 
     def shorten(self) -> bool:
-        """Go over to the shorter plan, if there is one."""
+        """Switch to the shorter plan; return whether there is one."""
         if self.plan.shorter is None:
             return False
         self._longer.append(self.plan)
@@ -295,7 +295,7 @@ class _WindowLength:
         return True
 
     def count_converged(self) -> None:
-        """Count a window that converged, and go over to the longer plan in due time."""
+        """Count a window that converged, and switch to the longer plan after enough of them."""
         if not self._longer:
             self._next_wait = 1
             return
@@ -305,13 +305,13 @@ class _WindowLength:
 
 
 def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolution, DiveSolution]:
-    """Pose every window in turn and stitch the solutions that are sent back (Algorithm 1).
+    """Pose every window in turn and join the solutions that are sent back (Algorithm 1).
 
-    A window whose cost stays under the threshold and whose end lies outside the vibration set is retracted: the next
-    one starts a margin earlier, from the state there, and replaces the overlap (`JoinedWindows`). One that does not
-    converge is solved again by the shorter plan, where there is one (`_WindowLength`): the depth that a force makes
-    grows with the square of the time, so that a long window is the worse conditioned. A window that fails leaves the
-    filter's disturbance over its span, and the next one starts from the filter's state. Windows of a path start from
+    A window is retracted if its cost is below the threshold and its end lies outside the vibration set: the next one
+    starts a margin earlier, from the state there, and replaces the overlap (`JoinedWindows`). A window that does not
+    converge is solved again with the shorter plan, if there is one (`_WindowLength`). The effect of a force on depth
+    grows with the square of the time, and a long window is therefore worse conditioned. If a window fails, the filter's
+    disturbance is used over its span, and the next window starts from the filter's state. Windows of a path start from
     the path's states instead.
     """
     profile, joined = problem.profile, JoinedWindows(problem.profile, problem.filtered, problem.path)
@@ -384,7 +384,7 @@ def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end:
 def _is_worse_than_filter(
     problem: DiveProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
 ) -> bool:
-    """Test whether an unconverged window is over the threshold and follows the record worse than the filter."""
+    """Return whether an unconverged window is over the threshold and follows the record worse than the filter."""
     series, rows = problem.profile.series, slice(begin + 1, end + 1)
     errors = misfit(problem.filtered.states[rows], series.measurements[rows])
     cost = series.step * float(series.weights[rows] @ (errors**2).sum(axis=1))

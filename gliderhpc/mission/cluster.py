@@ -51,11 +51,11 @@ class ClusterAddress:
     Attributes
     ----------
     address : str, optional
-        Such as ``tcp://node17:8786``.
+        Address, such as ``tcp://node17:8786``.
     file : Path, optional
         File written by ``dask scheduler --scheduler-file``.
     patience : float
-        Seconds that a run waits for a worker where there is none.
+        Time that a run waits for a worker if there is none, s.
     """
 
     address: str | None = None
@@ -95,7 +95,7 @@ def cluster_executor(
     needed : tuple of Path
         Files and folders that workers must see under the same name.
     warm : callable
-        Called once on every host before the first job.
+        Function called once on every host before the first job.
 
     Raises
     ------

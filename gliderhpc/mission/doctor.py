@@ -1,4 +1,4 @@
-"""Checks of what a run needs: versions, processor, compiled kernels, write access, free disk, and a cluster."""
+"""Checks of a run's requirements: versions, processor, compiled kernels, write access, free disk, and a cluster."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Check:
 
 
 def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Check]:
-    """Yield all checks for an archive at `place` and, where given, for a run on `cluster`."""
+    """Yield all checks for an archive at `place` and, if given, for a run on `cluster`."""
     yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
     yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
     yield from map(package, PACKAGES)

@@ -29,11 +29,11 @@ ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
 profile is returned to the kernel and mapped again page by page, which took a third of a study's processor time."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
-"""Threads of linear algebra in each worker, as there is one worker for each core."""
+"""Threads of linear algebra in each worker, since there is one worker for each core."""
 
 
 class WorkerKilledError(Exception):
-    """Every worker that ran a job died, or every worker on which it was queued behind a job that kills workers."""
+    """Error of a job whose workers all died, as they ran it or as it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
@@ -85,7 +85,7 @@ class Executor(ABC):
 
 
 class SerialExecutor(Executor):
-    """Executor of one job after the other in this process, for debugging and very small missions."""
+    """Executor of one job after another in this process, for debugging and very small missions."""
 
     workers = 1
 
@@ -158,7 +158,7 @@ class DaskExecutor(Executor):
     client : distributed.Client
         Client of the cluster.
     patience : float
-        Seconds to wait for a worker where there is none.
+        Time to wait for a worker if there is none, s.
     """
 
     def __init__(self, client: Any, patience: float = PATIENCE) -> None:
@@ -287,7 +287,7 @@ def _is_cancelled(worker: Any) -> bool:
 
 
 def was_killed(error: Exception) -> bool:
-    """Return whether every worker died that ran a job, or on which it was queued behind a job that kills workers."""
+    """Return whether an error states that a job failed by the deaths of its workers (`WorkerKilledError`)."""
     return isinstance(error, WorkerKilledError)
 
 
@@ -321,8 +321,7 @@ def warm_estimation() -> None:
 def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
     """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
 
-    Kernels are compiled once by `warm` in this process, before a worker starts, so that the workers load them from the
-    cache.
+    Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
     """
     warm()
     if workers == 0:

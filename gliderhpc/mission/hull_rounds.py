@@ -1,4 +1,4 @@
-"""Calibration on whole dives: in rounds, smooth every dive and sum up the information of all of them on the hull.
+"""Calibration on whole dives: rounds in which every dive is smoothed and the information on the hull is summed.
 
 The trim fitted to the steady glides is the start. In each round every dive is smoothed with the present hull, which
 gives score and information on the errors of hull and records. Their sum over the mission
@@ -48,16 +48,16 @@ from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 log = logging.getLogger("gliderhpc.calibrate")
 
 _LONGEST_STEP = 2.0
-"""Largest change of an error in a round, in plausible deviations: the linearisation does not hold further."""
+"""Largest change of an error in a round, in plausible deviations, for which the linearisation is valid."""
 _RECORD_INTERVAL = 60.0
-"""Seconds between records of the smoothed sensitivities, of which the displacement's alone is used."""
+"""Time (s) between records of the smoothed sensitivities, of which only that of the displacement is used."""
 _DIGITS = 6
 _HALVINGS = 5
 """Largest number of halvings of a step to reach a hull that glides stably."""
 _HELD = 1.0
-"""Resolved values that the prior's noise is worth against those of all dives."""
+"""Weight of the prior's noise, in resolved values, relative to those of all dives."""
 _NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
-"""Errors of a current without those of the hull and the compass, which the sum has as unknowns."""
+"""Errors of a current without those of the hull and the compass, which are unknowns of the sum."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +67,17 @@ class DiveJob:
     Attributes
     ----------
     observations, survey : Path, Survey
-        The file.
+        Path of the file, and its survey.
     platform : Platform
-        The hull to smooth it with.
+        Hull with which the dive is smoothed.
     number : int
-        Of the profile.
+        Number of the profile.
     keys : tuple of str
-        The errors looked for.
+        Keys of the errors to estimate.
     settings : EstimationSettings
-        Of the smoother.
+        Settings of the smoother.
     noise_factor : (6,)
-        On the noise of the disturbance prior, as the mission's dives have shown it.
+        Factor on the noise of the disturbance prior, estimated from the mission's dives.
     """
 
     observations: Path
@@ -96,17 +96,17 @@ class SmoothedDive:
     Attributes
     ----------
     number : int
-        Of the profile.
+        Number of the profile.
     time : numpy.datetime64
-        Of its middle.
+        Middle of its time.
     score, information : (p,), (p, p), optional
-        In plausible deviations of the hull it was smoothed with; None if it could not be smoothed.
+        Score and information, in plausible deviations of the hull used for the smoothing; None if there is no estimate.
     noise : (2, 6), optional
-        Squares of the smoothed noise over the variances that the job gave it, and resolved values, both in sum.
+        Sums of the squares of the smoothed noise over the job's variances, and of the resolved values.
     current : DiveCurrent, optional
-        Its depth-averaged current, where fixes give one.
+        Depth-averaged current, if there are fixes.
     message : str
-        Why there is no information.
+        Reason why there is no information.
     """
 
     number: int
@@ -119,7 +119,7 @@ class SmoothedDive:
 
 
 def smoothed_dive(job: DiveJob) -> SmoothedDive:
-    """Smooth one dive; the job of a worker."""
+    """Smooth one dive, as the job of a worker."""
     never = np.datetime64("NaT")
     with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
         try:
@@ -145,7 +145,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 
 
 def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
-    """Squares of the smoothed noise over the prior's variances, and resolved values, in sum over the steady steps."""
+    """Sums over the steady steps of the smoothed noise's squares over the job's variances, and of resolved values."""
     spent, resolved = spent_and_resolved(last, last.dive.noise, steady)
     return np.array([smoothed.noise_factor * spent, resolved])
 
@@ -153,7 +153,7 @@ def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]
 def _current(
     record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedEstimate, by_hull: Array
 ) -> DiveCurrent | None:
-    """Return the dive's current and its derivative (2, p) by the hull's errors; None without a fix on either side."""
+    """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
     between = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING)
     if between is None:
         return None
@@ -167,22 +167,22 @@ class HullRounds:
     Attributes
     ----------
     base, platform : Platform
-        The hull from which the errors are counted, and the one found.
+        Hull relative to which the errors are defined, and the hull found.
     parameters : tuple of HullParameter
-        Errors looked for.
+        Parameters with the errors that were estimated.
     mission : MissionHull
-        The sum over the dives fitted, ``eta`` from the base.
+        Sum over the dives fitted, with ``eta`` relative to the base.
     held_out : tuple of (int, float, int)
-        Number, chi-square against the sum by the information as stated, and degrees of freedom of the dives held out.
+        Number, chi-square relative to the sum (times the divisor) and degrees of freedom of each dive held out.
     skipped : tuple of SmoothedDive
         Dives without information.
     moves : tuple of float
         Largest move of each round, in plausible deviations.
     eta, wanted : (p,), (p,)
-        Errors of the hull found, counted from the base, and the whole move that the last round asked for, before it was
-        shortened; plausible deviations.
+        Errors of the hull found, relative to the base, and the whole move of the last round before it was shortened, in
+        plausible deviations.
     divisor : float
-        By which all information of the dives was divided (`DiveRounds`).
+        Divisor of all information of the dives (`DiveRounds`).
     """
 
     base: Platform
@@ -198,15 +198,15 @@ class HullRounds:
 
     @property
     def errors(self) -> Gaussian:
-        """Distribution of the errors of any of the dives, about the hull found, the walk included.
+        """Distribution of the errors over all dives, about the hull found, including the random walk.
 
-        As in the smoother, the last move counts as uncertainty: rounds that end before they settle state less.
+        As in the smoother, the last move is added as uncertainty: rounds that end before convergence have a larger one.
         """
         return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.wanted, self.wanted))
 
 
 def errors_in_units(found: HullRounds) -> CalibrationErrors:
-    """Errors of the hull of any dive in the platform file's units (`HullRounds.errors`)."""
+    """Errors of the hull in any dive, in the platform file's units (`HullRounds.errors`)."""
     errors = found.errors
     slopes = [abs(p.slope(found.base, float(x))) for p, x in zip(found.parameters, errors.mean, strict=True)]
     correlation = errors.covariance / np.outer(errors.std, errors.std)
@@ -218,7 +218,7 @@ def errors_in_units(found: HullRounds) -> CalibrationErrors:
 
 
 def rounded(value: float) -> float:
-    """Round to what a platform file holds."""
+    """Round to the digits of a platform file."""
     return float(f"{value:.{_DIGITS}g}")
 
 
@@ -228,26 +228,26 @@ class DiveRounds:
     Parameters
     ----------
     observations : Observations
-        The file.
+        Open file.
     base : Platform
-        Hull from which ``eta`` is counted; its plausible deviations are the prior.
+        Hull relative to which ``eta`` is defined; its plausible deviations are the prior.
     parameters : tuple of HullParameter
-        Errors looked for.
+        Parameters with the errors to estimate.
     fitted, held_out : sequence of int
-        Profiles that are summed up, and those that are only compared with the sum.
+        Profiles that are summed, and those that are only compared with the sum.
     estimation, settings, turn_test : EstimationSettings, RoundSettings, TurnTestSettings
-        Of the smoother, the rounds, and the currents' part.
+        Settings of the smoother, of the rounds and of the turn test.
     executor : Executor
-        Runs the dives.
+        Executor of the dives.
     report : callable
-        Called for every dive done.
+        Function called after every dive.
 
     Notes
     -----
-    Errors of the model (rounding, the actuators' lag, the noise assumed) move the scores of all dives alike. Be their
-    square ``misfit`` times what one dive states of its own errors; then the scores of ``n`` dives have ``1 + misfit n``
-    times the variance that they state in sum, and their information is divided by that. However many dives there are,
-    they determine the hull no better than those errors let them.
+    Errors of the model (rounding, the actuators' lag, the assumed noise) change the scores of all dives in the same
+    way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the scores of ``n`` dives
+    then has ``1 + misfit n`` times the variance that the dives state, and their information is divided by this factor.
+    With any number of dives, the hull is determined no better than these errors allow.
     """
 
     def __init__(
@@ -326,7 +326,7 @@ class DiveRounds:
         return sorted(dives, key=lambda each: each.number)
 
     def _term(self, dive: SmoothedDive, platform: Platform, eta: Array, divisor: float) -> DiveTerm:
-        """Convert a dive's result from plausible deviations of the hull it was smoothed with to those of the base.
+        """Convert a dive's result from plausible deviations of the hull used for the smoothing to those of the base.
 
         All information is divided by ``divisor``.
         """
@@ -353,36 +353,37 @@ class DiveRounds:
 
 
 def pooled_factor(dives: Sequence[SmoothedDive]) -> Array:
-    """Factors ``(6,)`` on the noise of each channel that all dives together show.
+    """Factors ``(6,)`` on the noise of each channel, estimated from all dives together.
 
     Notes
     -----
-    A dive resolves some of its disturbances hardly, and the smoother then holds on to the prior's noise
-    (`gliderhpc.estimation.smoother.noise.NoiseScale`). The mission's dives have one prior, and resolve more.
+    A dive hardly resolves some of its disturbances, and the smoother then stays near the prior's noise
+    (`gliderhpc.estimation.smoother.noise.NoiseScale`). The mission's dives have a common prior and together resolve
+    more.
     """
     spent, resolved = np.sum([dive.noise for dive in dives if dive.noise is not None], axis=0)
     return np.asarray((spent + _HELD) / (resolved + _HELD))
 
 
 def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
-    """Step from ``eta`` towards that of the sum, as far as the linearisation holds and the hull glides stably.
+    """Step from ``eta`` towards the mean of the sum, as far as the linearisation is valid and the hull glides stably.
 
-    The step is shortened as a whole: the errors are known much better together than one by one, and shortening only
-    parts of the step would lead away from the combinations that the dives determine.
+    The step is shortened as a whole. Combinations of the errors are known much better than single errors, and to
+    shorten only parts of the step would lead away from the combinations that the dives determine.
 
     Parameters
     ----------
     base : Platform
-        The hull from which ``eta`` is counted.
+        Hull relative to which ``eta`` is defined.
     parameters : sequence of HullParameter
-        Errors looked for.
+        Parameters with the errors to estimate.
     eta, wanted : (p,), (p,)
         Errors with which the dives were smoothed, and the mean of their sum, in plausible deviations.
 
     Returns
     -------
     (p,) array
-        The next ``eta``; the one given where no part of the step leads to a stable glide.
+        The next ``eta``; the one given if no fraction tried of the step leads to a stable glide.
     """
     step = wanted - eta
     step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), _LONGEST_STEP))

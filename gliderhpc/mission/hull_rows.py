@@ -12,9 +12,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BAND, _SHALLOW_BAND = (150.0, 500.0), (0.3, 0.95)
-"""Depths (m) of the steady glide that counts; for a shallower profile, as fractions of its depth."""
+"""Range of depths (m) of the steady glide used; for a shallower profile, as fractions of its depth."""
 _SETTLING = 60.0
-"""Seconds from the start that are excluded."""
+"""Time (s) from the start that is excluded."""
 _MIN_RECORDS = 30
 _MIDDLE = 0.1
 """Fraction of the records on either side of a median over which its sensitivity is averaged."""
@@ -22,7 +22,7 @@ _VELOCITY = slice(6, 9)
 
 
 def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPart, every: int) -> dict[str, Array]:
-    """Return a profile's row of group ``hull``, missing for the parameters that do not act.
+    """Return a profile's row of group ``hull``, with missing values for parameters without effect.
 
     `every` is the number of steps from record to record.
     """
@@ -70,14 +70,14 @@ def steady_phases(estimate: ProfileEstimate, every: int) -> tuple[Mask, Mask]:
 
 
 def _band(deepest: float) -> tuple[float, float]:
-    """Depths of the steady glide that counts in a profile of a depth, m."""
+    """Range of depths (m) of the steady glide used, for a profile's largest depth (m)."""
     if deepest >= _BAND[1]:
         return _BAND
     return min(_BAND[0], _SHALLOW_BAND[0] * deepest), _SHALLOW_BAND[1] * deepest
 
 
 def median_sensitivities(values: Array, sensitivity: Array, counted: Mask) -> Array:
-    """Derivatives ``(6, p)`` of the medians of the disturbances ``(k, 6)`` over the records that count.
+    """Derivatives ``(6, p)`` of the medians of the disturbances ``(k, 6)`` over the records `counted`.
 
     Each is the mean of the derivatives ``(k, 6, p)`` at the records next to the median in rank.
     """
@@ -91,7 +91,7 @@ def median_sensitivities(values: Array, sensitivity: Array, counted: Mask) -> Ar
 
 
 def speed_sensitivity(states: Array, sensitivity: Array, counted: Mask) -> Array:
-    """Derivatives ``(p,)`` of the mean speed through the water over the records that count, m/s."""
+    """Derivatives ``(p,)`` of the mean speed through the water over the records `counted`, m/s."""
     if counted.sum() < _MIN_RECORDS:
         return np.full(sensitivity.shape[2], np.nan)
     velocity = states[counted, _VELOCITY]

@@ -46,11 +46,11 @@ class BatchJob:
     profiles : tuple of (int, int)
         Each profile's number and its position along the archive's profile dimension.
     observations, store : str
-        Paths.
+        Paths of the file and of the archive.
     survey : Survey
-        The file's survey, restricted to these profiles.
+        Survey of the file, restricted to these profiles.
     platform, settings : Platform, MissionSettings
-        The hull and the run's settings.
+        Hull and settings of the run.
     mission_start : numpy.datetime64
         Origin of `elapsed_days`.
     token : str, optional
@@ -205,7 +205,7 @@ def is_made_from(place: Place, observations: Observations, profiles: Mapping[int
     observations : Observations
         The open file. An identical file is accepted at once; for any other the record of each profile is compared.
     profiles : mapping of int to int
-        By number, the positions of the profiles.
+        Positions of the profiles by number.
     """
     if read_attributes(place).get("observations_digest") == observations.digest():
         return True
@@ -291,8 +291,8 @@ def profile_results(
 
     Each result is yielded once, as soon as its profile is committed.
 
-    When a worker dies, the jobs queued on it fail too, even if another job killed it. So after a worker's death each
-    profile runs alone.
+    When a worker dies, the jobs queued on it fail too, even if another job killed it. After a worker's death each
+    profile therefore runs alone.
     """
     size = batch_size(work.settings, len(profiles), opened.workers)
     shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]

@@ -65,7 +65,7 @@ def precompile(folder: Path, signatures: Signatures, levels: Sequence[str] = tup
 
 
 def _compile_apart(level: str, folder: Path, signatures: Signatures) -> None:
-    """Compile for a level in a process of its own, which stores nothing else."""
+    """Compile for a level in a separate process, which stores nothing else."""
     folder.mkdir(exist_ok=True)
     for old in folder.iterdir():
         old.unlink()

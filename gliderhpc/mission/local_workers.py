@@ -38,7 +38,7 @@ _GRACE_PERIOD = 1.0
 _CONTEXT = multiprocessing.get_context("spawn")
 
 _WARNINGS_FILTER = "ignore:resource_tracker:UserWarning"
-"""Silences the warning that killed workers have leaked their libraries' locks, which Python's tracker then removes."""
+"""Filter of the warning that killed workers have leaked their libraries' locks, which Python's tracker then removes."""
 
 
 class Kind(Enum):
@@ -82,12 +82,12 @@ class LocalWorkers:
         jobs : sequence
             Arguments of the function.
         in_parts : bool
-            Send every part as it is complete; those of a job whose worker died are sent again.
+            Whether every part is sent when it is complete; the parts of a job whose worker died are sent again.
 
         Raises
         ------
         RunStoppedError
-            Processes end before they can take a job.
+            Processes repeatedly end before they can take a job.
         """
         waiting, deaths, remaining = deque(range(len(jobs))), Counter[int](), len(jobs)
         try:
@@ -182,7 +182,7 @@ class _Worker:
             log.debug("worker process %s is gone: %s", self.process_id, error)
 
     def receive(self) -> Message | None:
-        """Receive a message, None where the worker has died."""
+        """Receive a message; None if the worker has died."""
         try:
             content = self.pipe.recv_bytes()
         except (EOFError, OSError):
@@ -198,7 +198,7 @@ class _Worker:
         return place, kind, value
 
     def terminate(self) -> None:
-        """Terminate a worker in a job, so that it leaves no partial file; kill an idle one at once."""
+        """Terminate a worker in a job, which then leaves no partial file; kill an idle one at once."""
         if self.job is None:
             self._process.kill()
         else:
@@ -226,7 +226,7 @@ def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
     """Start processes with these variables and with Ctrl-C blocked, which only this process handles."""
     warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
     added = {name: value for name, value in environment.items() if name not in os.environ}
-    # Of one cache with this process, also where that is a temporary folder.
+    # The same cache as in this process, even if that is a temporary folder.
     cache = {VARIABLES[0]: str(compiled_cache().parent)}
     wanted = {**added, **cache, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
     before = {name: os.environ.get(name) for name in wanted}

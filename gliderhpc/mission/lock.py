@@ -1,9 +1,9 @@
-"""Lock on an archive, so that one run at a time writes to it; its holder refreshes it while it is alive.
+"""Lock on an archive, which lets only one run at a time write to it; its holder refreshes it while it is alive.
 
 The lock is ``ARCHIVE.zarr.lock``, created by one writer only: on a file system by exclusive creation, in an object
 store by a conditional put. A lock that has not been refreshed for a long time, or whose process on this machine has
-ended, is that of a killed run and is taken over. Workers check it before they write, so those of an abandoned run write
-nothing more.
+ended, belongs to a killed run and is taken over. Workers check the lock before they write, and workers of an abandoned
+run write nothing more.
 """
 
 import errno
@@ -36,7 +36,7 @@ STALE_AGE = 180.0
 SUFFIX = ".lock"
 
 _MAX_BYTES = 4096
-"""Bytes read from a lock."""
+"""Largest number of bytes read from a lock."""
 
 
 class LockPlace(Protocol):
@@ -46,7 +46,7 @@ class LockPlace(Protocol):
         """Create the lock; return False if it exists."""
 
     def read(self) -> bytes | None:
-        """Return the content of the lock, None where there is none."""
+        """Return the content of the lock, or None if there is none."""
 
     def refresh(self, content: bytes) -> None:
         """Record that the holder is alive."""
@@ -67,7 +67,7 @@ def lock_place_of(name: str) -> LockPlace:
 
 
 class FileLock:
-    """A lock on a file system; exclusive creation holds on NFS too."""
+    """A lock on a file system; exclusive creation works on NFS too."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -76,10 +76,10 @@ class FileLock:
         return str(self._path)
 
     def create(self, content: bytes) -> bool:
-        """Write under a temporary name and link, so that the lock is never seen without its content."""
+        """Write under a temporary name and link the file; the lock is thus never seen without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         aside = self._aside()
-        # Written inside, since a run may be interrupted at any moment and leaves nothing.
+        # Written inside the block: a run that is interrupted at any moment must leave no file.
         try:
             aside.write_bytes(content)
             os.link(aside, self._path)
@@ -90,7 +90,7 @@ class FileLock:
         return True
 
     def read(self) -> bytes | None:
-        """Return the first bytes of the file, more than any lock of ours has.
+        """Return the first bytes of the file, more than any lock of gliderhpc has.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class FileLock:
             aside.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
-        """Rename the file first, which succeeds for one of several; restore it if another run has taken it."""
+        """Rename the file first, which succeeds for one of several runs; restore it if another run has taken it."""
         aside = self._aside()
         try:
             self._path.rename(aside)
@@ -221,7 +221,7 @@ def locked(archive: Place) -> Iterator[str]:
     Raises
     ------
     InputError
-        Another run holds it.
+        Another run holds the lock, or it cannot be written.
     """
     place = lock_place_of(lock_name(archive))
     holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8))

@@ -17,9 +17,9 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 
 MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
-"""Profiles in a batch by engine: lanes run partly empty on the last few of a batch, so it should hold many."""
+"""Largest number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
 
-# Estimates of a dry run, as measured by `python -m benchmarks.planning`.
+# Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
     ("lanes", "recommended"): 6.2e-5,
     ("lanes", "paper"): 6.1e-5,
@@ -28,13 +28,13 @@ SECONDS_PER_STEP = {
     ("scipy", "recommended"): 8.7e-5,
     ("scipy", "paper"): 8.8e-5,
 }
-"""Processor time of a step, smoother included (for engine fortran that of lanes, which is slightly longer).
+"""Processor time of a step (s), including the smoother (for engine fortran that of lanes, which is slightly longer).
 
-About twice as much in rough water, where the smoother needs more passes."""
+It is about twice as long in rough water, where the smoother needs more passes."""
 BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 700
-"""Memory of a filtered profile: record, mass properties, estimates, the path that its windows start from."""
+"""Memory of a filtered profile: record, mass properties, estimates, and path from which its windows start."""
 _SMOOTHER_BYTES_PER_STEP = 4500
 """Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""
 _BYTES_PER_SAMPLE = 300
@@ -88,7 +88,7 @@ class MissionPlan:
         Raises
         ------
         InputError
-            They do; the message names the number of workers that fit.
+            They need more; the message gives the number of workers that fit.
         """
         limit, needed = memory_limit(), self._total_memory(settings, workers)
         if needed <= limit:
@@ -108,7 +108,7 @@ class MissionPlan:
 
     def _memory(self, settings: MissionSettings, workers: int) -> float:
         """Return the peak memory of one worker, bytes."""
-        # When the first profile in the lanes ends, the next profiles are filtered all at once.
+        # When the first profile in the lanes ends, the next profiles are all filtered at once.
         ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
         steps = self.longest * (ready * _READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
         return _BASE_MEMORY + steps + self.max_samples * _BYTES_PER_SAMPLE
@@ -125,7 +125,7 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
     Raises
     ------
     InputError
-        The text is malformed, or names a profile that the file does not hold.
+        The text is malformed, or names a profile that is not in the file.
     """
     if text is None:
         return tuple(sorted(available))
@@ -145,7 +145,7 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
 def plan_mission(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> MissionPlan:
     """Size the archive for the chosen profiles from their durations.
 
-    Faulty profiles are not counted: a wrong time can make one arbitrarily long.
+    Faulty profiles are left out, since a wrong time can make one arbitrarily long.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def _check_longest(
 
 
 def _check_margin(observations: Observations, settings: MissionSettings, profiles: Sequence[int]) -> None:
-    """Check that the margin is shorter than the window, which depends on the sensors where it is not set."""
+    """Check that the margin is shorter than the window, which depends on the sensors if it is not set."""
     intervals = [observations.duration(n) / max(observations.sample_count(n) - 1, 1) for n in profiles]
     length = settings.window_length(min(intervals))
     if settings.window.margin is not None and settings.window.margin >= length:
@@ -211,7 +211,7 @@ _OWN_GROUPS = Path("/proc/self/cgroup")
 
 
 def memory_limit() -> float:
-    """Return the memory (bytes) available to all processes of a run on this machine; infinite where unknown.
+    """Return the memory (bytes) available to all processes of a run on this machine; infinite if unknown.
 
     It is the least of the physical memory, the limits of the control groups and the limit of the address space.
     """

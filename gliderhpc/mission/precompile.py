@@ -11,7 +11,7 @@ from gliderhpc.mission.kernel_levels import precompile, used_signatures
 from gliderhpc.mission.warm import warm_kernels, warm_simulator
 
 WHEEL_LEVELS = ("x86-64-v4", "x86-64-v3")
-"""Levels in a wheel: processors with AVX-512, and those with AVX2, which are all since about 2015."""
+"""Levels in a wheel: processors with AVX-512, and processors with AVX2, that is, all since about 2015."""
 
 
 def main(folder: str, *levels: str) -> int:

@@ -128,7 +128,7 @@ def _states(states: Array) -> Row:
 
 
 def _smoothed_records(clock: Array, smoothed: SmoothedEstimate) -> Row:
-    """Return the profile's row of group ``smoothed``; the step after the last record is missing if the profile ends."""
+    """Return the profile's row of group ``smoothed``; the last record has no disturbance if no step follows it."""
     return {
         "time": clock,
         **_channels(smoothed.disturbances),
@@ -158,7 +158,7 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
 def _usable_smoothed_current(
     record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors, *, with_hull: bool
 ) -> DepthAveragedCurrent | None:
-    """Return the smoother's current, None where its outcome is not usable or a fix is missing."""
+    """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
     smoothed = estimate.smoothed
     if smoothed is None or not smoothed.outcome.usable:
         return None
@@ -171,7 +171,7 @@ def _usable_smoothed_current(
 def _filter_current(
     record: ProfileRecord, estimate: ProfileEstimate, cycles: NDArray[np.int64], errors: CurrentErrors
 ) -> DepthAveragedCurrent | None:
-    """Return the current by the filter's motion."""
+    """Return the current from the filter's motion."""
     motion = model_motion(estimate.filtered.states, estimate.vibrating, estimate.series.step)
     return depth_averaged_current(record, estimate.series, motion, cycles, errors)
 
@@ -207,7 +207,7 @@ def observed_row(series: ProfileSeries, every: int) -> Row:
 
 
 def _seawater(water: Array, every: int) -> Row:
-    """Return seawater on the records, like the controls that of the step that begins there."""
+    """Return seawater at the records; as for the controls, it is that of the step that begins there."""
     on_records = np.vstack([water, water[-1:]])[::every]
     return dict(zip(SEAWATER, on_records[:, [DENSITY, TEMPERATURE, PRESSURE]].T, strict=True))
 

@@ -38,7 +38,7 @@ KINDS = {
 
 
 def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> str | None:
-    """Describe the first input of a profile that differs from the wanted one, None where all are the same."""
+    """Describe the first input of a profile that differs from the wanted one, or return None if all are the same."""
     return next((text for kind, text in KINDS.items() if found.get(kind) != wanted[kind]), None)
 
 
@@ -52,9 +52,9 @@ class Validity:
     Attributes
     ----------
     valid : mapping of int to Row
-        By position, the table row of every profile that is still valid.
+        Table row of every profile that is still valid, by position.
     outstanding : mapping of int to str
-        By position, the reason why a profile must be computed.
+        Reason why a profile must be computed, by position.
     damages : tuple of str
         Damaged chunks, one line each.
     """
@@ -64,7 +64,7 @@ class Validity:
     damages: tuple[str, ...] = ()
 
     def describe(self) -> str:
-        """Describe for the log how many profiles are valid, and how many must be computed for which reason."""
+        """Describe for the log the numbers of valid profiles and of those to be computed, by reason."""
         counts = Counter(self.outstanding.values())
         reasons = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
         rest = f"to be computed: {reasons}" if reasons else "nothing to compute"
@@ -74,7 +74,7 @@ class Validity:
 def check_profiles(
     place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
 ) -> Validity:
-    """Determine the valid profiles: done, from these inputs, and with every chunk as it was written.
+    """Determine the valid profiles: those that are done, have these inputs, and have undamaged chunks.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def check_profiles(
     numbers : sequence of int
         Numbers of its profiles.
     inputs : mapping of int to mapping of str to str
-        By position, the digests of each profile's inputs; profiles without an entry are not valid.
+        Digests of each profile's inputs, by position; profiles without an entry are not valid.
     check_last : int, optional
         Number of profiles at the end whose chunks are checked; by default all, which takes longer.
     """
@@ -106,7 +106,7 @@ def check_profiles(
 
 
 def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
-    """Describe why a profile is not valid, None where it is; damaged chunks are not considered."""
+    """Describe why a profile is not valid, or return None if it is; damaged chunks are not considered."""
     if commit is None or inputs is None:
         return MISSING
     if isinstance(commit, str):
@@ -128,25 +128,25 @@ def examine_archive(
     Parameters
     ----------
     work : MissionWork
-        Inputs, and the archive.
+        Inputs and archive of the run.
     plan : MissionPlan
         Profiles and sizes of the run.
     append : bool
         Whether the archive may grow.
     check_last : int, optional
-        As for `check_profiles`.
+        Number of profiles at the end whose chunks are checked (`check_profiles`).
 
     Returns
     -------
     numbers : list of int
-        Numbers of the profiles that the archive is to hold.
+        Numbers of the profiles in the archive, including new ones.
     validity : Validity
         Valid profiles, and those that must be computed.
 
     Raises
     ------
     InputError
-        There is no archive, or one that this run cannot continue.
+        There is no archive, or this run cannot continue it.
     """
     store = work.store
     for name in mend_metadata(store):
@@ -176,7 +176,7 @@ def prepare_archive(
     Parameters
     ----------
     work, plan, append
-        As for :func:`examine_archive`.
+        Arguments of :func:`examine_archive`.
     attributes : dict
         Root attributes of the archive, which replace the present ones.
     validity : Validity

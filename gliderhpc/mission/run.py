@@ -98,8 +98,8 @@ def run_mission(
     executor : callable
         Opens the executor of the jobs; called only when there is something to compute.
     overwrite, resume, append : bool
-        Replace an archive; finish one, recomputing damaged profiles and those of other inputs; the same, adding
-        profiles that are new in the observation file.
+        Whether to replace an archive; to finish one and recompute damaged profiles and those of other inputs; to finish
+        one and add profiles that are new in the observation file.
     check_last : int, optional
         Number of profiles at the end of the archive that are checked for damage before it grows; by default all.
     report : callable
@@ -108,9 +108,9 @@ def run_mission(
     Raises
     ------
     InputError
-        An archive exists and none of these is set, or another run is writing it, or it was made for other profiles or
-        by another schema; or buoyancy by density is set for a hull without compressibility; or the engine cannot run
-        here.
+        An archive exists and none of these options is set, or another run is writing it, or it was made for other
+        profiles or by another schema; or buoyancy by density is set for a hull without compressibility; or the engine
+        cannot run on this machine.
     RunStoppedError
         No worker is left; the results so far are saved.
     OSError
@@ -160,7 +160,7 @@ def _log_unused_seawater(observations: Observations, platform: Platform, setting
 
 
 def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
-    """Warn of profiles whose buoyancy follows the depth slope although the hull is calibrated for density."""
+    """Warn of profiles whose buoyancy uses the depth slope although the hull is calibrated for density."""
     if platform.buoyancy.compressibility is None:
         return
     slope = BUOYANCY.meanings["depth_slope"]
@@ -176,7 +176,7 @@ def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
 
 
 def archive_attributes(observations: Observations, platform: Platform, settings: MissionSettings) -> dict[str, Any]:
-    """Return the root attributes: inputs, settings and versions, so that the run can be reproduced."""
+    """Return the root attributes: inputs, settings and versions, with which the run can be reproduced."""
     return {
         "title": "Forces, moments and currents from an underwater glider's routine records",
         "mission": observations.mission,
@@ -222,7 +222,7 @@ def _execute(
 def _resumed(
     work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Prepare an existing archive, which is kept however the run ends."""
+    """Prepare an existing archive, which remains in place however the run ends."""
     prepare_archive(work, attributes, plan, validity, append)
     yield lambda: None
 
@@ -268,15 +268,15 @@ def invert_profile(
     Returns
     -------
     xarray.DataTree
-        The archive of a run on this profile alone, in memory, without the group of its commit markers: rows are as long
-        as this profile.
+        Archive of a run on this profile alone, in memory, without the group of its commit markers; rows are as long as
+        this profile.
 
     Raises
     ------
     ProfileError
         The profile cannot be estimated.
     InputError
-        As `run_mission`.
+        Same reasons as in `run_mission`.
     """
     check_engine(settings)
     check_seawater(platform, settings)
@@ -338,13 +338,13 @@ def closing_line(result: MissionResult, store: str) -> str:
 
 
 def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:
-    """Collect the columns ``dac_*`` of rows; NaN where a row lacks one."""
+    """Collect the columns ``dac_*`` of rows; NaN where a row has no such value."""
     names = dict.fromkeys(name for row in rows for name in row if name.startswith("dac_"))
     return {name: [row.get(name, np.nan) for row in rows] for name in names}
 
 
 def _current(row: Row) -> tuple[str, str]:
-    """Format north and east of the adopted current, marked where it is not the smoother's."""
+    """Format north and east of the adopted current, with a mark if it is not the smoother's."""
     current = adopted_current(row)
     if not current.known:
         return "-", "-"

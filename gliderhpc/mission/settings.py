@@ -55,7 +55,7 @@ def build_settings_of(
     Parameters
     ----------
     model : type
-        The settings model.
+        Settings model.
     base : mapping
         Values by field.
     assignments : mapping of str to str
@@ -85,19 +85,19 @@ def build_settings_of(
 
 
 def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -> SettingsModel:
-    """Settings of a kind from values by name, those of a section in a mapping or by dotted names.
+    """Build settings of a model from values by name; those of a section are in a mapping or have dotted names.
 
     Parameters
     ----------
     model : type
-        The kind.
+        Settings model.
     *layers : mapping
-        Values; those of later ones replace those of earlier ones.
+        Values; those of later layers replace those of earlier ones.
 
     Raises
     ------
     InputError
-        An unknown name (the known ones are listed) or a value out of range.
+        A name is unknown (the known ones are listed) or a value is out of range.
     """
     nested: dict[str, Any] = {}
     for values in layers:

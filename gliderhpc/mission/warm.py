@@ -1,6 +1,6 @@
 """Compilation of the kernels before workers start.
 
-Compiling takes about half a minute of processor time, once for each version and machine. Where there is a second core,
+Compiling takes about half a minute of processor time, once for each version and machine. If there is a second core,
 another process compiles the smoother's kernels at the same time; both store them in the same cache.
 
     python -m gliderhpc.mission.warm PART ...
@@ -42,7 +42,7 @@ def warm_kernels(engine: str = "lanes") -> None:
     Raises
     ------
     InputError
-        The engine cannot run here.
+        The engine cannot run on this machine.
     """
     record, settings = _brief_record(), _brief_settings(engine)
     if not is_compiled():
@@ -53,7 +53,7 @@ def warm_kernels(engine: str = "lanes") -> None:
 
 
 def warm_smoother() -> None:
-    """Compile the smoother's kernels by smoothing that record about a made-up path, without the filter."""
+    """Compile the smoother's kernels by smoothing a record of four seconds about an artificial path."""
     record = _brief_record()
     smooth_profile(record, _made_up(record), _brief_settings("lanes"))
 
@@ -78,7 +78,7 @@ def compiled_aside(part: str) -> Iterator[None]:
     if is_compiled() or default_workers() < 2 or not sys.executable:
         yield
         return
-    # -P: not what happens to lie in the working folder.
+    # -P excludes modules in the working folder.
     command = [sys.executable, "-P", "-m", "gliderhpc.mission.warm", part]
     environment, nowhere = {**os.environ, VARIABLES[0]: str(compiled_cache().parent)}, subprocess.DEVNULL
     process = subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)
@@ -139,7 +139,7 @@ def _made_up(record: PreparedProfile) -> FilterEstimate:
 
 
 PARTS = {"simulator": warm_simulator, "kernels": warm_kernels, "smoother": warm_smoother}
-"""What this module compiles as a program."""
+"""Parts that this module can compile when run as a program."""
 
 if __name__ == "__main__":
     for _part in sys.argv[1:]:

@@ -1,4 +1,4 @@
-"""A hull's trim, drag and lateral terms from its own steady glides, and which of them these determine."""
+"""Calibration of a hull's trim, drag and lateral terms, as far as its own steady glides determine them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ MIN_PROFILES = 3
 LEVEL = 0.95
 
 EXPLORED = 200
-"""Segments, spread over all, on which the starting point is looked for."""
+"""Largest number of segments, spread over all, that are used to find the starting point."""
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
@@ -62,7 +62,7 @@ class CalibrationSettings(Settings):
 
 
 class CalibrateSettings(EstimationSettings):
-    """Settings of the records' preparation, of what is steady, of the fit and of the rounds over the dives."""
+    """Settings of the records' preparation, steady flight, the fit, the rounds over the dives and the turn test."""
 
     steady: SegmentSettings = SegmentSettings()
     calibration: CalibrationSettings = CalibrationSettings()
@@ -72,25 +72,25 @@ class CalibrateSettings(EstimationSettings):
 
 @dataclass(frozen=True, eq=False)
 class CalibratedParameter:
-    """One parameter before and after.
+    """One parameter before and after the calibration.
 
     Attributes
     ----------
     parameter : HullParameter
-        Which.
+        The parameter.
     before, after : float
-        In the platform file's unit.
+        Values in the unit of the platform file.
     steps : float
-        The change in plausible deviations.
+        Change in plausible deviations.
     interval : (float, float)
         95 % interval; NaN where held.
     scatter_share : float
-        Part of the interval's variance that is scatter between profiles; the rest is what the held parameters and the
-        rounding of attitude may be off.
+        Fraction of the interval's variance due to scatter between profiles; the rest is due to errors of the held
+        parameters and to the rounding of the attitude.
     verdict : CalibrationVerdict
         Outcome.
     alike : tuple of str
-        For one that is not determined: what else the weak direction moves, by key.
+        Keys of the other parameters in the weak direction, for a parameter that is not determined.
     """
 
     parameter: HullParameter
@@ -105,22 +105,22 @@ class CalibratedParameter:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A hull calibrated.
+    """A calibrated hull.
 
     Attributes
     ----------
     platform : Platform
-        The hull with the estimates in place, and with their errors.
+        The hull with the estimates and their errors.
     parameters : tuple of CalibratedParameter
-        All that were looked at.
+        All parameters considered.
     directions : tuple of Direction
-        Of those estimated, in their plausible deviations, the best determined first.
+        Directions of the estimated parameters, in plausible deviations, the best determined first.
     scales : (4,)
-        Size of the errors that counts as one, SI, correlation within a leg included.
+        Scales of the errors, SI, correlation within a leg included.
     fitted, held_out : Score
-        On the profiles used, and on those held out (without segments where none were).
+        Scores on the profiles used and on those held out (without segments if there were none).
     reference_time : numpy.datetime64
-        To which the neutral volume belongs where it has a trend.
+        Time to which the neutral volume belongs if it has a trend.
     """
 
     platform: Platform
@@ -136,32 +136,34 @@ def calibrate(
     platform: Platform, segments: SteadySegments, held_out: SteadySegments, settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
 ) -> Calibration:  # fmt: skip
-    """Fit a hull's numbers to the balance of its steady glides.
+    """Fit a hull's parameters to the balance of its steady glides.
 
-    Nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of `steady_balance`, each over
-    its own scale. First everything is free, with its plausible deviation as a prior, from several starting points;
-    then, from the weakest singular direction on, the parameter that leads a direction which the glides do not determine
-    is held, at the platform's value unless the glides refute that, until every direction is determined; what is left
-    is fitted without the prior. What runs to its bound is held there. A hull without stable glides is fitted again with
-    the lateral terms held. The result is compared with the start, on the profiles fitted and on those held out.
+    The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
+    `steady_balance`, each divided by its own scale. At first all parameters are free, with their plausible deviations
+    as a prior, and the fit starts from several points. Then the glides are checked for directions that they do not
+    determine, the weakest singular direction first. The largest parameter of such a direction is held at the platform's
+    value, or at the most probable one if the glides refute the platform's. When every direction is determined, the
+    remaining parameters are fitted without the prior. A parameter that runs to its bound is held there. A hull without
+    stable glides is fitted again with the lateral terms held. The result is compared with the start, on the profiles
+    fitted and on those held out.
 
     Parameters
     ----------
     platform : Platform
         The hull to start from.
     segments, held_out : SteadySegments
-        To fit, and to score; the latter may be empty.
+        Segments to fit and segments to score; the latter may be empty.
     settings : CalibrationSettings
-        How.
+        Settings of the calibration.
     report : callable
-        Called with a line on every step.
+        Called with a line of text at every step.
 
     Raises
     ------
     InputError
         Fewer profiles than `MIN_PROFILES`, or an unknown parameter to hold.
     CalibrationError
-        The best hull found does not glide stably, or is worse than the one it started from.
+        The best hull found has no stable glide, or is worse than the hull at the start.
     """
     check_profiles(segments)
     candidates = steady_parameters(platform, segments)
@@ -193,7 +195,7 @@ def calibrate(
 
 
 def explored(errors: SegmentErrors) -> SegmentErrors:
-    """Errors of a part of the segments, spread over all, on which a starting point is looked for."""
+    """Errors over a subset of the segments, spread over all, for the search of a starting point."""
     every = -(-len(errors.segments) // EXPLORED)
     part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
     return SegmentErrors(errors.platform, errors.parameters, part, errors.reference)
@@ -202,7 +204,7 @@ def explored(errors: SegmentErrors) -> SegmentErrors:
 def _searched(
     errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
 ) -> CalibrationSearch:
-    """Fit from the best starting point, which is looked for on a part of the segments."""
+    """Fit from the best starting point, which is found on a subset of the segments."""
     start = best_start(explored(errors), free, report)
     search = CalibrationSearch(errors, free, settings.undetermined, report)
     search.run(start)
@@ -210,7 +212,7 @@ def _searched(
 
 
 def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
-    """Return whether the hull that a search has come to has a stable dive and climb."""
+    """Return whether the hull at the end of a search has a stable dive and climb."""
     return glides_stably(Glider(errors.hull(search.steps)))
 
 
@@ -231,12 +233,12 @@ def check_profiles(segments: SteadySegments) -> None:
 
 
 def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[str]:
-    """Return the keys of parameters given by key or by its end, such as ``K_L``.
+    """Return the keys of parameters given by key or by the part after its section, such as ``K_L``.
 
     Raises
     ------
     InputError
-        No parameter is called so.
+        No parameter has the name.
     """
     keys = []
     for name in names:
@@ -258,7 +260,7 @@ def _check_it_glides(hull: Platform) -> None:
 
 
 def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
-    """Refuse a fit whose cost rose, or one that leaves clearly larger errors than the platform as it was."""
+    """Refuse a fit whose cost rose, or whose errors are clearly larger than those of the original platform."""
     before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
     if after > _ROSE_COST * before + 1.0:
         raise CalibrationError(
@@ -271,7 +273,7 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
 def _reasons(
     search: CalibrationSearch, free: Mask, wanted: Mask
 ) -> dict[int, tuple[CalibrationVerdict, tuple[int, ...]]]:
-    """Reason why each parameter was held, and the others that move along its direction."""
+    """Reason why each held parameter was held, and the other parameters in its direction."""
     reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]] = {
         int(i): (CalibrationVerdict.ASKED, ()) for i in np.flatnonzero(~free)
     }
@@ -283,7 +285,7 @@ def _judged(
     errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
     reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]],
 ) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
-    """Every parameter with its interval or why it has none, and the directions of those estimated."""
+    """Return all parameters with their intervals or the reasons for holding them, and the estimated directions."""
     jacobian = search.weighted()[0][:, search.free]
     scatter = np.full(len(search.free), np.nan)
     scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
@@ -305,8 +307,8 @@ def _judged(
 def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
     """Covariance (p, p) of all parameters, in plausible deviations.
 
-    Held parameters may be off by their plausible deviations, and move the free ones; the free ones also scatter from
-    profile to profile and follow the rounding of the attitude.
+    Held parameters may be wrong by their plausible deviations, which moves the free ones. The free ones also scatter
+    from profile to profile and depend on the rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
     jacobian, _ = search.weighted()
@@ -329,7 +331,7 @@ def _few_profiles(errors: SegmentErrors) -> float:
 
 
 def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
-    """Errors of what a platform file holds, in its units."""
+    """Deviations, in the units of a platform file, and correlations of the parameters that the file contains."""
     listed = [i for i, parameter in enumerate(errors.parameters) if parameter is not TREND]
     deviation = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(deviation, deviation)

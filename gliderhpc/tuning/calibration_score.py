@@ -1,4 +1,4 @@
-"""Errors of the steady balance before and after a calibration, and whether they are better."""
+"""Errors of the steady balance before and after a calibration, and a check that they have not grown."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 Array = NDArray[np.float64]
 
 ROSE = 0.5 * np.array(FIRST_SCALES)
-"""Errors (m/s, rad, rad, rad/s) that a calibration may add to the root mean square at most, in the square sum."""
+"""Largest errors (m/s, rad, rad, rad/s) that a calibration may add in quadrature to the root mean square."""
 
 REMEDY = (
     "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
@@ -26,21 +26,21 @@ REMEDY = (
 
 
 CHANCE = 1.2
-"""Part of itself to which chance may raise an error: a few tens of independent segments determine it to a tenth."""
+"""Factor by which chance may raise an error: a few tens of independent segments determine it to about a tenth."""
 
 USUAL = 0.95
-"""Part of the errors by which a calibration is judged, the smallest. In a segment where a hull's yaw hardly balances, a
-small change of its coefficients turns it at any rate, and one such segment is not to decide."""
+"""Fraction of the errors, the smallest ones, by which a calibration is judged. In a segment where a hull's yaw hardly
+balances, a small change of its coefficients can predict any rate of turn, and one such segment must not decide."""
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Root mean square errors of the four quantities (`QUANTITIES`, SI) over some segments; NaN where nothing counts.
+    """Root mean square errors of the four quantities (`QUANTITIES`, SI) over some segments; NaN without segments.
 
     Attributes
     ----------
     all, usual : (4,)
-        Of all errors, and of the part `USUAL` of them.
+        Root mean square of all errors, and of the smallest ones, a fraction `USUAL` of them.
     """
 
     all: Array
@@ -68,11 +68,11 @@ class Score:
 
 
 NO_ERRORS = Errors(np.full(4, math.nan), np.full(4, math.nan))
-"""Of no segments."""
+"""Errors in the absence of segments."""
 
 
 def score(errors: SegmentErrors, steps: Array) -> Score:
-    """Errors that count of the platform as it was and of the hull of some steps (p,)."""
+    """Compute the errors of the original platform and of the hull at some steps (p,)."""
     numbers = tuple(np.unique(errors.segments.profile).tolist())
     return Score(numbers, len(errors.segments), _errors(errors, np.zeros(len(steps))), _errors(errors, steps))
 
@@ -97,19 +97,19 @@ def _root_mean_square(values: Array) -> float:
 
 
 def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIES)) -> None:
-    """Refuse a hull whose steady glides are clearly worse than those of the platform that it was made from.
+    """Refuse a hull whose errors in steady glides are clearly larger than those of the original platform.
 
     Parameters
     ----------
     fitted, held_out : Score
         Errors on the profiles fitted and on those held out.
     quantities : int
-        How many of `QUANTITIES`, from the first on, are judged.
+        Number of `QUANTITIES` to judge, from the first on.
 
     Raises
     ------
     CalibrationError
-        A usual error has grown by more than chance, on the profiles fitted or on those held out.
+        An error (`Errors.usual`) has grown by more than chance, on the profiles fitted or on those held out.
     """
     for name, each in (("fitted", fitted), ("held out", held_out)):
         before, after = each.errors_before.usual, each.errors_after.usual

@@ -1,4 +1,4 @@
-"""The fit of a hull's numbers, and the search for those that the glides do not determine."""
+"""The fit of a hull's parameters, and the search for those that the glides do not determine."""
 
 import math
 from collections.abc import Callable
@@ -19,27 +19,27 @@ FARTHEST = 4.0
 """Bound of every parameter, in its plausible deviations."""
 
 FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
-"""Errors that count as one before their own size is known: m/s, rad, rad, rad/s."""
+"""Initial scales of the errors: m/s, rad, rad, rad/s."""
 
 MIN_SCALES = (0.001, math.radians(0.03), math.radians(0.03), math.radians(0.003))
 """Resolution of the sensors over a segment; smaller scales are implausible."""
 
 FLATNESS = math.radians(0.02)
-"""Scale of the hull's flattest pitch (`SegmentErrors.flatness`) that counts as one error, rad."""
+"""Scale of the penalty on the hull's flattest pitch (`SegmentErrors.flatness`), rad."""
 
 RESCALINGS, START_RESCALINGS = 4, 2
-"""Fits in turn with the scales of the errors that the one before left; likewise from a starting point."""
+"""Numbers of fits, each with the scales that the previous one left: in a search, and from each starting point."""
 
 STARTS = 3
-"""Starting points: the platform's own hull, and hulls drawn about it within `FARTHEST_START` plausible deviations."""
+"""Starting points: the platform's own hull, and hulls drawn around it within `FARTHEST_START` plausible deviations."""
 
 FARTHEST_START = 2.0
 
 REFUTED = 3.0
-"""Standard errors off the most probable value from which on the glides refute the platform's value."""
+"""Distance from the most probable value, in standard errors, beyond which the platform's value is refuted."""
 
 ROUGH, USUAL, FINE = 1e-4, 1e-6, 1e-8
-"""Relative change of the cost at which a fit ends: of a starting point, on the way, and where its answer is taken."""
+"""Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
 
 _MAD = 1.4826
 _LARGE = 3.0
@@ -50,7 +50,7 @@ _SEED = 0
 
 
 class CalibrationVerdict(Enum):
-    """Outcome of a parameter's fit: estimated, or why and at which value it was held."""
+    """Outcome of a parameter's fit: estimated, or the reason why it was held and the value at which it was held."""
 
     ESTIMATED = "estimated"
     ASKED = "held as asked"
@@ -62,16 +62,16 @@ class CalibrationVerdict(Enum):
 
 @dataclass(frozen=True)
 class Held:
-    """A parameter that was held on the way.
+    """A parameter that was held during the search.
 
     Attributes
     ----------
     index : int
-        Which.
+        Index of the parameter.
     verdict : CalibrationVerdict
-        Why, and at which value.
+        Reason, and value at which it was held.
     alike : tuple of int
-        What else moves by more than `_INVOLVED` along the direction that is not determined.
+        Other parameters that move by more than `_INVOLVED` along the undetermined direction.
     """
 
     index: int
@@ -80,18 +80,18 @@ class Held:
 
 
 class CalibrationSearch:
-    """Robust least squares over the free parameters, and which are free.
+    """Robust least squares over the free parameters, and the choice of the free ones.
 
     Attributes
     ----------
     steps : (p,)
-        The parameters, in plausible deviations from the platform's values.
+        Parameters, in plausible deviations from the platform's values.
     free : (p,) of bool
-        Which are looked for.
+        Mask of the free parameters.
     held : list of Held
-        What was held on the way, in that order.
+        Parameters held during the search, in that order.
     scales : (4,)
-        Size of an error that counts as one, SI.
+        Scales of the errors, SI.
     """
 
     def __init__(
@@ -104,15 +104,16 @@ class CalibrationSearch:
         self.held: list[Held] = []
 
     def run(self, steps: Array) -> None:
-        """Fit everything with its plausible deviation as a prior, hold what is not determined, fit the rest alone.
+        """Fit all parameters with a prior, hold the undetermined ones, and fit the rest without the prior.
 
-        Then hold, one by one, what ran to its bound, and what the profiles do not agree on to its plausible deviation.
-        The scales follow the errors that every fit leaves.
+        The prior is the plausible deviation of each parameter. Then parameters are held one by one if they ran to their
+        bound, or if they scatter between profiles by more than their plausible deviation. The scales are recomputed
+        from the residuals of each fit.
 
         Parameters
         ----------
         steps : (p,)
-            Where to start from; the answer of `best_start`.
+            Starting point, from `best_start`.
         """
         self.steps = np.where(self.free, steps, 0.0)
         self.fit_everything(RESCALINGS, USUAL)
@@ -124,34 +125,34 @@ class CalibrationSearch:
         self._fit(prior=0.0, tolerance=FINE)
 
     def fit_everything(self, times: int, tolerance: float) -> None:
-        """Fit all that is free with its plausible deviation as a prior, and set the scales by the errors, in turn."""
+        """Repeat the fit of the free parameters, with plausible deviations as a prior, and the update of the scales."""
         for _ in range(times):
             self._fit(prior=1.0, tolerance=tolerance)
             self._rescale()
 
     def misfit(self) -> float:
-        """Negative logarithm of the likelihood of errors of unknown sizes (Laplace's, robust), and of the prior."""
+        """Negative log-likelihood of errors of unknown scales (Laplace's, robust), plus that of the prior."""
         errors = np.abs(self._errors(self.steps))
         sizes = [(own.sum(), max(float(errors[own].mean()), least)) for own, least in self._kinds() if own.any()]
         prior = np.sum(np.sqrt(1.0 + self.steps**2) - 1.0)
         return float(sum(count * math.log(size) for count, size in sizes) + prior)
 
     def cost_of(self, steps: Array) -> float:
-        """Robust cost of some steps (p,), without a prior, by the scales as they are."""
+        """Robust cost of some steps (p,), without a prior, with the present scales."""
         normalised = self._errors(steps) / self._scale_of_each()
         return float(np.sum(np.sqrt(1.0 + normalised**2) - 1.0))
 
     def scatter(self) -> Array:
-        """Standard errors (p,) of what is free, in plausible deviations; NaN of what is held."""
+        """Standard errors (p,) of the free parameters, in plausible deviations; NaN for held ones."""
         errors = np.full(len(self.free), np.nan)
         errors[self.free] = np.sqrt(np.diag(self.scatter_covariance()))
         return errors
 
     def scatter_covariance(self) -> Array:
-        """Covariance (f, f) of what is free, by its scatter between profiles, in plausible deviations.
+        """Covariance (f, f) of the free parameters from their scatter between profiles, in plausible deviations.
 
-        That of the jackknife over profiles, which few profiles may make too small by chance, raised where the scales of
-        the errors determine more.
+        This is the jackknife covariance over profiles. With few profiles it may be too small by chance, and so it is
+        raised where the scales of the errors imply a larger variance.
         """
         jacobian, residuals = self.weighted()
         jacobian = jacobian[:, self.free]
@@ -162,13 +163,13 @@ class CalibrationSearch:
         return np.asarray(between * np.outer(raised, raised))
 
     def weighted(self) -> tuple[Array, Array]:
-        """Jacobian (m, p) by all parameters, and errors (m,), over their scales and with the loss's weights."""
+        """Jacobian (m, p) by all parameters, and errors (m,), divided by the scales and weighted by the robust loss."""
         weights = self._weights()
         jacobian = self._errors.jacobian(self.steps, range(len(self.steps)))
         return weights[:, None] * jacobian, weights * self._errors(self.steps)
 
     def weighted_offsets(self) -> Array:
-        """`SegmentErrors.offsets` (m, 4) over the scales and with the loss's weights."""
+        """`SegmentErrors.offsets` (m, 4), divided by the scales and weighted by the robust loss."""
         return np.asarray(self._weights()[:, None] * self._errors.offsets())
 
     def _weights(self) -> Array:
@@ -183,7 +184,7 @@ class CalibrationSearch:
             self._rescale()
 
     def _hold_the_undetermined(self) -> bool:
-        """Hold until every direction is determined; whether anything was held."""
+        """Hold parameters until every direction is determined, and return whether any was held."""
         before = len(self.held)
         while self.free.any():
             chosen = np.flatnonzero(self.free)
@@ -208,10 +209,10 @@ class CalibrationSearch:
         return Held(worst, CalibrationVerdict.UNDETERMINED) if scatter[worst] > 1.0 else None
 
     def _hold(self, held: Held) -> None:
-        """Hold a parameter: at its bound, or at the platform's value unless the glides refute that.
+        """Hold a parameter at its bound, or at the platform's value unless the glides refute that value.
 
-        Where they do, the platform's value is the worst one known, and what it adds to the errors would make them
-        determine less of all others.
+        If they do, the parameter is held at its most probable value. The platform's value would enlarge the errors, and
+        the glides would then determine less of all other parameters.
         """
         if held.verdict is CalibrationVerdict.UNDETERMINED:
             self._fit(prior=1.0)
@@ -276,23 +277,24 @@ class CalibrationSearch:
                 self.scales[kind] = correlated_scale(errors[own], self._errors.leg[own], least)
 
     def _kinds(self) -> list[tuple[Mask, float]]:
-        """Mask (m,) of the errors of each kind, with the smallest size that is plausible for them."""
+        """Mask (m,) of the errors of each kind, with their smallest plausible scale."""
         return [(self._errors.kind == kind, least) for kind, least in enumerate(MIN_SCALES)]
 
 
 def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None]) -> Array:
     """Steps (p,) of the best fit, with the plausible deviations as a prior, from several starting points.
 
-    The first one is the platform's hull. A platform that is far off may lie beyond a ridge from the hull flown.
+    The first one is the platform's hull. If the platform is far from the hull flown, a ridge of the cost may separate
+    the two.
 
     Parameters
     ----------
     errors : SegmentErrors
-        Of some segments, a few hundred at most: this only finds where to start.
+        Errors over some segments; a few hundred suffice to find a starting point.
     free : (p,) of bool
-        What is looked for.
+        Mask of the free parameters.
     report : callable
-        Called with a line on every start.
+        Called with a line of text for every start.
     """
     rng = np.random.default_rng(_SEED)
     found = []
@@ -307,12 +309,12 @@ def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None])
 
 
 def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> float:
-    """Scale by which errors (n,) count as independent ones of size one: their own, raised for what a leg has in common.
+    """Scale of errors (n,): their own robust deviation, raised for the correlation within a leg; at least `least`.
 
     Notes
     -----
-    The robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``, the factor by which the sum over a leg scatters
-    more than that of independent errors would.
+    The scale is the robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``. This factor is the scatter of sums
+    over a leg relative to that of independent errors.
     """
     deviation = max(_MAD * float(np.median(np.abs(errors))), least)
     clipped = np.clip(errors, -_LARGE * deviation, _LARGE * deviation)

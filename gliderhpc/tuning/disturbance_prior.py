@@ -1,4 +1,4 @@
-"""The disturbance prior that makes records likeliest, and which of its numbers they determine."""
+"""Maximum-likelihood disturbance prior of some records, as far as they determine its numbers."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,28 +19,28 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DEVIATION_LIMITS = (1e-4, 100.0)
-"""Deviations that are looked at, N and N m."""
+"""Limits of the deviations, N and N m."""
 
 TIME_LIMITS = (1.0, 1e6)
-"""Correlation times that are looked at, s."""
+"""Limits of the correlation times, s."""
 
 DIFFERENCE = 0.01
-"""Step of a logarithm for the differences."""
+"""Step of the logarithms for finite differences."""
 
 START_TIMES = (30.0, 300.0)
-"""Correlation times (s) of all channels that the search also starts from: there is more than one maximum."""
+"""Correlation times (s) of all channels for additional starts of the search: there is more than one maximum."""
 
 TOLERANCE = 0.2
-"""Gain of log-likelihood that is not worth another round."""
+"""Gain of log-likelihood below which the rounds end."""
 
 COARSE_TOLERANCE = 5.0
-"""Likewise while it is still open which start leads highest."""
+"""Likewise for the first, rough fits from all starts."""
 
 HELD_ERROR = 2.0
-"""Standard error that the logarithm of a held number counts with in the errors of the others: a factor of seven."""
+"""Standard error of the logarithm of a held number, assumed for the errors of the others: a factor of seven."""
 
 LIKELY_LOSS = 1.92
-"""Log-likelihood that a parameter's 95 % interval gives away (half of chi-squared's 3.84)."""
+"""Loss of log-likelihood at the ends of a parameter's 95 % interval (half of chi-squared's 3.84)."""
 
 _DIGITS = 4
 
@@ -72,25 +72,25 @@ class TuningVerdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class TunedPrior:
-    """A tuned prior, and the platform's.
+    """A tuned prior and the platform's prior.
 
     Attributes
     ----------
     before, after : DisturbancePrior
-        The platform's, and the tuned one.
+        The platform's prior and the tuned one.
     judgement_before, judgement_after : Judgement
-        The records' judgement on each.
+        Log-likelihood and innovations of the records under each prior.
     errors : (12,)
-        Standard errors of the natural logarithms of the deviations and the correlation times, what is held counted as
-        uncertain by `HELD_ERROR`; NaN of those held.
+        Standard errors of the natural logarithms of the deviations and the correlation times, with an uncertainty of
+        `HELD_ERROR` for held numbers; NaN for the held numbers themselves.
     verdicts : tuple of 12 TuningVerdict
-        In the same order.
+        Verdicts in the same order.
     settled : bool
         Whether the maximum was reached within the rounds allowed.
     whiteness_before, whiteness_after : dict of str to Whiteness
-        Of the accepted innovations, by sensor.
+        Whiteness of the accepted innovations, by sensor.
     interpolated : bool
-        Whether a record was fed interpolated: its innovations are correlated by construction.
+        Whether any record was interpolated for the filter, which correlates its innovations by construction.
     """
 
     before: DisturbancePrior
@@ -118,26 +118,26 @@ def tune_prior(
 ) -> TunedPrior:
     """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
 
-    Scoring on the logarithms, from each of the priors that the platform would be filtered with and from the platform's
-    deviations with correlation times of `START_TIMES`; the highest of the maxima found is taken. What the records do
-    not determine is then held at the platform's value, one number after the other from the least certain, and the
-    others are fitted again; where that costs more likelihood than a 95 % interval gives away the number stays.
+    The method is Fisher scoring on the logarithms. It starts from each prior that the filter would use for the
+    platform, and from the platform's deviations with the correlation times `START_TIMES`; the highest maximum is taken.
+    Numbers that the records do not determine are then held at the platform's value, one after another from the least
+    certain on, and the others are fitted again. A number stays free if holding it costs more than `LIKELY_LOSS`.
 
     Parameters
     ----------
     platform : Platform
         The hull.
     requests : sequence of PreparedProfile
-        The profiles, of that hull.
+        Profiles of that hull.
     settings : TuneSettings
-        How.
+        Settings of the filter and of the tuning.
     report : callable
         Called with the log-likelihood of every round.
 
     Raises
     ------
     ProfileError
-        When nothing of a profile could be fed.
+        No sample of a profile could be fed to the filter.
     """
     likelihood = PriorLikelihood(requests, settings, recovery=settings.tuning.recovery)
     before = default_prior(platform)
@@ -177,7 +177,7 @@ class _LogarithmicLikelihood:
 
 
 class _Search:
-    """The way to the maximum, and which numbers are still looked for."""
+    """Search for the maximum over the free numbers, and the choice of the free ones."""
 
     def __init__(
         self, likelihood: PriorLikelihood, platform: Array, settings: TuneSettings, report: Callable[[float], None]
@@ -192,13 +192,13 @@ class _Search:
         self._one_sided = np.zeros(len(platform), dtype=bool)
 
     def climb(self, starts: Sequence[Array]) -> None:
-        """Maximise over all numbers: from several starts roughly, from the highest of where they led to the end."""
+        """Maximise over all numbers: roughly from several starts, then accurately from the highest of the maxima."""
         maxima = [self._maximised(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
         highest = max(maxima, key=lambda maximum: maximum.expansion.value)
         self._maximum = self._maximised(highest.point, self.free)
 
     def hold_the_undetermined(self) -> None:
-        """Reset the numbers that the records do not determine to the platform's, and fit the rest again."""
+        """Reset the numbers that the records do not determine to the platform's values, and fit the others again."""
         while (weakest := self._weakest()) is not None:
             free = self.free.copy()
             free[weakest] = False
@@ -217,7 +217,7 @@ class _Search:
         return self._maximum.settled
 
     def errors(self) -> Array:
-        """Standard errors of the logarithms looked for, those held taken as known to `HELD_ERROR`; NaN of those."""
+        """Standard errors of the free logarithms, with held ones uncertain by `HELD_ERROR`; NaN for held ones."""
         everything = np.ones(len(self.free), dtype=bool)
         information = self._function.expanded(self.point, everything).information
         errors = _errors(information + np.diag(np.where(self.free, 0.0, HELD_ERROR**-2)))
@@ -238,7 +238,7 @@ class _Search:
         return weakest if errors[weakest] > self._worst_error else None
 
     def _followed(self, held: int, free: Mask) -> Array:
-        """Expected values of the others when a number is reset to the platform's."""
+        """Expected point of the maximum when one number is reset to the platform's value."""
         information = self._maximum.expansion.information
         among = np.flatnonzero(self.free) == held
         inner, outer = information[np.ix_(~among, ~among)], information[np.ix_(~among, among)][:, 0]
@@ -282,7 +282,7 @@ def _prior(logarithms: Array) -> DisturbancePrior:
 
 
 def _rounded(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
-    """Prior with the held numbers as they were and the others to four digits."""
+    """Prior with the held numbers unchanged and the others rounded to four digits."""
     values = [float(f"{value:.{_DIGITS}g}") for value in np.exp(logarithms)]
     fixed = [*held.deviation, *held.correlation_time]
     chosen = [value if moved else was for value, moved, was in zip(values, free, fixed, strict=True)]

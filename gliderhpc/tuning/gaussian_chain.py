@@ -1,8 +1,8 @@
 """Constant and slowly changing unknowns of a sequence of dives: a Kalman filter and smoother in information form.
 
-A dive enters by what it knows of the unknowns x, ``log p(dive | x) = c + h'x - x'Lx / 2``, which may be nothing in some
-directions. From dive to dive each unknown stays, walks, or decays. The chain holds some tens of unknowns, so that plain
-dense algebra serves.
+A dive enters through its log-likelihood of the unknowns x, ``log p(dive | x) = c + h'x - x'Lx / 2``, which may have no
+information in some directions. From dive to dive each unknown is constant, walks randomly, or decays. There are only a
+few tens of unknowns, and plain dense algebra suffices.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _UNINFORMATIVE = 1e-3
-"""Information about a direction below which a dive has nothing to disagree with there."""
+"""Information of a dive below which a direction is left out of its comparison with the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +25,11 @@ class Information:
     Attributes
     ----------
     vector : (p,)
-        h.
+        Vector h.
     matrix : (p, p)
-        L, symmetric and positive semi-definite.
+        Matrix L, symmetric and positive semi-definite.
     constant : float
-        c.
+        Constant c.
     """
 
     vector: Array
@@ -37,11 +37,11 @@ class Information:
     constant: float = 0.0
 
     def __add__(self, other: "Information") -> "Information":
-        """Return the information of both, which are independent."""
+        """Return the sum of two independent pieces of information."""
         return Information(self.vector + other.vector, self.matrix + other.matrix, self.constant + other.constant)
 
     def weighted(self, weight: float) -> "Information":
-        """Return the information of a part of the dive."""
+        """Return the information times a weight."""
         return Information(weight * self.vector, weight * self.matrix, weight * self.constant)
 
 
@@ -68,16 +68,16 @@ class Gaussian:
         return Gaussian(self.mean[:count], self.covariance[:count, :count])
 
     def updated(self, term: Information) -> tuple["Gaussian", float]:
-        """Return the distribution after a dive, and the log evidence of that dive before it.
+        """Return the posterior after a dive, and the log evidence of that dive with this distribution as the prior.
 
         Notes
         -----
-        With the Cholesky factor C of the covariance and ``S = 1 + C'LC``, the covariance after is ``C S^-1 C'``; a dive
-        that knows nothing in a direction does not hurt, nor one that knows a million times what was known before.
+        With the Cholesky factor C of the covariance and ``S = 1 + C'LC``, the posterior covariance is ``C S^-1 C'``.
+        This form is stable where a dive has no information, and where it has a million times that of the prior.
         """
         root = np.linalg.cholesky(self.covariance)
         inner = np.linalg.cholesky(np.eye(len(root)) + root.T @ term.matrix @ root)
-        # The general solver: on small matrices the triangular one waits for its threads.
+        # The general solver is faster: on small matrices the triangular one waits for its threads.
         half = np.linalg.solve(inner, root.T)
         covariance = half.T @ half
         missing = term.vector - term.matrix @ self.mean
@@ -92,18 +92,18 @@ class Gaussian:
         return Gaussian(self.mean + gain, covariance), evidence
 
     def without(self, term: Information) -> "Gaussian":
-        """Return the distribution that one dive less would have left: the inverse of `updated`."""
+        """Return the distribution without one of its dives: the inverse of `updated`."""
         covariance = np.linalg.solve(np.eye(len(self.mean)) - self.covariance @ term.matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.T)
         return Gaussian(self.mean - covariance @ (term.vector - term.matrix @ self.mean), covariance)
 
     def disagreement(self, term: Information) -> tuple[float, int]:
-        """Return the chi-square of a dive that is not in this distribution, and its degrees of freedom.
+        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom.
 
         Notes
         -----
-        The score ``h - L mean`` of the dive has the covariance ``L + LPL``; directions of which the dive knows nothing
-        are left out.
+        The score ``h - L mean`` of the dive has the covariance ``L + LPL``. Directions in which the dive has no
+        information are left out.
         """
         values, vectors = np.linalg.eigh(term.matrix)
         known = values > _UNINFORMATIVE
@@ -130,16 +130,16 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Unknowns at every dive.
+    """Distributions of the unknowns at every dive.
 
     Attributes
     ----------
     sequential, smoothed : tuple of Gaussian
-        By the dives up to each, and by all.
+        Distributions given the dives up to each one, and given all dives.
     log_evidence : float
-        Of all dives.
+        Log evidence of all dives.
     gains : tuple of (p, p)
-        Of the smoother, from every dive but the last to the next one.
+        Gains of the smoother, from every dive but the last to the next one.
     """
 
     sequential: tuple[Gaussian, ...]
@@ -148,7 +148,7 @@ class Chain:
     gains: tuple[Array, ...]
 
     def since_first(self) -> tuple[Array, Array]:
-        """Change (n, p) of the unknowns since the first dive by all dives, and its standard deviation (n, p).
+        """Change (n, p) of the unknowns since the first dive, given all dives, and its standard deviation (n, p).
 
         Notes
         -----
@@ -167,16 +167,16 @@ class Chain:
 
 
 def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information]) -> Chain:
-    """Filter and smooth (Rauch, Tung and Striebel 1965).
+    """Filter and smooth the unknowns over all dives (Rauch, Tung and Striebel 1965).
 
     Parameters
     ----------
     prior : Gaussian
-        Of the unknowns at the first dive.
+        Prior of the unknowns at the first dive.
     changes : sequence of Change
-        Before the second dive, the third ...
+        Changes before the second dive, the third ...
     terms : sequence of Information
-        Of the dives.
+        Information of the dives.
     """
     sequential, predicted, evidence, belief = [], [], 0.0, prior
     for number, term in enumerate(terms):

@@ -1,8 +1,9 @@
 """Change of one error of the hull during a mission: a step or a ramp from some dive on, with its probability.
 
-Each candidate adds one unknown, the size of the change, to a chain of dives in which that error stays as it is. A
-constant unknown enters a Kalman filter by the separate-bias form (Friedland 1969), here once for all candidates: what
-the size changes of the means goes along with the filter, and the dives' evidence is quadratic in the size.
+Each candidate adds one unknown, the size of the change, to a chain of dives in which that error is otherwise constant.
+A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1969), here in one pass for all
+candidates: the derivatives of the means by the size are propagated with the filter, and the log evidence of the dives
+is quadratic in the size.
 """
 
 from collections.abc import Sequence
@@ -16,10 +17,10 @@ from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, chan
 FORMS = ("step", "ramp")
 
 _UNCHANGED = 0.5
-"""Probability, before the mission, that nothing changes."""
+"""Prior probability that nothing changes."""
 _INTERVAL = (0.05, 0.5, 0.95)
 _MIN_DIVES = 4
-"""Fewer dives do not show a change from their scatter."""
+"""Smallest number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +30,14 @@ class HullChange:
     Attributes
     ----------
     probability : float
-        That it changed; one half before the mission.
+        Probability of a change; its prior is one half.
     total, total_std : float
-        Change from the first dive to the last if it changed, in plausible deviations.
+        Change from the first dive to the last, given that there is one, and its standard deviation, in plausible
+        deviations.
     onset : (int, int, int)
-        Positions of the first dive that is changed: lower end of the 90 % interval, median, upper end.
+        Positions of the first changed dive: lower end of the 90 % interval, median, upper end.
     step_probability : float
-        That it changed at once, if it changed.
+        Probability of a step, given a change.
     """
 
     probability: float
@@ -48,26 +50,26 @@ class HullChange:
 def find_change(
     dives: Sequence[DiveTerm], found: MissionHull, parameter: int, prior: HullPrior, size: float = 1.0
 ) -> HullChange | None:
-    """Find how probably one error changed, by how much and since when; None where fewer than four dives are known.
+    """Estimate the probability, size and onset of a change of one error; None with fewer than four dives.
 
     Parameters
     ----------
     dives : sequence of DiveTerm
-        In the order of time.
+        Dives in the order of time.
     found : MissionHull
-        Their sum, whose weights and inflation are taken.
+        Result of the sum over these dives, whose weights and inflation are used.
     parameter : int
-        Which error.
+        Index of the error.
     prior : HullPrior
-        Of the sum; this error does not walk here.
+        Prior of the sum; the random walk of this error is left out here.
     size : float
-        Standard deviation of the whole change before the mission, in plausible deviations.
+        Prior standard deviation of the whole change, in plausible deviations.
 
     Notes
     -----
-    Every dive but the first may be the onset, by a step or by a ramp that reaches its whole size at the last dive, all
-    with the same probability. With score g and information I of the size about zero, a candidate's evidence over that
-    of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``.
+    Every dive but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
+    dive; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
+    candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``.
     """
     if len(dives) < _MIN_DIVES:
         return None
@@ -90,7 +92,7 @@ def _shapes(dives: Sequence[DiveTerm], form: str) -> Array:
     changed = index >= index[1:, None]
     if form == "step":
         return changed.astype(np.float64)
-    # The ramp leaves zero at the dive before the onset.
+    # The ramp starts from zero at the dive before the onset.
     start = day[:-1, None]
     return np.asarray(np.where(changed, (day - start) / np.maximum(day[-1] - start, 1e-9), 0.0))
 
@@ -103,13 +105,13 @@ def size_likelihood(
     Parameters
     ----------
     prior : Gaussian
-        Of the unknowns at the first dive.
+        Prior of the unknowns at the first dive.
     changes : sequence of Change
-        Before the second dive, the third ...
+        Changes before the second dive, the third ...
     terms : sequence of Information
-        Of the dives.
+        Information of the dives.
     parameter : int
-        The unknown that changes.
+        Index of the unknown that changes.
     shapes : (m, n)
         Course of the change over the dives.
     """
@@ -120,7 +122,7 @@ def size_likelihood(
         if number:
             belief = changes[number - 1].applied(belief)
             sensitivity = changes[number - 1].decay[:, None] * sensitivity
-        # What a unit of the size changes of the unknowns as this dive sees them.
+        # Derivative of the unknowns at this dive by the size, relative to the filter's mean.
         seen = sensitivity.copy()
         seen[parameter] += shapes[:, number]
         missing = term.vector - term.matrix @ belief.mean
@@ -134,7 +136,7 @@ def size_likelihood(
 
 
 def _mixture(log_ratio: Array, size: Array, variance: Array, onsets: int) -> HullChange:
-    """Average over the candidates, the steps first, by their evidence."""
+    """Average over the candidates, the steps first, weighted by their evidence."""
     highest = float(log_ratio.max())
     weight = np.exp(log_ratio - highest)
     evidence = highest + np.log(weight.mean())

@@ -17,9 +17,9 @@ class Direction:
     Attributes
     ----------
     singular_value : float
-        Of the Jacobian of normalised residuals: reciprocal of the direction's standard error.
+        Singular value of the Jacobian of normalised residuals: reciprocal of the direction's standard error.
     vector : (p,)
-        Unit length.
+        Direction, of unit length.
     """
 
     singular_value: float
@@ -27,7 +27,7 @@ class Direction:
 
 
 def directions(jacobian: Array) -> tuple[Direction, ...]:
-    """Directions of a Jacobian (n, p), the best determined first; those that no residual sees have value zero."""
+    """Directions of a Jacobian (n, p), the best determined first; the value is zero if no residual depends on one."""
     _, values, vectors = np.linalg.svd(np.vstack([jacobian, np.zeros((jacobian.shape[1],) * 2)]), full_matrices=False)
     return tuple(Direction(float(value), vector) for value, vector in zip(values, vectors, strict=True))
 
@@ -38,15 +38,15 @@ def jackknife_covariance(jacobian: Array, residuals: Array, cluster: NDArray[np.
     Parameters
     ----------
     jacobian, residuals : (n, p), (n,)
-        At the estimate, weights applied.
+        Jacobian and residuals at the estimate, with their weights.
     cluster : (n,)
-        To which cluster a residual belongs; at least two of them.
+        Number of the cluster of every residual; at least two clusters.
 
     Notes
     -----
     The delete-one-cluster jackknife of the linearised problem (CR3 of Bell and McCaffrey 2002):
-    ``C = (G-1)/G sum_g d_g d_g^T`` with ``d_g = (J^T J - J_g^T J_g)^-1 J_g^T r_g`` what leaving out cluster g moves. It
-    stays on the safe side where clusters are few.
+    ``C = (G-1)/G sum_g d_g d_g^T``, where ``d_g = (J^T J - J_g^T J_g)^-1 J_g^T r_g`` is the move of the estimate when
+    cluster g is left out. It is conservative where clusters are few.
     """
     information = jacobian.T @ jacobian
     numbers = np.unique(cluster)
@@ -54,14 +54,14 @@ def jackknife_covariance(jacobian: Array, residuals: Array, cluster: NDArray[np.
     for number in numbers:
         own = cluster == number
         rest = information - jacobian[own].T @ jacobian[own]
-        # The pseudo-inverse: what one cluster alone determines cannot be judged by leaving it out.
+        # Pseudo-inverse: directions that one cluster alone determines cannot be judged by leaving it out.
         moves.append(np.linalg.pinv(rest, hermitian=True) @ (jacobian[own].T @ residuals[own]))
     moved = np.array(moves)
     return np.asarray((len(numbers) - 1) / len(numbers) * moved.T @ moved)
 
 
 def sensitivity(jacobian: Array, held: Array) -> Array:
-    """Change (p, h) of an estimate (p,) with a unit of the held parameters (h,)."""
+    """Change (p, h) of an estimate (p,) per unit of the held parameters (h,)."""
     return np.asarray(-np.linalg.lstsq(jacobian, held, rcond=None)[0])
 
 
@@ -69,16 +69,16 @@ _TUKEY = 4.685
 
 
 def biweights(residuals: Array, least: float) -> Array:
-    """Tukey's biweights ``(n,)`` over the squared scale of the residuals, which is at least `least`."""
+    """Tukey's biweights ``(n,)``, divided by the squared scale of the residuals, which is at least `least`."""
     scale = _scale(residuals, least)
     return np.asarray(np.maximum(1.0 - (residuals / (_TUKEY * scale)) ** 2, 0.0) ** 2 / scale**2)
 
 
 def biweight_stiffness(residuals: Array, least: float) -> float:
-    """Mean curvature of Tukey's loss over the mean biweight: four fifths for normal residuals.
+    """Ratio of the mean curvature of Tukey's loss to the mean biweight: four fifths for normal residuals.
 
-    An estimate is stiffer in its weights than it is in truth, for a residual that grows also loses weight (Huber 1981,
-    section 7.6); without this the errors of a robust estimate come out too small by as much.
+    The weights overestimate the curvature, because a residual that grows also loses weight (Huber 1981, section 7.6).
+    Without this factor the errors of a robust estimate would be too small by the same factor.
     """
     squares = np.minimum((residuals / (_TUKEY * _scale(residuals, least))) ** 2, 1.0)
     return float(np.sum((1.0 - squares) * (1.0 - 5.0 * squares)) / np.sum((1.0 - squares) ** 2))
@@ -89,25 +89,25 @@ def _scale(residuals: Array, least: float) -> float:
 
 
 def solved(normal: Array, score: Array) -> Array:
-    """Least-squares solution of the normal equations; undetermined directions stay where they are."""
+    """Least-squares solution of the normal equations, zero in undetermined directions."""
     return np.asarray(np.linalg.pinv(normal, hermitian=True) @ score)
 
 
 def left_out_covariance(
     design: Array, weights: Array, residuals: Array, profile: NDArray[np.int64], prior: Array, stiffness: float = 1.0
 ) -> Array:
-    """Covariance ``(p, p)`` of an estimate by how far leaving one profile out moves it, and by its prior.
+    """Covariance ``(p, p)`` of an estimate from its moves when one profile is left out, and from its prior.
 
     Parameters
     ----------
     design, weights, residuals : (n, p), (n,), (n,)
-        At the estimate.
+        Derivatives, weights and residuals at the estimate.
     profile : (n,)
         Number of the profile of every row.
     prior : (p,)
-        Inverse variances of what was known before; that is wrong in every profile alike, so it counts once.
+        Inverse variances of the prior. Its error is the same in every profile, and so it is included once.
     stiffness : float
-        `biweight_stiffness` where the weights are biweights.
+        Value of `biweight_stiffness` if the weights are biweights.
     """
     weighted = design * weights[:, None]
     normal = stiffness * weighted.T @ design + np.diag(prior)
@@ -123,14 +123,14 @@ def left_out_covariance(
 
 
 def cluster_inflation(residuals: Array, cluster: NDArray[np.int64]) -> float:
-    """Scatter of clusters' sums over that of independent residuals' sums, squared; at least one.
+    """Ratio of the variance of sums over clusters to that of sums of independent residuals; at least one.
 
     Parameters
     ----------
     residuals : (n,)
-        In units of their scale.
+        Residuals in units of their scale.
     cluster : (n,) of int
-        Which of them belong together.
+        Number of the cluster of every residual.
     """
     _, index, count = np.unique(cluster, return_inverse=True, return_counts=True)
     scatter = float(np.mean(np.bincount(index, residuals) ** 2 / count))
@@ -140,20 +140,20 @@ def cluster_inflation(residuals: Array, cluster: NDArray[np.int64]) -> float:
 Mask = NDArray[np.bool_]
 
 DAMPINGS = (0.01, 1.0, 30.0, 1000.0)
-"""Information added to each parameter in the steps that are tried side by side."""
+"""Information added to each parameter, one value for each of the steps that a round tries."""
 
 LONGEST_STEP = 2.0
-"""Most that a parameter moves in a round."""
+"""Largest move of a parameter in a round."""
 
 
 class Likelihood(Protocol):
-    """A log-likelihood that is cheaper for several points at once."""
+    """A log-likelihood that costs less when evaluated at several points at once."""
 
     def values(self, points: Sequence[Array]) -> list[float]:
         """Log-likelihoods of points ``(p,)``."""
 
     def expanded(self, point: Array, free: Mask) -> "Expansion":
-        """Value, gradient and information in the free parameters."""
+        """Value, and gradient and information with respect to the free parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,11 +172,11 @@ class Maximum:
     Attributes
     ----------
     point : (p,)
-        All parameters.
+        Values of all parameters.
     expansion : Expansion
-        About it, in the free ones.
+        Expansion about that point, in the free parameters.
     rounds : int
-        Steps taken.
+        Number of steps taken.
     settled : bool
         Whether no tried step gained more than the tolerance.
     """
@@ -200,7 +200,7 @@ def maximise(
     """Climb to a maximum.
 
     Each round solves ``(information + damping) step = gradient`` with several dampings, cuts the steps at the bounds
-    and takes the one that gains most.
+    and takes the step with the largest gain.
 
     Parameters
     ----------
@@ -213,9 +213,9 @@ def maximise(
     bounds : ((p,), (p,))
         Least and greatest values.
     tolerance : float
-        A round that gains less is the last, and its step is not made.
+        Gain of log-likelihood at or below which a round is the last; its step is not taken.
     max_rounds : int
-        Cap.
+        Largest number of steps.
     report : callable
         Called with the log-likelihood of every round.
     """

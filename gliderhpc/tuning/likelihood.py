@@ -45,11 +45,11 @@ def tuning_requests(
     Parameters
     ----------
     observations, platform, settings : Observations, Platform, EstimationSettings
-        The open file, the hull, and how records are brought onto the steps.
+        Open file, hull, and settings of the records' preparation.
     numbers : sequence of int
         Profiles to read.
     longest : float
-        Seconds from its start that a profile is used for.
+        Time from the start of a profile that is used, s.
 
     Raises
     ------
@@ -98,16 +98,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Judgement of the records on one prior.
+    """Log-likelihood and innovations of the records under one prior.
 
     Attributes
     ----------
     log_likelihood : float
-        Sum over the samples that count and the restarts; comparable between priors on the same records.
+        Sum over the samples used and the restarts; comparable between priors on the same records.
     innovations, variances : (m, 4)
-        Of the fed samples of all profiles, one after the other (rad, m and their squares); NaN where none counts.
+        Innovations and their variances at the fed samples of all profiles, one profile after another (rad, m and their
+        squares); NaN for samples that are not used.
     rejected_fraction : tuple of float
-        Each profile's gated, inflated and reset samples over fed ones.
+        Ratio of gated, inflated and reset samples to fed ones, for each profile.
     """
 
     log_likelihood: float
@@ -119,25 +120,25 @@ class Judgement:
 class PriorLikelihood:
     """Log-likelihood of disturbance priors on some profiles, as a function to be maximised.
 
-    Samples in the vibration set do not count, nor those soon after it, where what the model missed of the motion is
-    still being found out: which ones they are depends on the actuators, not on the prior. An innovation beyond the
-    filter's gate counts as one at the gate, with the variance it was held against; a restart counts as four such
-    innovations with the variance of the initial state. So a prior never gains by having data rejected. A record fed
-    interpolated counts as often as it was sampled: each fed sample by the share of an interval.
+    Samples in the vibration set and soon after it are not used, because the filter is still recovering from motion
+    that the model does not contain. Their choice depends on the actuators only, never on the prior. An innovation
+    beyond the filter's gate is replaced by one at the gate, with the same variance. A restart is charged as four such
+    innovations with the variance of the initial state and the sensors. A prior therefore never gains by rejecting data.
+    In an interpolated record, each fed sample is weighted by the ratio of the feed interval to the sample interval.
 
     Parameters
     ----------
     requests : sequence of PreparedProfile
-        The profiles.
+        Prepared profiles.
     settings : EstimationSettings
-        Uses ``step`` and ``filter``.
+        Settings of the filter and of its records.
     recovery : float
-        Seconds after the vibration set that do not count.
+        Time after the vibration set that is not used, s.
 
     Raises
     ------
     ProfileError
-        When nothing of a profile could be fed.
+        No sample of a profile could be fed to the filter.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ class PriorLikelihood:
         self.lengths = tuple(len(p.counted) for p in self._profiles)
 
     def judge(self, priors: Sequence[DisturbancePrior]) -> list[Judgement]:
-        """Judge priors side by side."""
+        """Evaluate several priors together."""
         found = {
             (candidate, profile): self._profiles[profile].weigh(estimate, self._gate)
             for profile, candidate, estimate in self._trials.run(priors)
@@ -163,16 +164,16 @@ class PriorLikelihood:
     def information(
         self, middle: Judgement, above: Sequence[Judgement], below: Sequence[Judgement], by: float
     ) -> Array:
-        """Expected information on parameters, from judgements with each of them raised and lowered.
+        """Expected information on parameters, from the results with each of them raised and lowered.
 
         Parameters
         ----------
         middle : Judgement
-            At the point.
+            Result at the point.
         above, below : sequence of Judgement
-            With parameter i more and less by ``by``.
+            Results with parameter i raised and lowered by ``by``.
         by : float
-            Half of the difference.
+            Half of the difference between the two.
 
         Returns
         -------
@@ -195,14 +196,14 @@ class PriorLikelihood:
 
 
 def log_density(innovations: Array, variances: Array, gate: float) -> Array:
-    """Log density of innovations, those beyond ``gate`` standard deviations as if at the gate."""
+    """Log density of innovations; those beyond ``gate`` standard deviations are placed at the gate."""
     squares = np.minimum(innovations**2 / variances, gate**2)
     return np.asarray(-0.5 * (squares + np.log(2.0 * np.pi * variances)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Weighing:
-    """Weights of a profile's samples, and the variance that restarts are charged with."""
+    """Samples of a profile that are used, their weight, and the variance that a restart is charged with."""
 
     counted: NDArray[np.bool_]
     weight: float
@@ -218,7 +219,7 @@ class _Weighing:
         return cls(_undisturbed(request, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
 
     def weigh(self, estimate: FilterEstimate, gate: float) -> Judgement:
-        """Judge one profile by its filter's estimate."""
+        """Compute the result of one profile from its filter's estimate."""
         innovations = np.where(self.counted[:, None], estimate.innovations, np.nan)
         variances = np.where(np.isfinite(innovations), estimate.innovation_variances, np.nan)
         charge = log_density(np.full(4, np.inf), self.restart_variance, gate).sum()
@@ -254,15 +255,15 @@ class Whiteness:
     Attributes
     ----------
     count : int
-        Innovations.
+        Number of innovations.
     mean, variance : float
-        Should be 0 and 1.
+        Mean and variance; should be 0 and 1.
     autocorrelation : (k,)
-        At lags of 1 to k samples; should be 0 within about ``2 / sqrt(count)``.
+        Autocorrelation at lags of 1 to k samples; should be 0 within about ``2 / sqrt(count)``.
     portmanteau : float
-        Ljung and Box's statistic over the number of lags; should be about 1.
+        Ljung and Box's statistic divided by the number of lags; should be about 1.
     p : float
-        Probability of a larger one from white noise.
+        Probability of a larger statistic from white noise.
     """
 
     count: int
@@ -274,12 +275,13 @@ class Whiteness:
 
 
 def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
-    """Test one sensor's normalised innovations of several profiles, NaN where there is none.
+    """Test the normalised innovations of one sensor in several profiles for whiteness.
 
     Parameters
     ----------
     normalised : sequence of (m,) arrays
-        One a profile, on the fed samples; pairs across a missing one do not count, nor from one profile to the next.
+        Innovations of each profile at the fed samples; NaN where missing. Pairs with a missing member, or from two
+        profiles, are not used.
     lags : int
         Number of lags k.
 

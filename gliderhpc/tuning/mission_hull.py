@@ -1,10 +1,10 @@
-"""The mission's hull: what all dives together know of the errors ``eta`` of a hull and its records (model.md 12).
+"""The mission's hull: errors ``eta`` of a hull and its records, estimated from all dives (docs/smoother.md).
 
-A dive leaves score and information; they are added to the prior, with a random walk from dive to dive for what can
-change. No model is right, so dives differ from one another by more than each of them states; by how much, they
-themselves show, and what they know is taken down by that. A dive that does not fit the rest counts for less. What the
-noise of the disturbances is, is an assumption that all dives share; where others lead elsewhere the dives count for
-less.
+Each dive gives a score and an information. They are added to the prior, with a random walk from dive to dive for the
+errors that can change. No model is exact, and dives differ from one another by more than their own covariances state.
+The ratio is estimated from the dives themselves, and their information is divided by it. A dive that does not fit the
+rest has less weight. The assumed noise of the disturbances is common to all dives. Where other assumptions give other
+results, the dives have less influence on the mean, and the covariance is larger.
 """
 
 from collections.abc import Sequence
@@ -28,37 +28,37 @@ ScoreAndInformation = tuple[Array, Array]
 
 _SECONDS_PER_DAY = 86400.0
 _FIT_LEVEL = 0.99
-"""Part of the dives that fit the rest and are believed whole."""
+"""Probability of the quantile of chi-square up to which a dive has its full weight."""
 _ROUNDS = 4
-"""Rounds of inflation and weights, each by the other."""
+"""Rounds in which inflation and weights are computed in turn."""
 _MIN_CURRENTS = 2
-"""One current alone tells nothing."""
+"""Smallest number of currents; a single one gives no information."""
 _UNINFORMED = 1e-9
-"""Information, in parts of the prior's, of dives that know nothing."""
+"""Fraction of the prior's information that is added where the dives have none."""
 MIN_COMPARED = 4
-"""Fewer dives do not show by how much they differ."""
+"""Smallest number of dives from which their scatter can be estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiveTerm:
-    """What one dive knows of the hull.
+    """Information of one dive on the hull.
 
     Attributes
     ----------
     number : int
         Number of the profile.
     time : numpy.datetime64
-        Of the dive.
+        Time of the dive.
     point : (p,)
-        ``eta`` that the dive was smoothed about, in plausible deviations.
+        Value of ``eta`` about which the dive was smoothed, in plausible deviations.
     score : (p,)
-        Gradient of its log-likelihood there.
+        Gradient of the dive's log-likelihood at that point.
     information : (p, p)
-        Its expected curvature there.
+        Expected curvature at that point.
     others : tuple of (score, information)
-        Both under other assumptions of the noise.
+        Score and information under other assumptions of the noise.
     current : DiveCurrent, optional
-        The depth-averaged current, for the turn test.
+        Depth-averaged current, for the turn test.
     """
 
     number: int
@@ -71,7 +71,7 @@ class DiveTerm:
 
     @property
     def term(self) -> Information:
-        """Its log-likelihood over eta, less a constant."""
+        """Log-likelihood of eta, up to a constant."""
         return about(self.score, self.information, self.point)
 
     def assuming(self, other: int) -> "DiveTerm":
@@ -81,21 +81,21 @@ class DiveTerm:
 
     @property
     def term_with_current(self) -> Information:
-        """The same over eta and the current's unknowns, with what the current tells."""
+        """Log-likelihood of eta and the current's unknowns, with the information of the current."""
         term = extended_information(self.term)
         return term if self.current is None else term + self.current.information(self.point)
 
 
 @dataclass(frozen=True, eq=False)
 class HullPrior:
-    """What is known before any dive.
+    """Prior of the hull's errors, before any dive.
 
     Attributes
     ----------
     eta : Gaussian
-        Mean (p,) and covariance (p, p) at the first dive: ``N(0, 1)`` where nobody has calibrated.
+        Mean (p,) and covariance (p, p) at the first dive: ``N(0, 1)`` for a hull that has not been calibrated.
     walk : (p,)
-        Change per square root of a day.
+        Standard deviation of the random walk per square root of a day.
     """
 
     eta: Gaussian
@@ -103,32 +103,32 @@ class HullPrior:
 
     @classmethod
     def plausible(cls, walk: Array) -> "HullPrior":
-        """Prior of a hull that nobody has calibrated."""
+        """Prior of a hull that has not been calibrated."""
         return cls(Gaussian(np.zeros(len(walk)), np.eye(len(walk))), walk)
 
 
 @dataclass(frozen=True, eq=False)
 class MissionHull:
-    """The hull of a mission as a function of its dives.
+    """Errors of a mission's hull at every dive.
 
     Attributes
     ----------
     numbers, times : (n,), (n,) of numpy.datetime64
-        Of the profiles.
+        Numbers and times of the profiles.
     smoothed, sequential : tuple of Gaussian
-        ``eta`` at every dive, in plausible deviations, by all dives and by the dives up to each.
+        Distributions of ``eta`` at every dive, in plausible deviations, given all dives and given the dives up to each.
     log_evidence : float
-        Of all dives, weights applied.
+        Log evidence of all dives, with their weights.
     inflation : float
-        Variance by which the dives differ over what they state; at least one.
+        Ratio of the variance between dives to the variance that they state; at least one.
     weight, chi_square : (n,)
-        Weight of each dive, and its chi-square against the rest.
+        Weight of each dive, and its chi-square relative to the rest.
     freedom : (n,) of int
-        Degrees of freedom of the latter.
+        Degrees of freedom of the chi-square.
     prior : HullPrior
-        The prior.
+        Prior of the errors.
     change, change_std : (n, p)
-        Change of ``eta`` since the first dive by all dives, and its standard deviation.
+        Change of ``eta`` since the first dive, given all dives, and its standard deviation.
     """
 
     numbers: NDArray[np.int64]
@@ -146,23 +146,23 @@ class MissionHull:
 
     @property
     def eta(self) -> Array:
-        """Mean (n, p) at every dive, by all."""
+        """Mean (n, p) at every dive, given all dives."""
         return np.array([each.mean for each in self.smoothed])
 
     @property
     def std(self) -> Array:
-        """Standard deviation (n, p) at every dive, by all."""
+        """Standard deviation (n, p) at every dive, given all dives."""
         return np.array([each.std for each in self.smoothed])
 
     @property
     def overall(self) -> Gaussian:
-        """Distribution of ``eta`` of any of the dives: mean and covariance, the walk included."""
+        """Distribution of ``eta`` over all dives: mean and covariance, including the random walk."""
         apart = self.eta - self.eta.mean(axis=0)
         covariance = np.mean([each.covariance for each in self.smoothed], axis=0) + apart.T @ apart / len(apart)
         return Gaussian(self.eta.mean(axis=0), covariance)
 
     def directions(self) -> tuple[Array, Array]:
-        """Deviations (p,) left over those of the prior, and directions (p, p) in rows, the best determined first.
+        """Deviations (p,) relative to the prior's, and their directions (p, p) in rows, the best determined first.
 
         Notes
         -----
@@ -178,27 +178,27 @@ class MissionHull:
 def solve_mission(
     dives: Sequence[DiveTerm], prior: HullPrior, *, robust: bool = True, turn_test: TurnTestSettings | None = None
 ) -> MissionHull:
-    """Add up the dives of a mission.
+    """Combine the information of a mission's dives.
 
     Parameters
     ----------
     dives : sequence of DiveTerm
-        In the order of time, at least one.
+        Dives in the order of time, at least one.
     prior : HullPrior
-        What was known before.
+        Prior of the errors.
     robust : bool
-        Whether the dives' statements are inflated by how they differ, and those that do not fit count less.
+        Whether the dives' covariances are inflated by the scatter between dives, and outlying dives have less weight.
     turn_test : TurnTestSettings, optional
-        How alike the dives' currents are; without, or where fewer than two dives have one, they do not count.
+        Settings of the turn test. Currents are not used without it, or if fewer than two dives have one.
 
     Notes
     -----
-    The inflation is that with which the median dive's chi-square against the rest is what chance makes it; all
-    information is divided by it. A dive whose chi-square then exceeds the quantile of 99 % has its information divided
-    by how many times it does.
+    The inflation is chosen to bring the median dive's chi-square, relative to the rest, to the median of the
+    chi-square distribution; all information is divided by it. If a dive's chi-square then exceeds the 99 % quantile,
+    its information is divided by the ratio of the two.
 
-    What depends on the assumption of the noise is not known: where the sum moves under the others, weights and
-    inflation the same, the dives count for less, and the covariance grows (`with_doubt`).
+    The result also depends on the assumed noise. Where it moves under the other assumptions, with the same weights and
+    inflation, the dives have less influence on the mean, and the covariance grows (`with_doubt`).
     """
     weight, inflation = np.ones(len(dives)), 1.0
     problem = _posed(dives, prior, turn_test)
@@ -230,7 +230,7 @@ def _doubted(
     prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]],
     count: int,
 ) -> tuple[Gaussian, ...]:  # fmt: skip
-    """Distributions of the first unknowns at every dive that contain what depends on the assumption of the noise."""
+    """Distributions of the first unknowns at every dive, including the uncertainty from the assumed noise."""
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
     return tuple(
         with_doubt(
@@ -242,26 +242,27 @@ def _doubted(
 
 
 def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
-    """Distribution of unknowns of which other assumptions, as plausible, say otherwise.
+    """Distribution of unknowns for which other, equally plausible assumptions give other results.
 
     Parameters
     ----------
     before, after : Gaussian
-        Of the unknowns before any dive, and by the dives under one assumption.
+        Prior of the unknowns, and posterior given the dives under one assumption.
     others : sequence of Gaussian
-        By the dives under the others.
+        Posteriors given the dives under the other assumptions.
 
     Notes
     -----
-    With ``L`` and ``h`` the dives' information and its vector, the others are errors of ``h`` that all dives have in
-    common: ``h = L eta + U c + e``, a column of ``U`` the vector's change under one of them, ``c`` standard normal and
-    ``e`` of covariance ``L``. The mean is that of this problem, with
+    Let ``L`` and ``h`` be the information matrix and vector of the dives. The other assumptions are treated as errors
+    of ``h`` that all dives have in common: ``h = L eta + U c + e``. Each column of ``U`` is the change of the vector
+    under one assumption, ``c`` is standard normal and ``e`` has the covariance ``L``. The mean is that of this problem,
+    with
 
         L' = L - U (1 + U' L^-1 U)^-1 U',    h' = h - U (1 + U' L^-1 U)^-1 U' L^-1 h
 
-    so that in a direction in which the assumptions contradict each other it stays where it was before the dives. The
-    covariance is that by the one assumption, grown by the squares of how far the others move the mean: three
-    assumptions are not all that are possible, and those of ``L'`` were measured too narrow.
+    In a direction in which the assumptions contradict each other, the mean therefore stays near the prior's. The
+    covariance is that under the one assumption, plus the squares of the moves of the mean under the others. The
+    covariance that belongs to ``L'`` proved too narrow in tests, since three assumptions are not all possible ones.
     """
     if not others:
         return after
@@ -270,7 +271,7 @@ def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) ->
     vector = precision @ after.mean - inverse @ before.mean
     moved = np.column_stack([other.mean - after.mean for other in others])
     doubt = precision @ moved
-    # Of what the dives know nothing a doubt has no size; the small part of the prior gives it one.
+    # Where the dives have no information, L is singular; a small part of the prior's information makes it regular.
     apart = np.linalg.solve(matrix + _UNINFORMED * inverse, doubt)
     gain = np.linalg.solve(np.eye(len(others)) + doubt.T @ apart, np.column_stack([doubt.T, apart.T @ vector]))
     left, vector = matrix - doubt @ gain[:, :-1], vector - doubt @ gain[:, -1]
@@ -279,7 +280,7 @@ def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) ->
 
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:
-    """Changes of the errors between dives by their walk ``(p,)`` per square root of a day."""
+    """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day."""
     still = np.ones(len(walk))
     return [Change(still, walk**2 * time / _SECONDS_PER_DAY) for time in _seconds_between(dives).tolist()]
 
@@ -299,14 +300,14 @@ def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSetti
 
 
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:
-    """Chi-square of a dive that was held out against the mission's hull at the dive next to it, and its freedom."""
+    """Chi-square of a held-out dive relative to the mission's hull at the nearest dive, and its degrees of freedom."""
     index = int(np.argmin(np.abs(found.numbers - dive.number)))
     return found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The sum as a function of inflation and weights."""
+    """Sum over the dives as a function of inflation and weights."""
 
     prior: Gaussian
     changes: list[Change]
@@ -316,7 +317,7 @@ class _Problem:
         return solve_chain(self.prior, self.changes, self._terms(weight / inflation))
 
     def disagreements(self, inflation: float, weight: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Chi-square and degrees of freedom of every dive, whole, against the rest."""
+        """Chi-square and degrees of freedom of every dive, with full weight, relative to the rest."""
         parts = self._terms(weight / inflation)
         found = [
             each.without(part).disagreement(term.weighted(1.0 / inflation))
@@ -329,7 +330,7 @@ class _Problem:
 
 
 def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> float:
-    """Chi-square of the median dive over what chance makes of it; one where no dive knows anything."""
+    """Median over the dives of chi-square over the median of its distribution; one if no dive has information."""
     informative = freedom > 0
     if not informative.any():
         return 1.0

@@ -6,7 +6,7 @@ from gliderhpc.estimation.settings import Settings
 
 
 class RoundSettings(Settings):
-    """Rounds over the dives, which start from the trim in steady glides."""
+    """Settings of the rounds over the dives, which start from the trim in steady glides."""
 
     most: int = Field(0, ge=0, description="rounds at most, 4 as a rule; 0: the fit of the steady glides alone")
     tolerance: float = Field(0.1, gt=0, description="move of a last round, in plausible deviations")

@@ -1,4 +1,4 @@
-"""Errors of a hull's balance over steady segments as a function of its parameters, by density or by depth slope."""
+"""Errors of a hull's balance over steady segments as a function of its parameters, with density or depth slope."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -28,10 +28,10 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
-"""Step of the differences, in plausible deviations."""
+"""Step of the finite differences, in plausible deviations."""
 
 FLATTEST_MARGIN = 1.25
-"""Flattest pitch of the segments over that at which the hull could still glide, at least."""
+"""Smallest ratio of the segments' flattest pitch to the flattest pitch at which the hull can glide."""
 
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
@@ -43,13 +43,13 @@ class SegmentErrors:
     Attributes
     ----------
     platform, parameters, segments : Platform, tuple of HullParameter, SteadySegments
-        What it was made of.
+        Hull, parameters and segments.
     reference : numpy.datetime64
-        When a trend of the neutral volume is zero: by default the middle of the segments' time.
+        Time at which a trend of the neutral volume is zero; by default the middle of the segments' time.
     counted : (n, 4) of bool
-        Which errors count: depth rate and pitch in straight flight alone, roll and rate of turn always.
+        Mask of the errors used: depth rate and pitch in straight flight only, roll and rate of turn always.
     kind, profile, leg : (m,) int arrays
-        Of every error that counts: which of the four, which profile, and which dive or climb.
+        Index of the quantity, number of the profile, and number of the dive or climb, for every error used.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class SegmentErrors:
         reference: np.datetime64 | None = None,
     ) -> None:
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
-        # A Jacobian and the slope of the flatness are of the same hulls.
+        # A Jacobian and the slope of the flatness use the same hulls.
         self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._made_hull)
         self.reference = middle_of(segments.time) if reference is None else reference
         self._seawater = segments.seawater if fits_density(platform, segments) else None
@@ -72,7 +72,7 @@ class SegmentErrors:
         self.leg = 2 * self.profile + (segments.depth_rate[rows] > 0.0)
 
     def __call__(self, steps: Array) -> Array:
-        """Errors that count, SI, in a row (m,)."""
+        """Return the errors used, SI, as a vector (m,)."""
         return np.asarray(self.everywhere(steps)[self.counted])
 
     def everywhere(self, steps: Array) -> Array:
@@ -87,7 +87,7 @@ class SegmentErrors:
         return steady_balance(glider, glider.bodies(controls), self.segments.motion, velocity)
 
     def hull(self, steps: Array) -> Platform:
-        """The hull of some steps; what has not moved is exactly the platform's."""
+        """Hull with some steps; parameters that have not moved have exactly the platform's values."""
         return self._hull_of(tuple(steps.tolist()))
 
     def _made_hull(self, steps: tuple[float, ...]) -> Platform:
@@ -101,9 +101,9 @@ class SegmentErrors:
         return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
 
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
-        """Derivatives (m, c) of the errors that count, by some parameters.
+        """Derivatives (m, c) of the errors used by some parameters.
 
-        The velocity is solved for from that of the steps themselves, which is nearly the answer.
+        The solution for the velocity starts from the velocity at the steps themselves, which is close to it.
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
 
@@ -114,9 +114,9 @@ class SegmentErrors:
         return np.column_stack([(at(steps + moves[i]) - here) / DIFFERENCE for i in columns])
 
     def flatness(self, steps: Array) -> float:
-        """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured; else zero.
+        """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured pitch; at least zero.
 
-        At its least glide angle a hull's angle of attack has an infinite slope, and a fit would be caught there.
+        At its least glide angle a hull's angle of attack has an infinite slope, and a fit would get stuck there.
         """
         hull = self.hull(steps)
         flattest = [
@@ -126,7 +126,7 @@ class SegmentErrors:
         return max(0.0, FLATTEST_MARGIN * max(flattest) - float(np.abs(self.segments.pitch).min()))
 
     def offsets(self) -> Array:
-        """Effect of rounding common to all errors (m, 4) of a kind: pitch and roll, in dives and in climbs.
+        """Errors (m, 4) from rounding common to all segments: of pitch and of roll, in dives and in climbs.
 
         An attitude that hardly changes is rounded the same way every time.
         """
@@ -141,24 +141,24 @@ class SegmentErrors:
 
 
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:
-    """Return whether buoyancy follows measured density: a hull with a compressibility, in known water."""
+    """Return whether buoyancy uses measured density: the hull has a compressibility, and the density is known."""
     return platform.buoyancy.compressibility is not None and bool(segments.in_known_water.all())
 
 
 def steady_parameters(platform: Platform, segments: SteadySegments) -> tuple[HullParameter, ...]:
-    """Parameters that steady glides may determine, by how the buoyancy follows the water."""
+    """Parameters that steady glides may determine, for buoyancy by density or by depth slope."""
     return PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
 
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
-    """Halfway between the first time and the last."""
+    """Time halfway between the first and the last."""
     first, last = time.min(), time.max()
     middle: np.datetime64 = first + (last - first) // 2
     return middle
 
 
 MIN_SHARE = 0.5
-"""Part of the segments with a known density from which on it is used."""
+"""Smallest part of the segments with a known density for the density to be used."""
 
 
 def choose_buoyancy(
@@ -168,24 +168,24 @@ def choose_buoyancy(
     choice: Literal["auto", "density", "depth_slope"],
     report: Callable[[str], None] = lambda _: None,
 ) -> tuple[Platform, SteadySegments, SteadySegments]:
-    """Give hull and segments for one of the two ways, never mixed: the neutral volume is not the same in both.
+    """Prepare hull and segments for buoyancy by density or by depth slope, since the neutral volume differs.
 
     Parameters
     ----------
     platform : Platform
         The hull to start from.
     segments, held_out : SteadySegments
-        To fit, and to score.
+        Segments to fit and segments to score.
     choice : str
-        The setting ``seawater``.
+        Value of the setting ``seawater``.
     report : callable
-        Called with what is left out, and why.
+        Called with a line of text on data that are left out or not used, with the reason.
 
     Returns
     -------
     platform, segments, held_out
-        By density, with a compressibility to start from and without segments in unknown water; or by depth slope, the
-        hull without a compressibility, since its neutral volume will not be one that belongs to a density.
+        Hull and segments. By density, the hull has a compressibility, and segments in unknown water are left out. By
+        depth slope, the hull has no compressibility, since its neutral volume will not belong to a density.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """The balance of forces and moments in steady flight, straight or turning, at the measured attitude and motion.
 
-Measured are roll, pitch, rate of turn, depth and depth rate; the velocity is not. It is eliminated: its part along the
-vertical is the depth rate, and the other two follow from the two horizontal forces, which weight does not enter. The
-vertical force and the three moments are then left over. They are converted to errors of the measurements: the
-depth rate from the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
+Roll, pitch, rate of turn, depth and depth rate are measured; the velocity is not, and is eliminated. Its vertical
+component is the depth rate, and the other two follow from the two horizontal forces, which do not contain the weight.
+The vertical force and the three moments remain. They are converted to errors of the measurements: the depth rate from
+the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
 """
 
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ ITERATIONS = 12
 """Newton steps for the velocity."""
 
 LARGEST_STEP = 0.1
-"""Largest change of the velocity in a step, in parts of the speed."""
+"""Largest change of the velocity in a step, as a fraction of the speed."""
 
 CONVERGED = 1e-9
-"""Last step, m/s; the one after it would be its square."""
+"""Step, m/s, that ends the iteration; convergence is quadratic."""
 
 MIN_RATIO = 0.25
-"""Ratio of the weight to drag's share, below which the depth rate's square root is continued by its tangent."""
+"""Ratio ``W / -F.k`` (`steady_balance`) below which its square root is continued by the tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
 NOD, LATERAL = 8, np.array([7, 9])
@@ -42,16 +42,16 @@ _MIN_STEEPNESS = 0.05
 
 @dataclass(frozen=True, eq=False)
 class MeasuredAttitude:
-    """Measurements of n samples, the vertical motion left out.
+    """Measurements of n samples without the vertical motion.
 
     Attributes
     ----------
     roll, pitch : (n,)
-        rad.
+        Roll and pitch, rad.
     turn_rate : (n,)
         Rate of the heading, rad/s.
     depth : (n,)
-        m, for what the hull's buoyancy changes with it.
+        Depth, m, on which the hull's buoyancy depends.
     """
 
     roll: Array
@@ -71,7 +71,7 @@ class SteadyMotion(MeasuredAttitude):
     Attributes
     ----------
     depth_rate : (n,)
-        m/s, positive down.
+        Depth rate, m/s, positive down.
     """
 
     depth_rate: Array
@@ -87,8 +87,8 @@ class SteadyBalance:
         Predicted less measured depth rate (m/s), pitch, roll (rad) and rate of turn (rad/s), in the order of
         `QUANTITIES`.
     velocity : (n, 3)
-        Velocity through the water u, v, w that the balance is at, m/s. A path flatter than the hull's least glide angle
-        has one on the back of the drag curve, if any.
+        Velocity through the water u, v, w at which the balance is evaluated, m/s. On a path flatter than the hull's
+        least glide angle it lies on the back of the drag curve, if it exists.
     """
 
     errors: Array
@@ -99,7 +99,7 @@ QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
 def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
-    """Hold a hull's steady balance against measured steady flight.
+    """Compare a hull's steady balance with measured steady flight.
 
     Parameters
     ----------
@@ -108,19 +108,19 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity
     bodies : (n, 11)
         Mass properties of the controls (`Glider.bodies`).
     motion : SteadyMotion
-        What was measured.
+        Measured motion.
     velocity : (n, 3), optional
         Velocity u, v, w to start from, m/s, such as a similar hull's; by default that of a straight glide.
 
     Notes
     -----
-    Steady means that the six accelerations of eq. 20 vanish, with roll and pitch constant, so that the rates are ``psi'
+    In steady flight the six accelerations of eq. 20 vanish. Roll and pitch are constant, and the rates are ``psi'
     [-sin(theta), sin(phi) cos(theta), cos(phi) cos(theta)]``. With F the force without weight and k the vertical,
-    ``W + F.k`` is the vertical force left over; F goes nearly with the depth rate squared, so the depth rate that
-    balances is ``sqrt(W / -F.k)`` times the measured one. Moments are turned into angles by one Newton step, the
-    velocity following. Predicting rather than balancing keeps what disturbs the attitude from passing for a weaker
-    righting moment; roll and turn are predicted together from the controls because a turn that the water makes rolls
-    the hull too.
+    ``W + F.k`` is the remaining vertical force. F is nearly proportional to the square of the depth rate, and the depth
+    rate that balances is therefore ``sqrt(W / -F.k)`` times the measured one. Moments are converted to angles by one
+    Newton step in which the velocity follows. The attitude is predicted rather than balanced, since disturbances of a
+    measured attitude would look like a weaker righting moment. Roll and turn are predicted together from the controls,
+    because a turn that the water causes also rolls the hull.
     """
     flight = _Flight(glider, bodies, motion, velocity)
     flight.solve_velocity()
@@ -140,7 +140,7 @@ class _Frame:
 
 
 class _Flight:
-    """The stretches' states, their rates and derivatives, while the velocity is solved for."""
+    """States of the stretches, their rates and derivatives, during the solution for the velocity."""
 
     def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None) -> None:
         self._glider, self._bodies, self._motion = glider, bodies, motion
@@ -152,7 +152,7 @@ class _Flight:
         self._evaluate()
 
     def solve_velocity(self) -> None:
-        """Newton's method for the measured depth rate and no horizontal force."""
+        """Solve by Newton's method for the velocity with the measured depth rate and no horizontal force."""
         for _ in range(ITERATIONS):
             step = _solved(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
@@ -183,12 +183,12 @@ class _Flight:
         return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
     def _following(self, partials: tuple[Array, Array]) -> Array:
-        """Derivatives (n, 10) of the rates by an angle, the velocity following so that nothing is missing."""
+        """Derivatives (n, 10) of the rates by an angle, with the velocity adjusted to keep `missing` unchanged."""
         rates, missing = partials
         return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        """Derivatives by roll or pitch of the rates and of what is missing, at fixed rate of turn and velocity."""
+        """Derivatives by roll or pitch of the rates and of `missing`, at fixed rate of turn and velocity."""
         down, ahead, across = frame
         turning = _product(self._jacobian[:, :, RATES], down * self._motion.turn_rate[:, None])
         rates = self._jacobian[:, :, column] + turning
@@ -198,7 +198,7 @@ class _Flight:
         return rates, missing
 
     def _missing_by(self, rates: Array) -> Array:
-        """Derivative of what is missing that goes with one of the rates, at fixed directions."""
+        """Depth rate and horizontal forces (n, 3) from rates (or from derivatives of rates), at fixed directions."""
         force = rates[:, VELOCITY] * self._masses
         return np.column_stack([rates[:, 3], _dot(self._frame.ahead, force), _dot(self._frame.across, force)])
 
@@ -227,7 +227,7 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
 
 
 def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
-    """Velocity (n, 3) of a straight glide, m/s; that at the least drag over lift where there is none."""
+    """Velocity (n, 3) of a straight glide, m/s; at the angle of least drag over lift where there is no glide."""
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)
@@ -255,16 +255,16 @@ def _solved(matrices: Array, vectors: Array) -> Array:
 
 
 MIN_SPEED = 0.05
-"""Slower than this (m/s) a hull does not glide: it is near neutral, and its balance is not informative."""
+"""Smallest speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
 
 GLIDE_ROUNDS = 6
 GLIDE_CONVERGED = 1e-7
-"""Rounds of the balance, and the change of the depth rate (m/s) in the last round that ends them."""
+"""Largest number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
 
 
 @dataclass(frozen=True, eq=False)
 class StillWaterGlide:
-    """The hull's glide at n samples, NaN where it does not glide so.
+    """The hull's glide at n samples, NaN where there is no such glide.
 
     Attributes
     ----------
@@ -288,13 +288,13 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
     bodies : (n, 11)
         Mass properties of the controls (`Glider.bodies`).
     attitude : MeasuredAttitude
-        What was measured; NaN is missing.
+        Measured attitude; NaN where missing.
 
     Notes
     -----
-    First the straight glide with wings level: the angle of attack of eq. 15 and the speed at which
-    ``V^2 (K_D0 + K_D alpha^2) = -W sin(theta - alpha)``. Then roll and rate of turn come in: the depth rate is brought
-    to where `steady_balance`, which takes it as given, has no vertical force left over.
+    The first step is the straight glide with wings level: the angle of attack of eq. 15 and the speed at which
+    ``V^2 (K_D0 + K_D alpha^2) = -W sin(theta - alpha)``. The second step includes roll and rate of turn: the depth
+    rate, an input of `steady_balance`, is adjusted until no vertical force remains.
     """
     level = _level_glide(glider, bodies, attitude)
     found = StillWaterGlide(np.full_like(level.depth_rate, np.nan), np.full_like(level.speed, np.nan))
@@ -307,7 +307,7 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
 
 
 def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
-    """Straight glide with wings level; NaN flatter than the least glide angle, and nose up while heavy."""
+    """Straight glide with wings level; NaN on too flat paths, nose up while heavy, or nose down while light."""
     alpha = angle_of_attack(glider.platform, attitude.pitch)
     path = np.sin(attitude.pitch - alpha)
     weight = glider.net_weight(bodies, attitude.depth)
@@ -318,7 +318,7 @@ def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> S
 
 
 def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array) -> tuple[Array, Array]:
-    """Depth rate and speed at which nothing is left over; NaN where that is not reached."""
+    """Depth rate and speed at which no vertical force remains; NaN where the rounds do not converge."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
         flight = _Flight(glider, bodies, motion, None)

@@ -57,9 +57,9 @@ class SteadySegments:
     actuators : (n, 4)
         Battery position (m), battery rotation (rad), oil volume (m3), rudder (rad).
     roll, pitch, turn_rate, depth, depth_rate : (n,)
-        As in `SteadyMotion`.
+        Measurements as in `SteadyMotion`.
     straight : (n,) of bool
-        Whether the heading stayed.
+        Mask of the segments in straight flight.
     seawater : (n, 4)
         Depth (m), in-situ density (kg/m3) and temperature (degC) and pressure (dbar); NaN where they are not known.
     """
@@ -89,7 +89,7 @@ class SteadySegments:
         return np.asarray(np.isfinite(self.seawater).all(axis=1))
 
     def none(self) -> "SteadySegments":
-        """Return no segments."""
+        """Return an empty selection of the segments."""
         return self.of(np.zeros(len(self), dtype=bool))
 
     def of(self, chosen: Mask) -> "SteadySegments":
@@ -109,11 +109,11 @@ def steady_segments(
     Parameters
     ----------
     observations, platform : Observations, Platform
-        The open file, and the hull: its vibration set and its least glide angle.
+        Open file, and hull, which determines the vibration set and the least glide angle.
     numbers : sequence of int
         Profiles to read.
     settings, steady : EstimationSettings, SegmentSettings
-        How records are brought onto the steps, and what counts as steady.
+        Settings of the records' preparation, and criteria of steady flight.
 
     Raises
     ------
@@ -141,14 +141,15 @@ def joined(parts: Sequence[SteadySegments]) -> SteadySegments:
 def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettings) -> SteadySegments:
     """Average the steady segments of one profile.
 
-    Steady is what lies outside the vibration set and settled after it, in the record, below the surface layer, moving
-    vertically, on a path steeper than the hull's least glide angle, nose down while diving, and even in pitch and depth
-    rate. The path, not the pitch: a hull of little lift glides on a path much steeper than its pitch.
+    A steady segment lies inside the record, outside the vibration set with time to settle after it, and below the
+    surface layer. In it the glider moves vertically, on a path steeper than the hull's least glide angle, nose down
+    while diving, with nearly constant pitch and depth rate. The path is used rather than the pitch, since a hull of
+    little lift glides on a path much steeper than its pitch.
 
     Raises
     ------
     ProfileError
-        There are none.
+        The profile has no steady segment.
     """
     usable = _settled(~vibration_set(platform, series), series, steady.settling)
     usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
@@ -171,7 +172,7 @@ def _settled(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
 
 
 def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list[tuple[int, int]]:
-    """First sample and the one after the last of equal parts, each of about a segment's length."""
+    """First sample, and the one after the last, of equal parts of about a segment's length."""
     interval = series.sample_interval / series.step
     length = max(steady.length / series.step, 6.0 * interval)
     shortest = max(steady.shortest / series.step, 3.0 * interval)
@@ -208,7 +209,7 @@ def _mean_seawater(series: ProfileSeries, bounds: list[tuple[int, int]]) -> Arra
 
 
 def _slope(values: Array, step: float) -> Array:
-    """Slope (k,) a second of the straight lines through columns (n, k)."""
+    """Slopes (k,), per second, of the straight lines through columns (n, k)."""
     lever = np.arange(len(values)) - 0.5 * (len(values) - 1)
     return np.asarray(lever @ values / (step * np.sum(lever**2)))
 

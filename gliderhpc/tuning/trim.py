@@ -1,4 +1,4 @@
-"""A hull's buoyancy, drag and trim in pitch from its steady glides: where the rounds over the dives start."""
+"""A hull's buoyancy, drag and trim in pitch from its steady glides: the start of the rounds over the dives."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ TRIM = (
     "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "viscous.K_D0", "position.hull.2",
     "position.battery",
 )  # fmt: skip
-"""Buoyancy, drag and trim in pitch, which decide whether a hull follows its records at all."""
+"""Buoyancy, drag and trim in pitch, which decide whether the filter can follow the records at all."""
 
 
 def fit_trim(
@@ -24,25 +24,25 @@ def fit_trim(
 ) -> Platform:  # fmt: skip
     """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
 
-    This is where the rounds over the dives start. With these few numbers near the truth the filter follows the records.
-    The others, lift and lateral terms above all, are left as they are: in steady flight an offset of the pitch or the
-    roll acts as they do, and a fit without these offsets leads them far off.
+    The result is the start of the rounds over the dives. With these few numbers near the truth the filter follows the
+    records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight an offset of the
+    pitch or the roll acts like them, and a fit without these offsets would move them far from the truth.
 
     Parameters
     ----------
     platform : Platform
         The hull to start from.
     segments : SteadySegments
-        To fit.
+        Segments to fit.
     settings : CalibrationSettings
-        How; what it holds stays as it is.
+        Settings of the calibration; parameters that they hold stay unchanged.
     report : callable
-        Called with a line on every step.
+        Called with a line of text at every step.
 
     Returns
     -------
     Platform
-        The hull fitted; the one given where that has no stable glide.
+        Fitted hull; the hull given if the fitted one has no stable glide.
 
     Raises
     ------

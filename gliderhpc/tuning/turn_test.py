@@ -1,4 +1,4 @@
-"""The turn test: currents that are alike from dive to dive tell a gain of the speed and an offset of the compass.
+"""The turn test: a gain of the speed and an offset of the compass from currents that are similar from dive to dive.
 
 While a glider turns between dives, an error of its own speed or heading turns with it and a current does not (Todd,
 Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the mission's sum the current is a
@@ -22,7 +22,7 @@ _SECONDS_PER_DAY = 86400.0
 
 
 class TurnTestSettings(Settings):
-    """The current between dives."""
+    """Settings of the turn test: changes of the current from dive to dive."""
 
     use: bool = Field(False, description="whether currents count, as alike from dive to dive")
     deviation: float = Field(0.1, gt=0, description="departure of a dive's current from the mission's mean, m/s")
@@ -32,17 +32,17 @@ class TurnTestSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class DiveCurrent:
-    """A dive's depth-averaged current as it came out.
+    """Estimated depth-averaged current of a dive.
 
     Attributes
     ----------
     velocity : (2,)
-        North and east, m/s, with the hull that the dive was smoothed about.
+        Current, north and east, m/s, with the hull about which the dive was smoothed.
     sensitivity : (2, p)
-        Of the displacement through the water over the time it took, m/s a plausible deviation: by how much the current
-        comes out too small.
+        Derivative of the mean velocity through the water by the hull's errors, m/s per plausible deviation; the current
+        changes by the opposite amount.
     covariance : (2, 2)
-        Of all that is not the hull's: fixes, and what the smoother does not know of the displacement, m2/s2.
+        Covariance of all errors except the hull's: those of the fixes and of the smoother's displacement, m2/s2.
     """
 
     velocity: Array
@@ -50,12 +50,12 @@ class DiveCurrent:
     covariance: Array
 
     def information(self, point: Array) -> Information:
-        """Information on eta, mean and departure of the current, of a dive smoothed about a point (p,).
+        """Information on eta, mean and departure of the current, from a dive smoothed about a point (p,).
 
         Notes
         -----
-        The velocity is ``mean + departure + D (eta - point)`` with an error: a hull that is faster by ``eta - point``
-        has gone farther by D, which is missing in the current.
+        The velocity is ``mean + departure + D (eta - point)`` plus an error. With the errors eta instead of the point,
+        the hull moves faster by the last term. The estimated current contains this motion.
         """
         design = np.hstack([self.sensitivity, np.eye(2), np.eye(2)])
         measured = self.velocity + self.sensitivity @ point
@@ -74,10 +74,10 @@ def with_current(prior: Gaussian, settings: TurnTestSettings) -> Gaussian:
 
 
 def changes_with_current(changes: Sequence[Change], seconds: Array, settings: TurnTestSettings) -> list[Change]:
-    """Changes from dive to dive, extended: the mean stays, the departure is forgotten with time."""
+    """Changes from dive to dive, extended by the current: the mean is constant, the departure decays with time."""
     extended = []
     for change, time in zip(changes, seconds, strict=True):
-        # Exact for short times too, where 1 - decay**2 would cancel.
+        # Accurate for short times too, where 1 - decay**2 would suffer from cancellation.
         ratio = time / (settings.time * _SECONDS_PER_DAY)
         added = settings.deviation**2 * -np.expm1(-2.0 * ratio)
         extended.append(
@@ -90,7 +90,7 @@ def changes_with_current(changes: Sequence[Change], seconds: Array, settings: Tu
 
 
 def extended_information(term: Information) -> Information:
-    """What a dive's records know of the hull, with nothing on the current."""
+    """Information of a dive's records on the hull, extended by the current's unknowns without any information."""
     return Information(
         np.concatenate([term.vector, np.zeros(UNKNOWNS)]),
         scipy.linalg.block_diag(term.matrix, np.zeros((UNKNOWNS, UNKNOWNS))),

@@ -1,4 +1,4 @@
-"""What the smoother makes of a dive: the estimate with its deviations, and the filter's in its place."""
+"""Estimate of the smoother for a dive, with standard deviations, and the filter's estimate as the fallback."""
 
 from dataclasses import dataclass, replace
 
@@ -19,33 +19,34 @@ class SmoothedEstimate:
     Attributes
     ----------
     states, states_std : (n+1, 12)
-        States (eq. 16, SI and rad) and their standard deviations, the last pass's move included; X and Y from the start
-        of the profile.
+        States (eq. 16, SI and rad) and their standard deviations, including the last pass's move; X and Y from the
+        start of the profile.
     disturbances, disturbances_std : (n, 6)
         Disturbance over each step and its standard deviation, N and N m.
     displacement, displacement_covariance : (2,), (2, 2)
-        North and east from start to end, m and m2.
+        Displacement north and east from start to end, and its covariance, m and m2.
     cost : float
         Half the sum of all squares over variances: initial state, noise and measurements (heavy tails: with the last
         weights).
     passes : int
-        Linearisations.
+        Number of linearisations.
     damped : int
-        Passes whose move was shortened or not made at all.
+        Number of passes whose move was shortened or not made at all.
     movement : float
         Move of the last pass, in standard deviations, root mean square over rows and states.
     noise_factor : (6,)
-        Variance that the steps added in the end, over that of the prior (of `iterate_passes`: over that given, median).
+        Ratio of the final variance of the steps' noise to that of the prior (from `iterate_passes` alone: median ratio
+        to the initial one).
     used, widened : int
-        Values that counted, and those with a widened variance.
+        Number of values used, and of those with a widened variance.
     outcome : Outcome
-        How it ended; where it is not usable, the values are the filter's and the standard deviations NaN.
+        Outcome of the smoother; if it is not usable, the values are the filter's and the standard deviations NaN.
     trouble : str
-        Error that ended the smoother early; empty as a rule.
+        Error that ended the smoother early; usually empty.
     noise_held : bool
-        Whether the noise is the prior's because no estimate was found with one that follows the dive.
+        Whether the noise is the prior's because no estimate was found with noise adapted to the dive.
     last_pass : LastPass, optional
-        The problem as it ended; not retained by `thinned`.
+        Final state of the problem; not retained by `thinned`.
     """
 
     states: Array
@@ -67,22 +68,22 @@ class SmoothedEstimate:
     last_pass: "LastPass | None" = None
 
     def thinned(self, every: int) -> "SmoothedEstimate":
-        """Return the estimate at every so many steps; the others, ten times as much as a rule, are freed."""
-        # Copies, not views, so that the steps' arrays are freed.
+        """Return the estimate at steps that are multiples of `every`; the larger arrays of all steps are freed."""
+        # Copies, not views, to free the steps' arrays.
         names = ("states", "states_std", "disturbances", "disturbances_std")
         return replace(self, last_pass=None, **{name: getattr(self, name)[::every].copy() for name in names})
 
 
 @dataclass(frozen=True, eq=False)
 class LastPass:
-    """A dive's problem as the smoother ended, and what its last pass found of the noise.
+    """A dive's problem at the end of the smoother, and the noise from its last pass.
 
     Attributes
     ----------
     dive : Dive
-        The problem, with the last variances and noise.
+        Problem with the last variances and noise.
     noise_mean, noise_resolved : (n, 6), (n, 6)
-        As in `gliderhpc.kernels.smoother_memory.Backward`.
+        Mean of the noise and its resolved part, as in `gliderhpc.kernels.smoother_memory.Backward`.
     """
 
     dive: Dive
@@ -91,7 +92,7 @@ class LastPass:
 
 
 def filter_fallback(filtered: FilterEstimate) -> SmoothedEstimate:
-    """Return the filter's estimate in place of a smoothed one that failed; quantities of a smoother alone are NaN."""
+    """Return the filter's estimate in place of a failed smoothed one; quantities of the smoother alone are NaN."""
     states, disturbances = filtered.states, filtered.disturbances[:-1]
     return SmoothedEstimate(
         states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan), displacement(states),
@@ -101,5 +102,5 @@ def filter_fallback(filtered: FilterEstimate) -> SmoothedEstimate:
 
 
 def displacement(states: Array) -> Array:
-    """Return the way (2,) north and east from the first to the last of states (n, 12), m."""
+    """Return the displacement (2,) north and east from the first to the last of states (n, 12), m."""
     return np.asarray(states[-1, 3:5] - states[0, 3:5])

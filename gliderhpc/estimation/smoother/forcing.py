@@ -1,7 +1,7 @@
 """Derivatives of a dive's problem by the errors of the hull and of its records, in plausible deviations.
 
-What these errors change is the hull's constants, the mass properties along the dive, the corrected samples, and the
-prior of the initial state, which is guessed from the first samples by the hull's steady glide.
+These errors change the hull's constants, the mass properties along the dive, the corrected samples, and the prior of
+the initial state, which is guessed from the first samples and the hull's steady glide.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _RECORDS = "sensors."
 _SMALL = 1e-3
-"""Plausible deviations by which the guess of the initial state is differentiated."""
+"""Step, in plausible deviations, of the finite differences of the initial state's guess."""
 
 
 def hull_forcing(
@@ -40,16 +40,16 @@ def hull_forcing(
     Parameters
     ----------
     profile : PreparedProfile
-        The profile on its ``n`` steps, with the hull about which is differentiated.
+        Profile on its ``n`` steps, with the hull about which the derivatives are taken.
     dive : Dive
-        Its problem.
+        Problem of the profile.
     records : RecordSettings
-        Corrections of the records behind those of the hull's sensors.
+        Corrections of the records, made after those of the hull's sensors.
     parameters : sequence of HullParameter
         The ``p`` parameters (`hull_parameters`).
     attitude_and_depth : (n+1, 4)
-        Roll, pitch, heading (rad) and depth (m) at which the samples' derivatives are taken. Those measured have the
-        samples' own errors: with them a scale of the pitch seemed wrong by ten of its deviations.
+        Roll, pitch, heading (rad) and depth (m) at which the samples' derivatives are taken. Measured values would
+        contain the samples' own errors: with them the scale of the pitch seemed wrong by ten of its deviations.
     """
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
@@ -78,7 +78,7 @@ def fed_sample_slopes(
     parameters: Sequence[HullParameter],
     attitude_and_depth: Array,
 ) -> Array:
-    """Differentiate the samples that count ``(f, 4, r)`` by the errors of the records, arguments as `hull_forcing`."""
+    """Differentiate the fed samples ``(f, 4, r)`` by the errors of the records, with arguments as in `hull_forcing`."""
     fed, rates = np.flatnonzero(dive.fed), depth_rate(profile.series)
     found = [
         sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
@@ -89,7 +89,7 @@ def fed_sample_slopes(
 
 
 def _moved(platform: Platform, parameter: HullParameter, deviations: float) -> Platform:
-    """Return the platform moved along the parameter's tangent, so that polynomials have exact central differences."""
+    """Return the platform moved along the parameter's tangent, which makes central differences of quadratics exact."""
     value = parameter.value(platform) + deviations * parameter.slope(platform, 0.0)
     return with_values(platform, {parameter.key: value})
 
@@ -97,7 +97,7 @@ def _moved(platform: Platform, parameter: HullParameter, deviations: float) -> P
 def _constants(
     platform: Platform, parameters: Sequence[HullParameter]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Derivatives of the hull's constants that are not zero: constant, parameter, slope. The constants are linear."""
+    """Nonzero derivatives of the hull's constants: constant, parameter, slope. The constants are linear."""
     slopes = np.array([
         0.5 * (np.array(hull_of(_moved(platform, p, 1.0))) - np.array(hull_of(_moved(platform, p, -1.0))))
         for p in parameters
@@ -114,7 +114,7 @@ def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
 def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
     """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree.
 
-    They are computed where the controls change; between, an actuator at rest leaves them as they are.
+    They are computed where the controls change; in between they are constant.
     """
     platform, series = profile.glider.platform, profile.series
     controls = controls_of(platform, series)
@@ -146,9 +146,9 @@ def sample_slopes(
     platform, records : Platform, RecordSettings
         Corrections in the order in which they were made (`corrected`).
     parameter : HullParameter
-        One of the platform's sensors.
+        Error of one of the platform's sensors.
     measurements, rates : (n, 4), (n,)
-        Roll, pitch, heading (rad) and depth (m), and the rate of the depth (m/s).
+        Corrected roll, pitch, heading (rad) and depth (m), and the rate of the depth (m/s).
     """
     sensors = platform.sensors
     out = np.zeros(measurements.shape)
@@ -174,7 +174,7 @@ def sample_slopes(
 
 
 def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
-    """Heading before a correction, by the contraction that the correction's small slope makes of it."""
+    """Heading before a correction, by fixed-point iteration, which converges since the correction's slope is small."""
     read = heading
     for _ in range(6):
         read = heading + np.radians(errors.heading_offset + harmonics(read) @ np.array(errors.heading_deviation))
@@ -182,7 +182,7 @@ def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
 
 
 def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters: Sequence[HullParameter]) -> Array:
-    """Derivative ``(p, 16)`` of the guess of the initial state; the disturbances' prior is zero whatever the hull."""
+    """Derivative ``(p, 16)`` of the guess of the initial state; the disturbances' prior mean is zero for any hull."""
     series, platform = profile.series, profile.glider.platform
     first = replace(series, measurements=series.measurements[: round(2.0 * smoothing_time(series) / series.step) + 2])
     rates = depth_rate(first)

@@ -1,8 +1,8 @@
-"""Information of a dive on the errors of its hull and records, and what these errors change of the smoothed estimate.
+"""Information of a dive on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
-from a filter about its own path; the sensitivities of the smoothed estimate from a filter and a smoother about the
-smoothed path (docs/smoother.md). Both take the variances and the noise that the smoother ended with.
+from a filter about its own path. The sensitivities of the smoothed estimate come from a filter and a smoother about the
+smoothed path (docs/smoother.md). Both use the smoother's final variances and noise.
 """
 
 from collections.abc import Sequence
@@ -36,31 +36,31 @@ from gliderhpc.kernels.smoother_memory import Dive, allocate_block
 Array = NDArray[np.float64]
 
 MEASURED = np.array([0, 1, 2, 5])
-"""Indices of the measured among the twelve states of eq. 16."""
+"""Indices of the measured states among the twelve of eq. 16."""
 
 _FARTHEST = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-"""Deviations of the filter from the smoothed path with which it still flies: roll, pitch, heading (rad), depth (m),
-velocity (m/s) and rates (rad/s)."""
+"""Largest deviations of the filter from the smoothed path with which the hull can still fly: roll, pitch, heading
+(rad), depth (m), velocity (m/s) and rates (rad/s)."""
 
 _ROUNDING = 1e-9
-"""Negative eigenvalue of an information, relative to the largest, that rounding explains."""
+"""Largest negative eigenvalue of an information, relative to the largest one, that is attributed to rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiveInformation:
-    """What one dive says of ``p`` errors of its hull and records, in plausible deviations from the platform's values.
+    """Information of one dive on ``p`` errors of its hull and records, in plausible deviations from the platform.
 
     Attributes
     ----------
     parameters : tuple of HullParameter
-        Which errors.
+        Parameters with these errors.
     value, plausible_deviation : (p,), (p,)
-        The platform's values, in its file's units; plausible deviations in them, or relative where a number varies by
-        factors.
+        The platform's values in the units of its file, and plausible deviations in the same units, or relative ones for
+        numbers that vary by factors.
     score, information : (p,), (p, p)
-        Gradient of the record's log likelihood at the platform's values, and its expected curvature.
+        Gradient of the record's log-likelihood at the platform's values, and its expected curvature.
     others : tuple of (score, information)
-        Both under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
+        Score and information under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
     displacement : (2, p)
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
@@ -79,28 +79,28 @@ class DiveInformation:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Keys of the platform file."""
+        """Keys of the parameters in the platform file."""
         return tuple(parameter.key for parameter in self.parameters)
 
     @property
     def is_sound(self) -> bool:
-        """Return whether everything is finite and no information negative, as it may be on a wrong hull."""
+        """Return whether everything is finite and no information is negative; on a wrong hull it may be."""
         return self.narrows_errors and all(_is_sound(*other) for other in self.others)
 
     @property
     def narrows_errors(self) -> bool:
-        """Return whether that is so of the dive's own noise, whatever the other assumptions of it give."""
+        """Return whether the same holds for the dive's own noise, whatever the other assumptions give."""
         return self.has_sensitivities and _is_sound(self.score, self.information)
 
     def saying_nothing(self) -> "DiveInformation":
-        """Return the same without score and information, which are NaN."""
+        """Return the same with NaN in place of score and information."""
         others = tuple((np.full_like(score, np.nan), np.full_like(matrix, np.nan)) for score, matrix in self.others)
         score, information = np.full_like(self.score, np.nan), np.full_like(self.information, np.nan)
         return replace(self, score=score, information=information, others=others)
 
     @property
     def has_sensitivities(self) -> bool:
-        """Return whether it is known what the errors change of the estimate."""
+        """Return whether all sensitivities of the estimate are finite."""
         return all(np.isfinite(values).all() for values in (self.states, self.disturbances, self.displacement))
 
 
@@ -112,13 +112,13 @@ def smoothed_dive_information(
     Parameters
     ----------
     profile, smoothed : PreparedProfile, SmoothedEstimate
-        The profile, and its estimate on all ``n`` steps.
+        Profile, and its estimate on all ``n`` steps.
     last : LastPass
-        Of the smoother.
+        Last pass of the smoother.
     settings : EstimationSettings
-        Of the run.
+        Settings of the run.
     """
-    # No sample follows the last row, so that its disturbance is the one before, decayed.
+    # No sample follows the last row; its disturbance is the previous one, decayed.
     behind = last.dive.decay * smoothed.disturbances[-1]
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
     return dive_information(profile, last, settings.records, path, every=settings.steps_per_record)
@@ -132,20 +132,20 @@ def dive_information(
     Parameters
     ----------
     profile, last : PreparedProfile, LastPass
-        The profile on its ``n`` steps, and the smoother's problem as it ended.
+        Profile on its ``n`` steps, and the smoother's problem after the last pass.
     records : RecordSettings
-        Corrections of the records behind those of the hull's sensors.
+        Corrections of the records, made after those of the hull's sensors.
     smoothed : Trajectory
-        The smoothed path.
+        Smoothed path.
     every : int
-        Steps from record to record.
+        Number of steps from record to record.
 
     Notes
     -----
-    An innovation's expectation given the past is zero at the true ``eta`` whatever the past, so the score
-    ``sum h' e / S`` has no bias as long as ``h`` is made of the past alone. About the smoothed path it would not be:
-    that path contains the noise of the sample itself. Nor would it be with derivatives of the samples as they were
-    read. So score and information are those about the path of a filter that is linearised about the smoothed one.
+    At the true ``eta`` an innovation has zero expectation given the past. The score ``sum h' e / S`` is therefore
+    unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
+    the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
+    computed about the path of a filter that is linearised about the smoothed one.
     """
     platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
@@ -183,17 +183,17 @@ def moved(path: Trajectory, deviations: Array) -> Trajectory:
 
 
 def flyable(deviations: Array) -> Array:
-    """Filter's deviations ``(n+1, 16)`` from the smoothed path, zero in rows of which any is beyond `_FARTHEST`.
+    """Filter's deviations ``(n+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_FARTHEST`.
 
-    Near rest, or about the path of a wrong hull, a linearised filter may be off by radians and metres a second, and a
-    step from there gives no numbers.
+    Near rest, or about the path of a wrong hull, a linearised filter may be in error by radians and metres per second,
+    and a step from there may not be finite.
     """
     flyable = np.asarray(np.all(np.abs(deviations[:, :10]) <= _FARTHEST, axis=1))
     return np.where(flyable[:, None], deviations, 0.0)
 
 
 def _predicted(states: Array) -> Array:
-    """Filtered states as predicted from the two rows before, so that no row knows its own sample."""
+    """Filtered states extrapolated from the two previous rows, which makes each row independent of its own sample."""
     predicted = states.copy()
     predicted[2:] = 2.0 * states[1:-1] - states[:-2]
     return predicted
@@ -204,7 +204,7 @@ def _is_sound(score: Array, matrix: Array) -> bool:
 
 
 def semidefinite(matrix: Array) -> bool:
-    """Whether a symmetric matrix is finite and has no negative eigenvalue but for rounding."""
+    """Return whether a symmetric matrix is finite and has no negative eigenvalue except by rounding."""
     if not np.isfinite(matrix).all():
         return False
     eigenvalues = np.linalg.eigvalsh(matrix)
@@ -219,7 +219,7 @@ def symmetric(lower: Array) -> Array:
 def sum_information(
     hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory
 ) -> tuple[Information, ...]:
-    """Information and score about a trajectory, by the sweep forwards alone, under each assumption of the noise."""
+    """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise."""
     memory = allocate_alternatives(len(assumed[0].bodies), len(forcing.start), len(assumed))
     kernel.sum_information(hull, tuple(assumed), forcing, trajectory.states, trajectory.disturbances, *memory)
     return memory[-1]

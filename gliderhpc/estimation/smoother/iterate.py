@@ -1,9 +1,9 @@
-"""The iterated smoother of a whole dive: disturbances and motion from past and future samples, with their deviations.
+"""The iterated smoother of a whole dive: disturbances and motion from past and future samples, with uncertainties.
 
 `smooth_dive` poses a profile's problem, estimates its noise from a segment, and iterates passes. This is the
 Gauss-Newton iteration for the maximum a posteriori (MAP) problem of `gliderhpc.estimation.smoother.problem`: every pass
-linearises the flight model about the smoothed trajectory of the pass before. By default a further term leads to the
-mean in place of the most probable trajectory (docs/smoother.md).
+linearises the flight model about the smoothed trajectory of the previous pass. By default an additional term leads to
+the mean in place of the most probable trajectory (docs/smoother.md).
 """
 
 from collections.abc import Sequence
@@ -29,21 +29,21 @@ from gliderhpc.vocabulary import CHANNELS
 Array = NDArray[np.float64]
 
 _FRACTIONS = (1.0, 0.5, 0.25, 0.125)
-"""Parts of a pass's move that are tried."""
+"""Fractions of a pass's move that are tried."""
 _PENALTY = 1.5
-"""Weight of a defect over the largest costate of its state: above 1 the merit's minimum is that of the MAP problem."""
+"""Ratio of a defect's weight to the largest costate of its state; above 1 the merit has the MAP problem's minimum."""
 _NEARLY_DONE = 1.0
-"""Move left, in standard deviations, with which an iteration that ended early still gives an estimate."""
+"""Largest remaining move, in standard deviations, with which an iteration that ended early still gives an estimate."""
 _SETTLED = 0.1
-"""Relative change of a variance of the noise below which it counts as settled."""
+"""Relative change of a variance of the noise below which the noise is not updated."""
 _MEAN_SHIFT_EVERY = 5
-"""Steps that share a mean shift, which changes with the covariances: a quarter of a pass's time in place of half."""
+"""Number of steps with a common mean shift, which then takes a quarter of a pass's time instead of half."""
 _ROUNDING = 1e-11
-"""Relative increase of the merit that rounding explains."""
+"""Relative increase of the merit that is attributed to rounding."""
 _SEGMENT = (0.15, 0.4)
-"""Part of a dive from which its noise is first estimated: steady descent as a rule, settled after the surface."""
+"""Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
 _KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
-"""Errors that a record may cause in the smoother; any other is a fault of the program."""
+"""Errors that a record may cause in the smoother; any other error is a fault of the program."""
 
 
 def smooth_dive(
@@ -51,17 +51,17 @@ def smooth_dive(
 ) -> SmoothedEstimate:
     """Smooth one filtered profile.
 
-    Where no estimate is found with a noise that follows the dive, the noise is the prior's. Where that fails too, the
-    outcome is not usable and the values are the filter's.
+    If no estimate is found with noise adapted to the dive, the prior's noise is used. If this fails too, the outcome is
+    not usable and the values are the filter's.
 
     Parameters
     ----------
     profile, filtered : PreparedProfile, FilterEstimate
-        The profile on its steps, and the filter's estimate.
+        Profile on its steps, and the filter's estimate.
     settings : EstimationSettings
-        Uses ``step``, ``filter`` and ``smoother``.
+        Settings, of which ``step``, ``filter`` and ``smoother`` are used.
     noise_factor : (6,) array or float
-        On the prior's noise, as the mission's other dives show it.
+        Factor on the prior's noise, estimated from the mission's other dives.
     """
     smoothed = _smoothed_or_filtered(profile, filtered, settings, noise_factor)
     if smoothed.outcome.usable or not settings.smoother.adaptive:
@@ -112,8 +112,8 @@ def noise_from_segment(
 ) -> Array:
     """Estimate the variances ``(n, 6)`` of a dive's noise from a segment, before the passes over the whole dive.
 
-    Every change of the noise costs passes; over a segment they cost a fraction. The dive's own passes renew the noise
-    where it differs.
+    Every change of the noise requires passes, which take less time over a segment. The passes over the whole dive
+    update the noise where it differs.
     """
     first, stop = (int(part * len(dive.noise)) for part in _SEGMENT)
     segment, rows = slice(first, stop), slice(first, stop + 1)
@@ -144,15 +144,15 @@ def iterate_passes(
     Parameters
     ----------
     hull, dive : Hull, Dive
-        The problem; its variances are widened where the first pass needs it, its noise renewed by the models.
+        The problem; the first pass widens its variances where needed, and the noise models update its noise.
     start : Trajectory
         Trajectory of the first linearisation; its X and Y are replaced.
     settings : SmootherSettings
-        Tolerance, cap (unset: none), and mean or mode.
+        Tolerance, largest number of passes (unset: unlimited), and mean or mode.
     gate : float
-        Standard deviations beyond which the first pass widens a variance; infinite by default.
+        Innovation, in standard deviations, beyond which the first pass widens a variance; infinite by default.
     noise_models : sequence of NoiseModel
-        Models by which the noise follows the passes; none by default.
+        Models that adapt the noise to the passes; none by default.
     usual : (n,) mask, optional
         Steps by which the noise is judged; all by default.
     """
@@ -185,7 +185,7 @@ def iterate_passes(
 
 
 class _Iteration:
-    """Passes over a dive until nothing moves, each move damped where it must be."""
+    """Passes over a dive until convergence, with moves damped where necessary."""
 
     def __init__(
         self, sweeps: Sweeps, start: Trajectory, settings: SmootherSettings, gate: float, models: Sequence[NoiseModel],
@@ -196,13 +196,13 @@ class _Iteration:
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
         self.movement = np.inf
-        # Part of the log determinant that the dive's own noise confirms.
+        # Share of the log determinant that is consistent with the dive's own noise.
         self.share = 1.0
         self._cap = np.inf if settings.max_passes is None else settings.max_passes
         self.linear = self._pass()
 
     def run(self) -> Outcome:
-        """Iterate; afterwards nothing is held, so that variances are the problem's own."""
+        """Iterate; at the end nothing is damped, and variances are the problem's own."""
         if self._cap == 1:
             return self._only()
         outcome = self._iterate()
@@ -212,11 +212,11 @@ class _Iteration:
             self.linear = self._pass()
         if outcome is Outcome.CONVERGED:
             self.iterate = self._sweeps.forward(self._moved(1.0))
-        # One that would still move by a standard deviation, or gave no numbers, has no estimate.
+        # An iteration that would still move by a standard deviation, or is not finite, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
     def _only(self) -> Outcome:
-        """Make as much of the only pass's move as can be flown; the rest counts as uncertainty."""
+        """Make as much of the only pass's move as can be flown; the rest is added to the uncertainty."""
         for fraction in _FRACTIONS:
             trial = self._sweeps.forward(self._moved(fraction))
             if np.isfinite(trial.merit(np.zeros_like(trial.defects), 0.0)):
@@ -227,7 +227,7 @@ class _Iteration:
         return Outcome.DIVERGED
 
     def _moved(self, fraction: float) -> Trajectory:
-        """The trajectory, moved by a part of the last pass's correction."""
+        """Trajectory moved by a fraction of the last pass's correction."""
         states, disturbances = self.iterate.trajectory.states.copy(), self.iterate.trajectory.disturbances.copy()
         states[:, SENSED] += fraction * self.linear.correction[:, :10]
         disturbances += fraction * self.linear.correction[:, 10:]
@@ -251,7 +251,7 @@ class _Iteration:
     def _pass(self) -> Backward:
         linear = self._sweeps.backward(self.iterate.trajectory)
         if len(linear.mean_shift) and not self._damping.active:
-            # For the next pass: this one used the mean shift about the trajectory before.
+            # For the next pass: this one used the mean shift about the previous trajectory.
             self.share = consistency(linear, self._sweeps.dive.noise, self._usual)
             self._sweeps.dive.mean_shift[:] = self.share * linear.mean_shift
         self.movement = _movement(linear)
@@ -259,20 +259,20 @@ class _Iteration:
         return linear
 
     def _renewed_noise(self) -> Array:
-        """Variances of the noise for the next pass: the very array in use, unless something has moved."""
+        """Variances of the noise for the next pass: the same array as in use, unless a variance has changed."""
         used: Array = self._sweeps.dive.noise
         noise = used
-        # Held rows would seem to be resolved better than the record does.
+        # Damped rows would seem better resolved than they are by the record.
         for model in () if self._damping.active else self._models:
             noise = model.renewed(noise, self.linear)
         return noise if np.max(np.abs(noise / used - 1.0)) > _SETTLED else used
 
     def _move(self, noise: Array) -> None:
-        """Move the trajectory by the pass's correction, or by a part, where that lowers the merit; else damp more.
+        """Move the trajectory by the pass's correction, or by a fraction that lowers the merit; else damp more.
 
-        The merit adds to the cost the absolute defects, each state's weighed by more than its largest costate: the
-        defects' Lagrange multiplier. Then short moves always point downhill, and a trajectory of least merit has no
-        defects.
+        The merit is the cost plus the weighted absolute defects. The weight of each state exceeds its largest costate,
+        which is the defects' Lagrange multiplier. Short moves then always decrease the merit, and a trajectory of least
+        merit has no defects.
         """
         weights = _PENALTY * self.linear.steepest
         trajectory, strength = self.iterate.trajectory, self._damping.strength
@@ -299,7 +299,7 @@ class _Iteration:
 def consistency(linear: Backward, noise: Array, usual: NDArray[np.bool_]) -> float:
     """Sum of the smoothed noise's squares over their variances, relative to the number of resolved values; at most one.
 
-    Steps ``usual`` count; without any the noise is not contradicted, and the ratio is one.
+    Only steps ``usual`` are used. If nothing is resolved in them, the ratio is one.
     """
     resolved = float(np.sum(linear.noise_resolved[usual]))
     spent = float(np.sum((linear.noise_mean**2 / noise)[usual]))
@@ -307,7 +307,7 @@ def consistency(linear: Backward, noise: Array, usual: NDArray[np.bool_]) -> flo
 
 
 def _movement(linear: Backward) -> float:
-    """Root mean square of the move in standard deviations; NaN where the pass gave no numbers."""
+    """Root mean square of the move in standard deviations; NaN if the pass is not finite."""
     variance = np.hstack([linear.state_variance, linear.disturbance_variance])
     square = linear.correction**2
     known = variance > 0.0
@@ -317,7 +317,7 @@ def _movement(linear: Backward) -> float:
 
 
 def _state_deviations(linear: Backward) -> Array:
-    """Standard deviations ``(n+1, 12)``; the last pass's move of a state counts as uncertainty."""
+    """Standard deviations ``(n+1, 12)``; the last pass's move of a state is added as uncertainty."""
     deviations = np.empty((len(linear.state_variance), 12))
     deviations[:, SENSED] = np.sqrt(linear.state_variance + linear.correction[:, :10] ** 2)
     deviations[:, 3:5] = np.sqrt(linear.track_variance)

@@ -1,11 +1,11 @@
-"""Noise of the disturbances as a dive's information on its hull takes it, and other assumptions of it.
+"""Noise of the disturbances in a dive's information on its hull, and other assumptions of this noise.
 
-The smoother takes one scale of the noise for a whole dive. What the water does to the yaw comes in bursts with quiet
-between, and a filter that takes the dive's mean for the noise of a quiet stretch follows its own sensors' errors there:
-its innovations are no longer white, and what they seem to say of the hull's damping is wrong (docs/smoother.md).
+The smoother uses one scale of the noise for a whole dive. The water's action in yaw comes in bursts with quiet
+stretches between. A filter with the dive's mean noise in a quiet stretch follows the errors of its own sensors there.
+Its innovations are no longer white, and their information on the hull's damping is wrong (docs/smoother.md).
 
-No scale is exact, and what is wrong with it moves what the dives say of the hull, in every dive to the same side. How
-far, other assumptions that are as plausible show.
+No scale is exact, and its error biases the information on the hull in the same direction in every dive. The size of
+this bias is estimated from other, equally plausible assumptions.
 """
 
 import numpy as np
@@ -19,15 +19,15 @@ from gliderhpc.kernels.smoother_memory import Dive
 Array = NDArray[np.float64]
 
 FAST = 120.0
-"""Disturbances with a shorter correlation time (s) have a local scale."""
+"""Correlation time (s) below which disturbances have a local scale."""
 WINDOW = 5.0
-"""Sample intervals over which the local scale is taken."""
+"""Number of sample intervals over which the local scale is computed."""
 _DIVE_WEIGHT = 1.0
-"""Resolved values that the smoother's scale is worth in a whole dive that may have been quieter."""
+"""Weight of the smoother's scale, in resolved values, in the scale of a whole dive that may have been quieter."""
 _LEAST_DISPERSION = 1e-3
-"""Relative variance of the local scale below which there is none."""
+"""Lower bound of the relative variance of the local scale."""
 _FEWEST = 1e-9
-"""Resolved values of a record that resolves none."""
+"""Lower bound of the number of resolved values, to prevent division by zero."""
 _RANGE = (1e-3, 1e3)
 """Bounds of the local scale."""
 
@@ -38,17 +38,17 @@ def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.
     Parameters
     ----------
     last : LastPass
-        Of the smoother.
+        Last pass of the smoother.
     sample_interval : float
-        s.
+        Sample interval of the record, s.
     steady : (n,) mask
-        Steps outside the vibration set, by which it is judged how much the noise varies.
+        Steps outside the vibration set, from which the variation of the noise is estimated.
 
     Notes
     -----
-    The factor of a stretch is that of `gliderhpc.estimation.smoother.noise.NoiseScale`: the squares of the smoothed
-    noise over their variances, in sum, over the number of values that the record resolves. The dive's own scale counts
-    as so many more resolved values, the less its stretches differ (`dispersion`).
+    The factor of a stretch is that of `gliderhpc.estimation.smoother.noise.NoiseScale`: the sum of the squares of the
+    smoothed noise over their variances, divided by the number of values that the record resolves. The dive's own scale
+    has a weight in resolved values, which is larger the less the stretches differ (`dispersion`).
     """
     dive = last.dive
     channels = np.flatnonzero(dive.step / -np.log(dive.decay) < FAST)
@@ -62,21 +62,21 @@ def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.
 
 
 def dispersion(spent: Array, resolved: Array, width: int) -> Array:
-    """Relative variance ``(c,)`` of the noise's scale between stretches, by moments; zero where one scale explains all.
+    """Relative variance ``(c,)`` of the noise's scale between stretches, by moments; zero if one scale explains all.
 
     Parameters
     ----------
     spent, resolved : (n, c), (n, c)
-        Squares of the smoothed noise over their variances, and the part that the record resolves, of every step.
+        Squares of the smoothed noise over their variances, and the part that the record resolves, at every step.
     width : int
-        Steps of a stretch.
+        Number of steps of a stretch.
 
     Notes
     -----
-    Of a stretch that resolves ``r`` values of noise of scale ``s`` the squares sum up to ``s r``, with a variance of at
-    most ``2 s^2 r``. Where ``s`` itself has the relative variance ``v``, the sums' variance is larger by
-    ``s^2 v (r^2 + 2 r)``. With a prior of this variance (inverse gamma), a scale is known beforehand as well as from
-    ``2 / v`` resolved values.
+    In a stretch that resolves ``r`` values of noise of scale ``s``, the expected sum of the squares is ``s r``, and its
+    variance is at most ``2 s^2 r``. If ``s`` itself has the relative variance ``v``, the variance of the sum is larger
+    by ``s^2 v (r^2 + 2 r)``. A prior of the scale with this variance (inverse gamma) has the weight of ``2 / v``
+    resolved values.
     """
     if not len(spent):
         return np.zeros(spent.shape[1])
@@ -93,17 +93,17 @@ def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_])
     Parameters
     ----------
     last : LastPass
-        Of the smoother: one scale for the whole dive.
+        Last pass of the smoother, with one scale for the whole dive.
     local : Dive
-        The problem as `with_local_noise` gives it.
+        Problem returned by `with_local_noise`.
     vibrating : (n+1,) mask
-        The vibration set.
+        Mask of the vibration set.
 
     Notes
     -----
-    The quieter noise has the factor of each channel over the dive (that of
-    `gliderhpc.estimation.smoother.noise.NoiseScale`, in which the scale that the smoother held on to counts hardly) and
-    once more that of each stretch, where they are below one.
+    The quieter noise is multiplied by the factor of each channel over the dive and, once more, by that of each stretch,
+    where these are below one. The former is that of `gliderhpc.estimation.smoother.noise.NoiseScale` with hardly any
+    weight of the smoother's scale.
     """
     dive, steady = last.dive, ~vibrating[:-1]
     spent, resolved = spent_and_resolved(last, dive.noise, steady)
@@ -114,5 +114,5 @@ def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_])
 
 
 def _sums(values: Array, width: int) -> Array:
-    """Sums over a window about each row."""
+    """Sums over a window centred on each row."""
     return np.asarray(width * scipy.ndimage.uniform_filter1d(values, width, axis=0, mode="nearest"))

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> Array:
-    """Variance ``(n, 6)`` that lagging records of the actuators add to the disturbances a step, N2 and (N m)2.
+    """Variance ``(n, 6)`` per step that lagging records of the actuators add to the disturbances, N2 and (N m)2.
 
     Parameters
     ----------
@@ -36,14 +36,13 @@ def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> 
 
     Notes
     -----
-    The recorded positions of battery and ballast are trusted to within a lag: a recorded value may hold a moment later,
-    or earlier. While an actuator moves, its weight's force and moment are wrong by their change over that time; as a
-    disturbance this appears when the move begins and is gone when it has ended. A random walk with the same change over
-    the lag,
+    The recorded positions of battery and ballast may be early or late by up to a lag. While an actuator moves, the
+    force and moment of its weight are then in error by their change over that time. This error acts like a disturbance
+    that appears when the move begins and vanishes when it has ended. A random walk with the same change over the lag,
 
         variance a step = (lag / h) (change from step to step of the lag's error)^2,
 
-    leaves the disturbance free to follow that, and no freer.
+    lets the disturbance follow this error, and is no wider.
     """
     rows = max(1, round(lag / step))
     earlier = bodies[np.maximum(np.arange(len(bodies)) - rows, 0)]
@@ -60,11 +59,11 @@ def _down(attitude: Array) -> Array:
 
 
 WEIGHT = 20.0
-"""Resolved values that the prior's own intensity is worth."""
+"""Weight of the prior's own intensity, in resolved values."""
 
 
 class SmoothedNoise(Protocol):
-    """What a pass found of the noise, as in `gliderhpc.kernels.smoother_memory.Backward`."""
+    """Results of a pass on the noise, as in `gliderhpc.kernels.smoother_memory.Backward`."""
 
     @property
     def noise_mean(self) -> Array:
@@ -76,35 +75,36 @@ class SmoothedNoise(Protocol):
 
 
 def spent_and_resolved(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Squares of the smoothed noise over variances ``noise (n, 6)``, and resolved values, in sum over some steps."""
+    """Sums over some steps of the smoothed noise's squares over variances ``noise (n, 6)``, and of resolved values."""
     spent = np.sum(found.noise_mean[steps] ** 2 / noise[steps], axis=0)
     return spent, np.sum(found.noise_resolved[steps], axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseScale:
-    """Scale of a dive's disturbances, estimated from the dive: one factor a channel on the noise of its prior.
+    """Scale of a dive's disturbances, estimated from the dive: one factor for each channel on the prior's noise.
 
     Attributes
     ----------
     prior, actuators : (n, 6)
-        Variances that the steps add by the prior, and for the actuators' sake.
+        Variances of the steps' noise from the prior, and from lagging actuators.
     usual : (n,) mask
-        Steps by which the noise is judged: outside the vibration set, the actuators at rest.
+        Steps by which the noise is judged: outside the vibration set, with the actuators at rest.
     channels : tuple of int
         Channels that have a factor.
 
     Notes
     -----
-    A prior serves many dives, and the water is calmer on one than on another. Where a prior is too wide, intervals are,
-    and the mean is drawn to where the record resolves the noise less (docs/smoother.md); where it is too narrow, the
-    reverse. The factor follows from the evidence: were the prior right, the squares of the smoothed noise would sum
-    up, over their variances, to the number of values that the record resolves,
+    One prior is used for many dives, and the water is calmer in some than in others. If the prior is too wide, the
+    intervals are too wide as well, and the mean is drawn to where the record resolves the noise less
+    (docs/smoother.md); if it is too narrow, the opposite occurs. The factor follows from the evidence. With the right
+    prior, the sum of the squares of the smoothed noise over their variances would equal the number of values that the
+    record resolves,
 
         sum of mean^2 / q = sum of q L,
 
-    for the noise is ``-q l`` with a costate of covariance ``L``. The factor is the ratio of the two sums (MacKay 1992),
-    the prior itself counting as `WEIGHT` resolved values more.
+    since the noise is ``-q l`` with a costate of covariance ``L``. The factor is the ratio of the two sums (MacKay
+    1992), in which the prior itself has the weight of `WEIGHT` resolved values.
     """
 
     prior: Array
@@ -113,7 +113,7 @@ class NoiseScale:
     channels: tuple[int, ...]
 
     def factors(self, noise: Array) -> Array:
-        """Factors ``(6,)`` that correspond to variances ``noise (n, 6)``; one where no step is usual."""
+        """Factors ``(6,)`` of variances ``noise (n, 6)`` relative to the prior; one if no step is usual."""
         if not self.usual.any():
             return np.ones(6)
         return np.asarray(noise[self.usual].sum(axis=0) / self.prior[self.usual].sum(axis=0))
@@ -129,7 +129,7 @@ class NoiseScale:
         return renewed
 
     def scaled(self, factors: Array) -> Array:
-        """Variances ``(n, 6)`` of these factors ``(6,)``; channels without one have the prior's."""
+        """Variances ``(n, 6)`` with these factors ``(6,)``; channels without a factor have the prior's variances."""
         own = np.ones(6)
         own[list(self.channels)] = factors[list(self.channels)]
         return own * self.prior + self.actuators
@@ -141,27 +141,27 @@ class NoiseScale:
 
 @dataclass(frozen=True, eq=False)
 class HeavyTails:
-    """Heavy-tailed noise by iterative reweighting, so that impulses are not smeared (off by default).
+    """Heavy-tailed noise by iterative reweighting, which does not smear impulses (off by default).
 
     Attributes
     ----------
     nominal : (n, 6)
-        Variances that the steps add, q.
+        Nominal variances q of the steps' noise.
     degrees_of_freedom : float
-        nu.
+        Degrees of freedom nu.
     channels : tuple of int
-        The channels.
+        Channels with heavy-tailed noise.
     steps : int
-        m, steps of a sample interval.
+        Number m of steps of a sample interval.
 
     Notes
     -----
-    Student's t is a Gaussian whose variance is itself drawn, here once for every sample interval: ``f q`` in place of
-    ``q`` at each of its ``m`` steps. A record resolves one number an interval, the sum of its noise; let ``R`` be the
-    expectation of that number's square over its variance ``m q``. Expectation-maximisation then gives
-    ``f = (nu + R) / (nu + 1)``: near 1 in quiet stretches, larger where the record demands a jump (Aravkin et al.
-    2014). The sweeps give the expected squares of the steps' noise, ``S q`` in sum; all but one of its ``m`` degrees of
-    freedom are at their prior's variance, so ``R = S - (m - 1) f`` with the ``f`` that the sweeps took.
+    Student's t is a Gaussian with a random variance, here drawn once for every sample interval: ``f q`` in place of
+    ``q`` at each of its ``m`` steps. A record resolves one number per interval, the sum of its noise. With ``R`` the
+    expectation of that number's square over its variance ``m q``, expectation-maximisation gives
+    ``f = (nu + R) / (nu + 1)``: near 1 in quiet stretches, larger where the record requires a jump (Aravkin et al.
+    2014). The sweeps give the expected squares of the steps' noise, whose sum is ``S q``. All but one of its ``m``
+    degrees of freedom have the prior's variance, and therefore ``R = S - (m - 1) f`` with the ``f`` used in the sweeps.
     """
 
     nominal: Array
@@ -185,7 +185,7 @@ class HeavyTails:
 
 
 class NoiseModel(Protocol):
-    """Model by which the noise of the disturbances follows the results of a pass."""
+    """Model that adapts the noise of the disturbances to the results of a pass."""
 
     def renewed(self, noise: Array, linear: Backward) -> Array:
-        """Variances ``(n, 6)`` of the next pass, from those of the last one and what it gave."""
+        """Variances ``(n, 6)`` of the next pass, from those of the last pass and its results."""

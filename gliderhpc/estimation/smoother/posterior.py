@@ -1,4 +1,4 @@
-"""Errors of the hull by the platform file and by one dive, and the smoothed estimate with them."""
+"""Errors of the hull from the platform file and one dive, and the smoothed estimate with these errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ class HullErrors:
     Attributes
     ----------
     mean, covariance : (p,), (p, p)
-        From the platform's values.
+        Mean, relative to the platform's values, and covariance.
     """
 
     mean: Array
@@ -29,7 +29,7 @@ class HullErrors:
 
 
 def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
-    """Errors by the platform file alone: a calibration's covariance, and plausible deviations of what it leaves out."""
+    """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""
     covariance, names = np.eye(len(parameters)), [p.key for p in parameters]
     stated = None if platform.uncertainty is None else platform.uncertainty.covariance
     if stated is not None:
@@ -41,7 +41,7 @@ def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> Hu
 
 
 def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
-    """Errors after a dive: ``(I + C^-1)^-1``, without inverting a covariance, which may be singular."""
+    """Errors after a dive, with covariance ``(I + C^-1)^-1``; C, which may be singular, is not inverted."""
     smaller = np.linalg.solve(np.eye(len(errors.mean)) + errors.covariance @ information.information, errors.covariance)
     covariance = 0.5 * (smaller + smaller.T)
     return HullErrors(
@@ -51,18 +51,18 @@ def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
 
 @dataclass(frozen=True, eq=False)
 class HullPart:
-    """What the errors of a hull are in a dive, and what they do to its smoothed estimate.
+    """Errors of a hull in a dive, and their part in its smoothed estimate.
 
     Attributes
     ----------
     information : DiveInformation
-        Of the dive.
+        Information of the dive.
     errors : HullErrors
-        The platform file's errors, after the dive.
+        Errors of the platform file's hull, after the dive.
     displacement_covariance : (2, 2)
-        The hull's part in that of the displacement, m2.
+        The hull's part in the covariance of the displacement, m2.
     share : (18,)
-        Part of the variance of twelve states (eq. 16) and six disturbances that is the hull's, median over the records.
+        The hull's share in the variance of twelve states (eq. 16) and six disturbances, median over the records.
     """
 
     information: DiveInformation
@@ -74,25 +74,26 @@ class HullPart:
 def with_hull_errors(
     smoothed: SmoothedEstimate, information: DiveInformation, errors: HullErrors, *, corrected: bool = False
 ) -> tuple[SmoothedEstimate, HullPart]:
-    """Give a smoothed estimate at the records the hull's part of its uncertainty.
+    """Add the hull's part to the uncertainty of a smoothed estimate at the records.
 
     Parameters
     ----------
     smoothed : SmoothedEstimate
-        At the records (`SmoothedEstimate.thinned`), for the platform's values.
+        Estimate at the records (`SmoothedEstimate.thinned`), for the platform's values.
     information : DiveInformation
-        Of the same records.
+        Information of the dive, with sensitivities at the same records.
     errors : HullErrors
         The hull's errors after the dive.
     corrected : bool
-        Move the estimate to their mean; otherwise it stays that of the platform's values.
+        Whether the estimate moves to the mean of the errors; otherwise it remains that for the platform's values.
 
     Notes
     -----
-    Corrected, the estimate is ``x + V m`` with covariance ``P + V C V'``, ``m`` and ``C`` mean and covariance of the
-    errors (model.md 12). Held to the platform's values its expected squared error is ``P + V (C + m m') V'``. Over all
-    dives the latter's part is that of the errors before the dive, for what a dive adds to ``m m'`` it takes from ``C``.
-    Both are exact where the problem is linear in the errors.
+    The corrected estimate is ``x + V m`` with covariance ``P + V C V'``, where ``m`` and ``C`` are the mean and the
+    covariance of the errors (docs/smoother.md). The estimate for the platform's values has the expected squared error
+    ``P + V (C + m m') V'``. On average over all dives, the hull's part of the latter is that of the errors before the
+    dive, since a dive increases ``m m'`` by as much as it decreases ``C``. Both are exact if the problem is linear in
+    the errors.
     """
     mean = errors.mean if corrected else np.zeros_like(errors.mean)
     square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
@@ -118,6 +119,6 @@ def _variance(sensitivity: Array, covariance: Array) -> Array:
 
 
 def _share(part: Array, deviation: Array) -> Array:
-    """Median share ``(k,)`` of a part ``(m, k)`` in the variance; zero where there is no variance, as of X at first."""
+    """Median share ``(k,)`` of a part ``(m, k)`` in the variance; zero where there is none, as for X at the start."""
     share = np.divide(part, deviation**2, out=np.zeros_like(part), where=deviation > 0.0)
     return np.asarray(np.median(share, axis=0))

@@ -1,11 +1,11 @@
 """The dive's maximum a posteriori problem: its measurements, its priors, its start, and the sweeps that solve it.
 
-Unknown are the initial state and the six disturbances, first-order Gauss-Markov sequences that the flight model turns
-into the trajectory. Which samples count, and with what variance, is fixed before the iteration, so that the problem is
-well defined: those of the record that the filter neither gated nor restarted at, their variances widened once, where
-the first pass finds an innovation beyond the filter's gate, until it is at the gate. Two effects that the filter
-neglects are included, as intervals would be too narrow without: rounded samples repeat their error as they repeat
-their value, and the actuators' records may lag.
+The unknowns are the initial state and the six disturbances, first-order Gauss-Markov sequences from which the flight
+model computes the trajectory. The samples used and their variances are fixed before the iteration, which makes the
+problem well defined. The samples are those of the record at which the filter neither gated nor restarted. Where the
+first pass finds an innovation beyond the filter's gate, the variance is widened once until the innovation is at the
+gate. Two effects that the filter neglects are included, because the intervals would be too narrow without them: rounded
+samples repeat their error together with their value, and the actuators' records may lag.
 """
 
 from dataclasses import dataclass
@@ -40,22 +40,22 @@ from gliderhpc.vocabulary import CHANNELS
 Array = NDArray[np.float64]
 
 _INTERPOLATED = 0.5
-"""Part of a sample interval to which the time of an actuator's move is known."""
+"""Fraction of a sample interval to which the time of an actuator's move is known."""
 _SHARED = 1.0 / 3.0
-"""Share of a run of equal samples whose rounding error is taken to be the same: intervals of the pitching moment then
+"""Share of a run of equal samples whose rounding error is assumed to be common: intervals of the pitching moment then
 have their nominal coverage on twins (docs/smoother.md)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A trajectory and its disturbances; the disturbances need not lead to the trajectory.
+    """A trajectory and disturbances, which need not produce that trajectory.
 
     Attributes
     ----------
     states : (n+1, 12)
-        Eq. 16, SI and rad.
+        States of eq. 16, SI and rad.
     disturbances : (n+1, 6)
-        N and N m; row k acts on the step from row k, the last row on none.
+        Disturbances, N and N m; row k acts on the step from row k, the last row on none.
     """
 
     states: Array
@@ -72,11 +72,11 @@ def pose_dive(
     profile : PreparedProfile
         Hull and record on ``n`` steps; steps that start in the vibration set add more noise, as in the filter.
     filtered : FilterEstimate
-        Determines which samples are rejected, and with its disturbance prior the smoother's (`smoother_prior`).
+        Filter's estimate, which determines the rejected samples and the smoother's prior (`smoother_prior`).
     settings : EstimationSettings
-        Uses ``step``, ``filter`` and ``smoother``.
+        Settings, of which ``step``, ``filter`` and ``smoother`` are used.
     noise_factor : (6,) array or float
-        On the variances of the prior's noise.
+        Factor on the variances of the prior's noise.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior)
@@ -106,9 +106,9 @@ def _noise_scale(
     profile: PreparedProfile, filtered: FilterEstimate, prior: DisturbancePrior, settings: EstimationSettings,
     noise_factor: Array | float,
 ) -> NoiseScale:  # fmt: skip
-    """Noise of the disturbances by the prior and by the actuators."""
+    """Noise of the disturbances from the prior and from the actuators."""
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    # Exact for long correlation times too, where 1 - decay**2 would cancel.
+    # Accurate for long correlation times too, where 1 - decay**2 would suffer from cancellation.
     added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
     factor = np.where(profile.vibrating[:-1], settings.filter.vibration_noise_factor, 1.0)
     lag = max(settings.smoother.actuator_lag, _INTERPOLATED * profile.series.sample_interval)
@@ -120,16 +120,16 @@ def _noise_scale(
 
 
 def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:
-    """Rows ``(n+1,)`` at which the filter gated or restarted, and those as near to them as it is fed a slow record."""
+    """Mask ``(n+1,)`` of rows within half a feed interval of those at which the filter gated or restarted."""
     reach = round(0.5 * settings.filter.feed_interval / settings.step)
     rejected = filtered.events & (GATED | RESET) > 0
     return scipy.ndimage.maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
 
 
 def _variance(platform: Platform, measured: Array) -> Array:
-    """Variances ``(n+1, 4)``; those of an attitude that repeats itself grow, for its rounding error is no new one.
+    """Variances ``(n+1, 4)``; those of repeated angles are larger, because their rounding error is repeated as well.
 
-    The rounding errors of a run are all the same where the angle does not move, and differ where it passes through.
+    The rounding errors of a run are all the same if the angle does not move, and differ if it passes through.
     """
     variance = np.tile(sample_variance(platform), (len(measured), 1))
     rows = np.flatnonzero(np.isfinite(measured).any(axis=1))
@@ -139,7 +139,7 @@ def _variance(platform: Platform, measured: Array) -> Array:
 
 
 def starting_trajectory(filtered: FilterEstimate) -> Trajectory:
-    """Trajectory that the iteration begins with: the filter's estimate, its heading without jumps by whole turns."""
+    """Initial trajectory of the iteration: the filter's estimate, with a heading without jumps by whole turns."""
     states = filtered.states.copy()
     states[:, 2] = np.unwrap(states[:, 2])
     return Trajectory(states, filtered.disturbances.copy())
@@ -147,16 +147,16 @@ def starting_trajectory(filtered: FilterEstimate) -> Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """Trajectory that a pass was linearised about, and its cost.
+    """Trajectory about which a pass was linearised, and its cost.
 
     Attributes
     ----------
     trajectory : Trajectory
-        The trajectory.
+        Trajectory of the linearisation.
     costs : (3,)
-        Of initial state, measurements and noise.
+        Costs of initial state, measurements and noise.
     log_determinant : float
-        Half the logarithm of the Hessian's determinant, where the mean is wanted; else zero.
+        Half the logarithm of the Hessian's determinant for the estimate of the mean; zero for the mode.
     defects : (10,)
         Sums of the sensed states' absolute defects.
     """
@@ -167,16 +167,16 @@ class Iterate:
     defects: Array
 
     def merit(self, weights: Array, share: float) -> float:
-        """Merit to be minimised, the defects weighed by ``weights`` and the log determinant by ``share``.
+        """Merit to be minimised, with the defects weighted by ``weights`` and the log determinant by ``share``.
 
-        Infinite for a trajectory that is not finite or cannot be flown.
+        The merit is infinite for a trajectory that is not finite or cannot be flown.
         """
         value = float(self.costs.sum() + share * self.log_determinant + weights @ self.defects)
         return value if np.isfinite(value) and flyable(self.trajectory.states[:, SENSED]) else np.inf
 
 
 class Sweeps:
-    """The two sweeps of a pass, in buffers of their own."""
+    """The two sweeps of a pass, with buffers of their own."""
 
     def __init__(
         self, hull: Hull, dive: Dive, rows: tuple[int, ...] = (), *, mean_shift_every: int | None = None
@@ -211,21 +211,22 @@ class Sweeps:
 
 
 _FIRST, _WEAKEST, _STRONGEST = 1.0, 0.5, 1e6
-"""Strengths of the damping: the first, that below which there is none, and that beyond which it is pointless."""
+"""Strengths of the damping: the first one, the least one, and the one beyond which damping is useless."""
 _TIGHTER, _LOOSER = 10.0, 0.1
 """Factors on the strength."""
 
 
 class Damping:
-    """Levenberg-Marquardt damping: rows are held to the trajectory where no part of a move lowers the merit.
+    """Levenberg-Marquardt damping, used if no fraction of a move lowers the merit: rows stay near the trajectory.
 
     Notes
     -----
     Near rest the angle of attack swings by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
-    overshoots there while the rest of the dive needs it; shortening the whole move further and further would hold up
-    everything for a few seconds. Velocities and rates are held, with the deviations of the initial state's prior over
-    the root of a strength: rows that the record pins down better than that hardly notice (Särkkä and Svensson 2020,
-    Levenberg-Marquardt and line-search extended Kalman smoothers, ICASSP 2020, 5875-5879).
+    overshoots there, whereas the rest of the dive needs the whole move. To shorten it more and more would delay the
+    whole dive because of a few seconds. Therefore velocities and rates are damped towards the trajectory, with the
+    deviations of the initial state's prior over the square root of a strength. Rows that the record determines better
+    than that hardly change (Särkkä and Svensson 2020, Levenberg-Marquardt and line-search extended Kalman smoothers,
+    ICASSP 2020, 5875-5879).
     """
 
     def __init__(self, dive: Dive) -> None:
@@ -235,23 +236,23 @@ class Damping:
 
     @property
     def active(self) -> bool:
-        """Return whether rows are held at all."""
+        """Return whether there is any damping."""
         return self.strength > 0.0
 
     @property
     def exhausted(self) -> bool:
-        """Return whether further tightening is pointless."""
+        """Return whether stronger damping is useless."""
         return self.strength > _STRONGEST
 
     def set(self, strength: float) -> None:
-        """Damp with a strength; less than the weakest is none."""
+        """Set the strength of the damping; a strength below the least one means none."""
         self.strength = strength if strength >= _WEAKEST else 0.0
         self._dive.damping[:] = self._variance / self.strength if self.active else np.inf
 
     def loosen(self) -> None:
-        """Damp less, as after a move that was good."""
+        """Damp less, as after a successful move."""
         self.set(self.strength * _LOOSER)
 
     def tighten(self) -> None:
-        """Damp more, as after a move that was not."""
+        """Damp more, as after an unsuccessful move."""
         self.set(max(self.strength * _TIGHTER, _FIRST))

@@ -1,4 +1,4 @@
-"""Checks of the records before they are inverted: what each finds, and what would correct it; nothing is corrected."""
+"""Checks of the records before inversion: findings and suggested corrections; nothing is corrected."""
 
 from gliderhpc.tuning.record_checks.finding import CheckSettings, CheckVerdict, Finding
 from gliderhpc.tuning.record_checks.inspection import Inspection, inspect_records

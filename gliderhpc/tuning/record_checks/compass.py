@@ -1,4 +1,4 @@
-"""Errors of the compass, constant and with the heading, by the currents of legs on different headings and by turns."""
+"""Constant and heading-dependent errors of the compass, from currents of legs on different headings and from turns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ STRETCH = 20.0
 """Length of a stretch (s), at least three sample intervals."""
 
 MIN_RATE = np.radians(0.3)
-"""Slower turns (rad/s) are not used."""
+"""Rate of turn (rad/s) above which a stretch is counted as turning."""
 
 MIN_PROFILES = 8
-"""Fewer show little of how far the estimate scatters from profile to profile."""
+"""Smallest number of profiles from which the scatter of the estimate can be judged."""
 
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8
-"""Part of the variance of the rate that roll and rudder must explain: else the water turns the glider too."""
+"""Part of the variance of the rate that roll and rudder must explain; otherwise the water turns the glider too."""
 
 _PASSES = 3
 _MIN_SCALE = 1e-6
@@ -48,7 +48,7 @@ class TurnInformation:
     vector : (5,)
         Information times estimate, rad-1.
     count : int
-        Stretches of turning flight that it rests on.
+        Number of stretches of turning flight; zero without any information.
     """
 
     information: Array
@@ -58,7 +58,7 @@ class TurnInformation:
 
 @dataclass(frozen=True, eq=False)
 class TurnStretches:
-    """Averages over n calm stretches: heading, roll, rudder (rad), rate of turn (rad/s), and whether it climbs."""
+    """Averages over n calm stretches: heading, roll, rudder (rad), rate of turn (rad/s), and a mask of the climbs."""
 
     profile: NDArray[np.int64]
     heading: Array
@@ -88,17 +88,17 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     Parameters
     ----------
     parts : sequence of TurnStretches
-        A profile each.
+        Stretches of each profile.
     plausible : float
-        Standard deviation of errors of compasses at large (rad), which bounds directions that no turn determines.
+        Standard deviation of compass errors in general (rad), which limits directions that no turn determines.
 
     Notes
     -----
-    A glider turns as it rolls and by its rudder: on dive and on climb each, the rate is linear in both. A compass
-    that reads ``delta(psi)`` too much shows that rate times ``1 + delta'(psi)``. Line and harmonics are fitted in turn,
-    stretches weighted by Tukey's biweight; the covariance is by leaving one profile out, and its inverse is made less
-    for what few profiles leave open. Where roll and rudder explain less than most of the turning, there is no result:
-    what else turns the glider need not be alike on all headings.
+    A glider turns by roll and by rudder, and its rate of turn is linear in both, separately in dives and in climbs. A
+    compass that reads ``delta(psi)`` too high shows that rate times ``1 + delta'(psi)``. The linear relation and the
+    harmonics are fitted together by Gauss-Newton steps, with stretches weighted by Tukey's biweight. The covariance
+    comes from leaving out one profile at a time; its inverse is reduced by the factor for few profiles. There is no
+    result if roll and rudder do not explain most of the turning, since other causes may depend on the heading.
     """
     nothing = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)
     profile = np.concatenate([part.profile for part in parts]) if parts else np.zeros(0, dtype=np.int64)
@@ -130,18 +130,18 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     covariance = covariance[line.shape[1] :, line.shape[1] :]
     information, known = np.zeros((5, 5)), _part_known(len(np.unique(profile)))
     information[1:, 1:] = known * _without_prior(covariance, plausible)
-    # The estimate was drawn towards zero by the prior, which the vector of the information must not be.
+    # The prior draws the estimate towards zero; the information vector must not contain this effect.
     vector = np.append(0.0, known * np.linalg.solve(covariance, found))
     return TurnInformation(information, vector, turning)
 
 
 def _part_known(profiles: int) -> float:
-    """Part of a covariance's inverse that is information, where the covariance is by few profiles (Hartlap 2007)."""
+    """Factor on the inverse of a covariance estimated from few profiles that makes it unbiased (Hartlap 2007)."""
     return (profiles - _HARMONICS - 2) / (profiles - 1)
 
 
 def _without_prior(covariance: Array, plausible: float) -> Array:
-    """Information that the turns add to the prior; none in directions that only the prior determines."""
+    """Information that the turns add to the prior; zero in directions that only the prior determines."""
     values, vectors = np.linalg.eigh(np.linalg.inv(covariance))
     return np.asarray((vectors * np.maximum(values - plausible**-2.0, 0.0)) @ vectors.T)
 
@@ -153,7 +153,7 @@ def _slopes(heading: Array) -> Array:
 
 
 MIN_LENGTH = 1.0
-"""Displacement through the water (m) below which a profile has no glide of its own, but rounding errors."""
+"""Smallest displacement through the water (m) of a glide; below it there are only rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,13 +163,13 @@ class Leg:
     Attributes
     ----------
     time : float
-        Of its first sample, s since 1970.
+        Time of the first sample, s since 1970.
     current : (2,)
-        North and east by the glide-angle track, m/s.
+        Current, north and east, from the glide-angle track, m/s.
     by_error : (2, 5)
-        Its derivatives by an error of the heading: constant, and times `harmonics`, m/s a rad.
+        Derivatives of the current by an error of the heading: constant, and times `harmonics`, m/s per rad.
     by_speed : (2,)
-        Its derivative by a relative error of the speed, m/s.
+        Derivative of the current by a relative error of the speed, m/s.
     """
 
     time: float
@@ -179,7 +179,7 @@ class Leg:
 
 
 def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> Leg | None:
-    """Make a profile a leg; None without a fix on either side, or without a glide of its own."""
+    """Convert a profile to a leg; None unless it has a fix on both sides and a displacement through the water."""
     motion = glide_angle_motion(platform, series, vibration_set(platform, series))
     whole = np.array([0, len(series.time) - 1])
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
@@ -204,35 +204,35 @@ CONSTANT, DEVIATION = "constant error of the compass", "deviation of the compass
 
 MIN_LEGS = 6
 _SPEED_ERROR = 0.3
-"""Standard deviation of the relative error of the speed through the water that the hull's coefficients leave."""
+"""Standard deviation of the relative error of the speed through the water due to the hull's coefficients."""
 _MEMORIES = np.geomspace(3e3, 1e6, 9)
 """Correlation times (s) tried for the current."""
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
-"""Variances tried of the part of the current that lasts, over that of the part that each profile has alone."""
+"""Ratios tried of the variance of the current's lasting part to that of the part of each profile alone."""
 
 _OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
 
 MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
-"""Directions (5, k) that are open, tried in turn: all five; constant and first harmonic; the constant alone."""
+"""Directions (5, k) that are estimated, tried in turn: all five; constant and first harmonic; the constant alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Errors of the compass (5,) over 1 and `HARMONICS`, rad, their covariance, and the directions that were open."""
+    """Errors of the compass (5,), the factors of 1 and `HARMONICS`, rad, their covariance, and estimated directions."""
 
     values: Array
     covariance: Array
     directions: Array
 
     def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
-        """Wald's statistic of some of the five parameters, and how many of their directions were open."""
+        """Wald's statistic of some of the five parameters, and the number of their directions that were estimated."""
         rank = int(np.linalg.matrix_rank(self.directions[which]))
         inverse = np.linalg.pinv(self.covariance[np.ix_(which, which)], rcond=1e-9, hermitian=True)
         return float(self.values[which] @ inverse @ self.values[which]), rank
 
 
 def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
-    """Estimate constant and heading-dependent error of the compass.
+    """Estimate the constant and the heading-dependent error of the compass.
 
     Parameters
     ----------
@@ -241,19 +241,19 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     turns : TurnInformation
         Information of the turns on the deviation.
     checks : CheckSettings
-        When an error counts.
+        Settings of the checks, with the thresholds of significance.
 
     Notes
     -----
-    A compass that reads ``delta(psi)`` too much lays the track through the water that much too far to starboard, and
-    the current that closes it on the fixes errs by as much to port: ``U' = U - sum delta(psi) n ds / T`` with the
-    normal n to starboard. An error that goes with the heading therefore shows as a difference of the currents on
-    different headings. The current itself is a constant, a part that decorrelates exponentially with time, and a part
-    that every profile has alone; the two variances and the time are found by restricted likelihood. The speed through
-    the water is fitted with it. The errors sought are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
-    What the headings flown do not separate is left out, the higher harmonics first. On two opposite legs the constant
-    shows, with the even harmonics in it, for it turns the two currents apart; the first harmonic there looks like a
-    current and does not. Turns add what `turn_information` finds.
+    A compass that reads ``delta(psi)`` too high turns the track through the water to starboard by that angle. The
+    current that closes the track on the fixes then has an equal error to port: ``U' = U - sum delta(psi) n ds / T``
+    with the normal n to starboard. The error therefore appears as a difference between the currents on different
+    headings. The current is modelled as a constant, a part that decorrelates exponentially with time, and a part of
+    each profile alone; the two variances and the time are estimated by restricted likelihood. The speed through the
+    water is fitted as well. The errors to estimate are ``A + B sin + C cos + D sin 2 + E cos 2`` of the heading read.
+    Harmonics that the headings flown do not separate are left out, the higher ones first. On two opposite legs the
+    constant can be estimated, together with the even harmonics, since it moves the two currents apart. The first
+    harmonic cannot, since it acts like a current there. Turns add the information of `turn_information`.
     """
     if len(legs) < MIN_LEGS:
         why = f"{len(legs)} profiles with a fix on either side, at least {MIN_LEGS} are needed"
@@ -307,7 +307,7 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
 
 
 class _System:
-    """The legs' currents as a linear model of the errors sought."""
+    """Linear model of the legs' currents in the errors to estimate."""
 
     def __init__(self, legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> None:
         count = len(legs)
@@ -337,7 +337,7 @@ class _System:
     def _posterior(
         self, design: Array, prior: Array, turn_vector: Array, memory: float, ratio: float
     ) -> tuple[float, Array, Array]:
-        """Restricted log-likelihood (negative, the current's variance found too), estimate and covariance."""
+        """Minus twice the restricted log-likelihood with the best variance of the current, estimate and covariance."""
         apart = np.abs(self._time[:, None] - self._time[None, :])
         shape = np.kron(np.eye(2), np.eye(len(self._time)) + ratio * np.exp(-apart / memory))
         factor = scipy.linalg.cho_factor(shape, lower=True)

@@ -1,4 +1,4 @@
-"""Depth rates of steady glides under errors of the pitch sensor, hull and water, and the fit of these errors."""
+"""Depth rates of steady glides with errors of the pitch sensor, hull and water, and the fit of these errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,17 +26,17 @@ _WATER = ("buoyancy.depth_slope", "buoyancy.compressibility", "buoyancy.thermal_
 _PARAMETERS = {p.key: p for p in (*PARAMETERS, *PARAMETERS_BY_DENSITY)}
 _OF_GLIDE = frozenset({OFFSET, SCALE, SIDES, *_COEFFICIENTS})
 _EXPONENT_ERROR = 0.3
-"""Exponent of the speed in drag over the squared speed; a laminar hull's is -0.5 at most."""
+"""Standard deviation of the exponent of the speed in drag over the squared speed; it is -0.5 for laminar flow."""
 _LAYER_ERROR, _LAYER_DEPTH = 1.0, 75.0
-"""Density (kg/m3) of a surface layer that a straight line over depth misses, and the depth (m) over which it decays."""
+"""Density (kg/m3) of a surface layer apart from a straight line over depth, and the depth (m) over which it decays."""
 _STEP = 1e-3
-"""Difference that derivatives are taken over, in the unknowns' sizes."""
+"""Step of the finite differences, in the unknowns' sizes."""
 _PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
-"""Gauss-Newton steps, the last one and the longest one, in the unknowns' sizes."""
+"""Number of Gauss-Newton steps, the step that ends them and the longest step, in the unknowns' sizes."""
 _BLOCKS = 12
-"""Parts of a mission, of consecutive profiles each, that are left out one by one: what is wrong may last for days."""
+"""Parts of a mission, of consecutive profiles each, that are left out one by one, since errors may last for days."""
 _MIN_RESIDUAL = 1e-4
-"""Scatter of the depth rate (m/s) below which no segment is an outlier."""
+"""Smallest scale of the residuals of the depth rate (m/s), for the detection of outliers."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class Unknown:
     Attributes
     ----------
     name : str
-        Which; keys of the platform file are meant as such.
+        Name of the error, or key of a number in the platform file.
     size : float
-        Unit of the fit, in SI or relative (coefficients); where `limited`, the standard deviation before any glide.
+        Unit of the fit, in the error's own unit or relative (coefficients); the prior standard deviation if `limited`.
     limited : bool
-        Whether anything is known before any glide.
+        Whether the error has a prior.
     """
 
     name: str
@@ -65,13 +65,13 @@ class DepthRateFit:
     Attributes
     ----------
     unknowns : tuple of Unknown
-        Which were fitted.
+        Errors that were fitted.
     steps : (p,)
         Estimates in the unknowns' sizes.
     covariance : (p, p)
-        In these sizes.
+        Covariance of the estimates, in these sizes.
     blocks : int
-        Parts of the mission that the covariance rests on.
+        Number of parts of the mission from which the covariance was estimated.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -94,7 +94,7 @@ class DepthRateFit:
         return self.unknowns[self._index(name)].size
 
     def implausible(self, limit: float) -> tuple[str, ...]:
-        """Names of what lies further off than so many of its standard deviations before any glide."""
+        """Names of the unknowns whose estimates exceed `limit` prior standard deviations."""
         pairs = zip(self.unknowns, self.steps, strict=True)
         return tuple(unknown.name for unknown, step in pairs if unknown.limited and abs(step) > limit)
 
@@ -103,7 +103,7 @@ class DepthRateFit:
 
 
 def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_density: bool) -> list[Unknown]:
-    """Errors of hull and water.
+    """List the errors of hull and water.
 
     Parameters
     ----------
@@ -131,13 +131,14 @@ def fit_depth_rates(
 ) -> DepthRateFit:
     """Fit errors of sensor, hull and water to the depth rates of steady segments.
 
-    Gauss-Newton with Tukey's biweight, priors for what is limited, and weights that count what all segments of a dive
-    or climb share once. The covariance is by leaving out parts of the mission, and by the priors.
+    The method is Gauss-Newton with Tukey's biweight and priors for the limited unknowns. The weights are reduced for
+    the errors that all segments of a dive or climb have in common. The covariance comes from leaving out parts of the
+    mission, and from the priors.
 
     Raises
     ------
     UndeterminedError
-        It does not converge, or more than half of the segments have no steady glide near their pitch.
+        The fit does not converge, or more than half of the segments have no steady glide near their pitch.
     """
     prior = np.array([float(unknown.limited) for unknown in unknowns])
     model = _Model(platform, segments, tuple(unknowns), by_density)
@@ -164,7 +165,7 @@ def fit_depth_rates(
 
 @dataclass(frozen=True, eq=False)
 class _Glide:
-    """Path (rad) and drag over the squared speed (kg/m), which weight has no part in."""
+    """Path (rad) and drag over the squared speed (kg/m), neither of which depends on the weight."""
 
     path: Array
     drag: Array
@@ -203,15 +204,15 @@ class _Model:
 def steady_depth_rate(
     platform: Platform, segments: SteadySegments, errors: Mapping[str, float], *, by_density: bool
 ) -> Array:
-    """Steady depth rate (n,) (m/s) of a hull with errors, at the pitch read without the sensor's; NaN without a glide.
+    """Steady depth rate (n,) (m/s) of a hull with errors, at the pitch corrected for the sensor's; NaN without a glide.
 
     Parameters
     ----------
     platform, segments : Platform, SteadySegments
-        The hull as it is taken to be, and what was read.
+        Hull without the errors, and measurements.
     errors : mapping of str to float
-        Those that are not zero: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of
-        the platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
+        Nonzero errors: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of the
+        platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
     by_density : bool
         Whether the buoyancy follows the segments' measured seawater.
 
@@ -219,7 +220,8 @@ def steady_depth_rate(
     -----
     The true pitch is ``(1 + scale) (read - offset)``. With the path ``xi = theta - alpha`` by eq. 15 and the net weight
     W, ``V0^2 = -W sin(xi) / (K_D0 + K_D alpha^2)``, and the depth rate is ``-V sin(xi)``. ``V = V0`` unless the drag
-    over the squared speed goes with a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median speed V_r.
+    over the squared speed is proportional to a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median
+    speed V_r.
     """
     errors = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0) | dict(errors)
     return _rate(platform, segments, errors, _glide_of(platform, segments, errors), by_density=by_density)
@@ -252,7 +254,7 @@ def _rate(
 
 
 def _moved(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
-    """Numbers of the platform file, by key, with their errors."""
+    """Numbers of the platform file with their errors added, by key."""
     found: dict[str, float | None] = {}
     for key in keys:
         error = errors.get(key, 0.0)
@@ -264,7 +266,7 @@ def _moved(platform: Platform, errors: Mapping[str, float], keys: Sequence[str])
 
 
 def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_density: bool) -> Array:
-    """Net weight (n,), N, positive heavy; `layer` is the excess density (kg/m3) at the surface that a slope misses."""
+    """Net weight (n,), N, positive heavy; `layer` is the excess density (kg/m3) at the surface over a straight line."""
     buoyancy, volume = hull.buoyancy, segments.actuators[:, 2]
     weight = -GRAVITY * buoyancy.water_density * (volume - buoyancy.neutral_volume * CUBIC_CENTIMETRE)
     weight = weight - buoyancy.depth_slope * segments.depth
@@ -275,6 +277,6 @@ def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_de
 
 
 def _blocks(profile: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the part of the mission that each segment lies in."""
+    """Number of the part of the mission that contains each segment."""
     numbers, index = np.unique(profile, return_inverse=True)
     return np.asarray(index * min(_BLOCKS, len(numbers)) // len(numbers))

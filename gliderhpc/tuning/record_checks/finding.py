@@ -1,4 +1,4 @@
-"""Findings of the checks of the records, and the thresholds from which they count."""
+"""Findings of the checks of the records, and the settings of their thresholds."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -42,17 +42,17 @@ class Finding:
     Attributes
     ----------
     check, quantity, unit : str
-        What was looked at.
+        Name of the check, the quantity checked and its unit.
     size, error : float
         Estimate and standard error, in the unit; NaN where not determined.
     threshold : float
-        Size from which it counts as found.
+        Size above which an error is reported as found.
     verdict : CheckVerdict
         Outcome.
     suggestion : str
         Correction; empty where there is nothing to correct.
     remark : str
-        Basis of the estimate, or why it is not determined.
+        Basis of the estimate, or the reason why it is not determined.
     """
 
     check: str

@@ -1,4 +1,4 @@
-"""All checks of a mission's records, among them the lag of the depth behind the attitude by the filter's likelihood."""
+"""All checks of a mission's records, and the lag of the depth behind the attitude from the filter's likelihood."""
 
 import contextlib
 from collections.abc import Iterable, Sequence
@@ -37,11 +37,11 @@ _LAG = ("lag", LAG, "s")
 """Check, quantity and unit."""
 
 REACH = 4
-"""Lags up to so many sample intervals are tried, either way."""
+"""Largest lag tried, in sample intervals, in either direction."""
 
 MIN_PROFILES = 3
 MIN_LENGTH = 30
-"""Shorter profiles (sample intervals, what the lags take off left out) are passed over."""
+"""Smallest length of a profile, in sample intervals, without the ends that the lags cut off."""
 
 
 def lag_finding(
@@ -56,18 +56,18 @@ def lag_finding(
     series : sequence of ProfileSeries
         Profiles on the steps.
     settings, checks : EstimationSettings, CheckSettings
-        Of the filter, and when a lag counts.
+        Settings of the filter and of the checks.
 
     Notes
     -----
-    The filter predicts depth from the attitude through the hull's dynamics. The depth is moved in time by whole sample
-    intervals, and the prediction-error likelihood determines where it fits; the parabola through the best lag and its
-    two neighbours finds the lag between them. Whole intervals, because interpolation between samples averages their
-    noise, which the likelihood takes for a better fit; for records that are not evenly sampled the depth is smoothed
-    over an interval first, whatever the lag. Each profile is one observation of the slope of the likelihood, so that
-    the standard error includes that of the profiles' scatter, ``sqrt(sum g_i^2) / |sum h_i|``. The error of the
-    actuators' recorded times is added: where only inflections change the pitch, a lag of the depth cannot be
-    distinguished from an error of theirs.
+    The filter predicts depth from the attitude through the hull's dynamics. The depth is shifted in time by whole
+    sample intervals, and the prediction-error likelihood shows which shift fits. A parabola through the best lag and
+    its two neighbours gives the lag between them. The shifts are whole intervals because interpolation between samples
+    averages their noise, which the likelihood would take for a better fit. Since records may be unevenly sampled, the
+    depth is first smoothed over an interval, in the same way for all lags. Each profile is one observation of the slope
+    of the likelihood, and the standard error comes from the scatter of the profiles, ``sqrt(sum g_i^2) / |sum h_i|``.
+    The error of the actuators' recorded times is added in quadrature: where only inflections change the pitch, a lag of
+    the depth cannot be distinguished from an error of these times.
     """
     series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
     if len(series) < MIN_PROFILES:
@@ -99,7 +99,7 @@ def lag_finding(
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:
-    """Vertex of the parabola through the profiles' summed curve ``(n, 3)``, and its standard error by their scatter."""
+    """Vertex of the parabola through the sum of the profiles' curves ``(n, 3)``, and its error from their scatter."""
     slope = 0.5 * (curve[:, 2] - curve[:, 0]) / spacing
     bend = (curve[:, 2] - 2.0 * curve[:, 1] + curve[:, 0]) / spacing**2
     if bend.sum() >= 0.0:
@@ -114,7 +114,7 @@ def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:
 def _log_likelihood(
     platform: Platform, series: Sequence[ProfileSeries], lags: Array, settings: EstimationSettings
 ) -> Array:
-    """Log-likelihood ``(n, k)`` of n profiles whose depth is taken to be late by each of k lags."""
+    """Log-likelihood ``(n, k)`` of n profiles, with the depth assumed to be late by each of k lags."""
     glider = Glider(platform)
     profiles = []
     for one in series:
@@ -131,7 +131,7 @@ def _log_likelihood(
 
 
 def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
-    """Move the depth, and cut what no lag within reach would know off both ends."""
+    """Shift the depth to earlier times, and cut off both ends, where some lag within reach has no data."""
     width = max(1, round(series.sample_interval / series.step)) | 1
     depth = series.measurements[:, 3]
     for _ in range(2):
@@ -151,7 +151,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
 
 
 def _inside(series: ProfileSeries) -> tuple[int, int]:
-    """First and last row of a series that all lags tried, and the smoothing, leave inside the record."""
+    """First and last row of a series that stay inside the record for all lags tried and for the smoothing."""
     off = round((REACH + 2) * series.sample_interval / series.step)
     return off, len(series.time) - 1 - off
 
@@ -163,11 +163,11 @@ class Inspection:
     Attributes
     ----------
     findings : tuple of Finding
-        One or more a check.
+        Findings, one or more for each check.
     profiles : tuple of int
-        Profiles that were looked at.
+        Profiles that were checked.
     left_out : dict of int to str
-        Those that could not be, and why.
+        Profiles that could not be checked, with the reason.
     """
 
     findings: tuple[Finding, ...]
@@ -176,7 +176,7 @@ class Inspection:
 
     @property
     def found(self) -> tuple[Finding, ...]:
-        """The findings beyond their threshold."""
+        """Findings beyond their threshold."""
         return tuple(finding for finding in self.findings if finding.found)
 
 
@@ -199,7 +199,7 @@ class _Gathered:
         *,
         keep: bool,
     ) -> None:
-        """Add a profile's input to the checks; its series, which is large, only if `keep`."""
+        """Add a profile to the input of the checks; its series, which is large, is stored only if `keep`."""
         series = on_steps(record, settings, platform)
         self.numbers.append(record.number)
         if keep:
@@ -208,7 +208,7 @@ class _Gathered:
         if leg is not None:
             self.legs.append(leg)
         self.turns.append(turn_stretches(platform, series))
-        with contextlib.suppress(ProfileError):  # A dive without steady flight has no part in the pitch alone.
+        with contextlib.suppress(ProfileError):  # A dive without steady flight is left out of the pitch check only.
             self.segments.append(segments_of(series, platform, SegmentSettings()))
 
 
@@ -225,12 +225,11 @@ def inspect_records(
     Parameters
     ----------
     observations, platform : Observations, Platform
-        The open file and the hull.
+        Open file and hull.
     numbers : sequence of int
-        Profiles to choose among; faulty ones are passed over.
+        Profiles to choose from; faulty ones are skipped.
     settings, checks, current : EstimationSettings, CheckSettings, CurrentSettings
-        How records are brought onto the steps (corrections asked for included), when a finding counts, how currents
-        are found.
+        Settings of the records' preparation (with any corrections requested), of the checks and of the currents.
     """
     usable = [number for number in numbers if number not in observations.faults]
     chosen = spread_over(usable, checks.profiles)
@@ -248,7 +247,7 @@ def inspect_profiles(
     current: CurrentSettings,
     for_lag: Sequence[int],
 ) -> Inspection:
-    """Check records as they come, as `inspect_records` does; the lag on the profiles of the numbers given."""
+    """Check records one at a time, as `inspect_records` does; the lag is estimated on the profiles `for_lag`."""
     gathered, left_out = _Gathered([], [], [], {}, []), {}
     for record in records:
         try:

@@ -1,4 +1,4 @@
-"""Offset and scale of the pitch by the depth rates of steady dives against those of steady climbs."""
+"""Offset and scale of the pitch from the depth rates of steady dives and steady climbs."""
 
 from dataclasses import dataclass
 
@@ -33,31 +33,31 @@ PITCH, GAIN, VOLUME = "offset of the pitch", "scale of the pitch less one", "off
 MIN_PROFILES = 3
 
 SEPARATED = np.radians(1.0)
-"""With a larger standard error (rad) the pitch offset is indistinguishable from errors of hull and water."""
+"""Standard error (rad) beyond which the pitch offset is indistinguishable from errors of hull and water."""
 
 LARGEST_UNSEEN = 2.0
-"""With a larger threshold (degree) an offset of the pitch that is not found is not ruled out either."""
+"""Threshold (degree) beyond which an offset of the pitch that is not found is not ruled out either."""
 
 SCALE_SEPARATED = 0.05
-"""Likewise the scale."""
+"""Standard error beyond which the scale of the pitch is not determined."""
 
 MOST_SEGMENTS = 60
-"""Segments of a dive or climb, spread over it: their common error decides, not their number."""
+"""Largest number of segments of a dive or climb, spread over it; more would not reduce their common error."""
 
 _ANY_SIDES = 0.25
-"""Relative difference of the drag between dives and climbs that no correction may rest on the absence of."""
+"""Relative difference of the drag between dives and climbs that must be allowed for before any correction."""
 _SCALE_ERROR = 0.05
 """Standard deviation of the pitch's scale while the offset is estimated."""
 _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
-"""Standard deviations; a hull that is further off than this is not the one that flew."""
+"""Largest plausible error of the hull, in prior standard deviations."""
 _MIN_VOLUME = 0.05
-"""Smaller offsets of the neutral volume are not reported, in plausible deviations."""
+"""Smallest offset of the neutral volume that is reported, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Glides:
-    """Steady segments of a hull, the way its buoyancy goes, when an error counts, and what is corrected already."""
+    """Steady segments of a hull, form of its buoyancy, settings of the checks, and corrections already made."""
 
     platform: Platform
     segments: SteadySegments
@@ -66,12 +66,12 @@ class _Glides:
     records: RecordSettings
 
     def fitted(self, sides: float, scale: float) -> DepthRateFit:
-        """Fit with so large a difference of the drag between dives and climbs and an error of the pitch's scale.
+        """Fit with prior deviations `sides` of the drag between dives and climbs and `scale` of the pitch's scale.
 
         Raises
         ------
         UndeterminedError
-            The fit does not converge, or not to a plausible hull.
+            The fit does not converge, or gives an implausible hull.
         """
         hull = hull_unknowns(self.platform, self.checks.coefficient_error, sides, by_density=self.by_density)
         sensor = [Unknown(OFFSET, np.radians(1.0), limited=False), Unknown(SCALE, scale)]
@@ -81,25 +81,25 @@ class _Glides:
         return fit
 
     def threshold(self, error: float, least: float, blocks: int) -> float:
-        """Size from which an estimate of that standard error counts."""
+        """Size above which an estimate with the standard error `error` is reported as found."""
         return max(float(scipy.stats.t.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
 
     def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
-        """Offset, its standard error and the size from which it counts, degree."""
+        """Offset, its standard error and its threshold, degree."""
         offset, error = np.degrees(fit.value(OFFSET)), np.degrees(fit.error(OFFSET))
         return offset, error, self.threshold(error, self.checks.least_pitch, fit.blocks)
 
     def offset_correction(self, offset: float) -> str:
-        """Setting that takes an offset (degree) out, together with what is taken out already."""
+        """Setting that removes an offset (degree), including the correction already made."""
         total = self.records.pitch_offset + offset / self.records.pitch_scale
         return self._correction(f"--set records.pitch_offset={total:.2f}")
 
     def scale_correction(self, scale: float) -> str:
-        """Setting that takes a scale out, together with what is taken out already."""
+        """Setting that removes an error of the scale, including the correction already made."""
         return self._correction(f"--set records.pitch_scale={self.records.pitch_scale * scale:.3f}")
 
     def _correction(self, setting: str) -> str:
-        """The setting for a calibrated hull; any other may be as wrong as the sensor."""
+        """Return the setting for a calibrated hull only; any other hull may be as wrong as the sensor."""
         return setting if self.platform.calibration is not None else "calibrate the hull, then inspect again"
 
 
@@ -113,24 +113,25 @@ def pitch_findings(
     platform : Platform
         The hull.
     segments : SteadySegments, optional
-        Steady flight of some profiles; None where there is none.
+        Steady flight of some profiles; None if there is none.
     checks : CheckSettings
-        When an error counts.
+        Settings of the checks, with the thresholds of significance.
     records : RecordSettings, optional
-        Corrections that the segments' records have had already.
+        Corrections already made to the segments' records.
 
     Notes
     -----
-    Pitch read too high makes dives faster than they should be and climbs slower. So does a hull heavier than it is
-    taken to be, one whose drag is larger in climbs than in dives, or water that is lighter at depth. They differ as the
-    depth rate goes with the root of the buoyancy and with the cotangent of the path: only glides of different buoyancy
-    and different steepness separate them. All are fitted together, drag, lift, induced drag and the water's or hull's
-    gain in buoyancy as prior knowledge with plausible errors.
+    If pitch is read too high, dives are faster than predicted and climbs slower. A hull heavier than assumed, a larger
+    drag in climbs than in dives, and lighter water at depth have the same effect. These errors depend in different ways
+    on the buoyancy, of which the depth rate is a square root, and on the cotangent of the path: only glides of
+    different buoyancy and different steepness separate them. All are fitted together. Drag, lift, induced drag and the
+    gain in buoyancy of water or hull have priors with plausible errors.
 
-    Two fits decide. Where drag may differ between dives and climbs by as much as it does on a fouled hull and an offset
-    of the pitch still is significant and known to `SEPARATED`, it is found. Where it is significant only if dives and
-    climbs are trusted to have nearly the same drag, or where it is not known to `SEPARATED`, it is not determined. The
-    size stated is that of the fit that trusts them. A correction is suggested for a calibrated hull alone.
+    Two fits decide. In the first, drag may differ between dives and climbs by as much as on a fouled hull. An offset
+    that is significant there, and known to `SEPARATED`, is found. In the second, dives and climbs have nearly the same
+    drag. An offset that is significant in this fit only is not determined; neither is an insignificant one with a
+    threshold beyond `LARGEST_UNSEEN`. The size reported is that of the second fit. If an error of the scale is found,
+    the offset is taken from the fit that found it. A correction is suggested for a calibrated hull only.
     """
     try:
         glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
@@ -145,7 +146,7 @@ def pitch_findings(
 def _glides(
     platform: Platform, segments: SteadySegments | None, checks: CheckSettings, records: RecordSettings
 ) -> _Glides:
-    """Choose the segments to look at; raise the reason where there are none."""
+    """Choose the segments to use; raise an error with the reason if there are none."""
     too_few = f"fewer than {MIN_PROFILES} profiles with steady straight flight"
     if segments is None:
         raise UndeterminedError(too_few)
@@ -175,7 +176,7 @@ def _spread(segments: SteadySegments) -> NDArray[np.bool_]:
 
 
 def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
-    """The finding on the pitch's scale, and the fit with it where it is found."""
+    """Finding on the pitch's scale, and the fit that includes it if it is found."""
     try:
         fit = glides.fitted(_ANY_SIDES, _FREE_SCALE)
     except UndeterminedError as why:
@@ -205,7 +206,7 @@ def _offset_findings(glides: _Glides) -> list[Finding]:
 
 
 def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
-    """The offset without trust in anything that it may be taken for."""
+    """Finding on the offset from a fit of all errors that act like it; not determined unless known to `SEPARATED`."""
     if fit.error(OFFSET) > SEPARATED:
         return _vague(fit)
     offset, error, threshold = glides.offset(fit)
@@ -216,7 +217,7 @@ def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
 
 
 def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
-    """Nothing found, or not determined: the offset if drag hardly differs between dives and climbs."""
+    """Finding on the offset if drag hardly differs between dives and climbs: nothing found, or not determined."""
     offset, error, threshold = glides.offset(fit)
     if abs(offset) <= threshold and threshold > LARGEST_UNSEEN:
         return _vague(fit)
