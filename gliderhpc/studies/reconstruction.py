@@ -257,7 +257,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     Raises
     ------
     InputError
-        The observation file or the truth is not the archive's.
+        The observation file is not the archive's, or the truth cannot be read.
     """
     source, remarks = _source(request, archive, platform_of(archive), numbers)
     truth = None if request.truth is None else str(request.truth.resolve())

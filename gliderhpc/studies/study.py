@@ -62,7 +62,7 @@ class ProfileContext:
 
     @property
     def platform(self) -> Platform:
-        """The hull that the mission was estimated with."""
+        """Hull that the mission was estimated with."""
         return platform_of(self.archive)
 
 

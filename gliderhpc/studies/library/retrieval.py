@@ -1,7 +1,7 @@
 """Depth-resolved current of one profile: eq. 41 along the dive, smoothed, and turned to north and east (section 5.4).
 
 The hull follows the water in sideslip within seconds. The yaw moment therefore responds to the rate of change of the
-current across the hull along the path, and hardly to the current itself (docs/theory/currents.md). The result is the
+current across the hull along the path, rather than to the current itself (docs/theory/currents.md). The result is the
 shear-sensitive part of the current.
 
 At each sample, the root of eq. 41 is bracketed, starting from an interval around zero whose width follows from the

@@ -139,7 +139,7 @@ def _attributes(archive: Archive, name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class NullFloor:
-    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square that sensor noise alone leaves."""
+    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square due to sensor noise alone."""
 
     ceiling: float
     noise: float
