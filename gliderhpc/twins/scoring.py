@@ -287,7 +287,7 @@ def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -
 
 
 def quiet_peaks(inversion: TwinInversion, spacing: float) -> Array:
-    """Peak magnitude of the high-passed identified moment in every quiet block of `spacing` s: possible false alarms."""
+    """Peak magnitude of the high-passed identified moment in every quiet block of `spacing` s, for false alarms."""
     estimate, _ = high_passed_moments(inversion)
     quiet = quiet_samples(inversion)
     count = round(spacing / inversion.step)
