@@ -1,4 +1,4 @@
-"""An archive's content for the studies: their provenance and tables, and profiles in SI units and radians."""
+"""Content of an archive for the studies: their provenance and tables, and profiles in SI units and radians."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -33,7 +33,7 @@ _MEASURED_SI = np.array([np.pi / 180.0] * 3 + [1.0])
 
 @dataclass(frozen=True)
 class Provenance:
-    """Profiles, columns, estimate, settings and remarks of a study, in its group's attributes.
+    """Profiles, columns, estimate, settings and remarks of a study, stored in its group's attributes.
 
     Tables and figures of the study are made from this and the group's arrays alone.
 
@@ -50,7 +50,7 @@ class Provenance:
     settings : mapping
         Settings of the study, as JSON values.
     remarks : tuple of str
-        Remarks on the inputs, such as one that was not given.
+        Remarks on the inputs, for example on a missing one.
     """
 
     profiles: tuple[int, ...]
@@ -61,7 +61,7 @@ class Provenance:
     remarks: tuple[str, ...]
 
     def attributes(self) -> dict[str, Any]:
-        """Return them as attributes of the group."""
+        """Return the values as attributes of the group."""
         return asdict(self)
 
 
@@ -104,7 +104,7 @@ def platform_of(archive: Archive) -> Platform:
     Raises
     ------
     InputError
-        The archive's platform is not one that this program reads.
+        This program cannot read the archive's platform.
     """
     try:
         return Platform.model_validate(archive.attrs["platform"])
@@ -113,7 +113,7 @@ def platform_of(archive: Archive) -> Platform:
 
 
 def windows_start(archive: Archive) -> str:
-    """Return from which path the windows of an archive started: ``prior`` or ``smoothed``."""
+    """Return the path that the windows of an archive started from: ``prior`` or ``smoothed``."""
     return str(archive.attrs.get("start", "prior"))
 
 
@@ -123,7 +123,7 @@ def settings_of(archive: Archive) -> MissionSettings:
     Raises
     ------
     InputError
-        The archive's settings are not those of this program.
+        This program cannot read the archive's settings.
     """
     try:
         return MissionSettings.model_validate(archive.attrs["settings"])
@@ -132,12 +132,12 @@ def settings_of(archive: Archive) -> MissionSettings:
 
 
 def positions(archive: Archive) -> dict[int, int]:
-    """Position along the archive's profile dimension, by number."""
+    """Positions along the archive's profile dimension, by profile number."""
     return {int(number): index for index, number in enumerate(archive.to_dataset()["profile"].values)}
 
 
 def chosen_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
-    """Choose among an archive's finished profiles; a quick study takes the first few.
+    """Choose among an archive's finished profiles; a quick study uses the first few.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def chosen_profiles(archive: Archive, text: str | None, quick: bool = False) -> 
 
 
 def chosen_among(numbers: Sequence[int], text: str | None, quick: bool = False) -> tuple[int, ...]:
-    """Choose among the numbers of some profiles; a quick study takes the first few.
+    """Choose among profile numbers; a quick study uses the first few.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def study_table(archive: Archive, name: str) -> pd.DataFrame:
 
 
 def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
-    """Separate a study's profiles with a message, by number, from the rows of the others."""
+    """Separate the messages of a study's failed profiles, by number, from the rows of the others."""
     if "message" not in table:
         return {}, table
     has_message = table["message"].notna()
@@ -189,7 +189,7 @@ def failed_profiles(table: pd.DataFrame) -> tuple[dict[int, str], pd.DataFrame]:
 
 
 def column_medians(table: pd.DataFrame) -> dict[str, float | None]:
-    """Medians of a study's numeric columns, None where there is none; days are left out."""
+    """Medians of a study's numeric columns except the days; None if a column has no values."""
     numbers = table.drop(columns=["profile", "elapsed_days"], errors="ignore")
     medians: dict[str, float | None] = as_plain(numbers.median(numeric_only=True).to_dict())
     return medians
@@ -201,7 +201,7 @@ def mission_of(archive: Archive) -> str:
 
 
 def as_cells(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a column as tables show it: NaN for missing text, times to the microsecond as archived."""
+    """Return a column as shown in tables: NaN for missing text, and times to the microsecond, as archived."""
     if values.dtype.kind == "M":
         return pd.DatetimeIndex(values).round("us").to_numpy()
     if values.dtype.kind not in "OTU":
@@ -229,7 +229,7 @@ def estimate_remarks(archive: Archive, estimate: str, numbers: Sequence[int]) ->
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
     """Rebuild a profile's series on the archive's records, one output interval apart.
 
-    Missing measurements are interpolated and weigh zero.
+    Missing measurements are interpolated and have weight zero.
     """
     time, known = data.record_time, np.isfinite(data.measured).all(axis=1)
     if not known.any():
@@ -252,13 +252,13 @@ def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:
 
 
 def sample_interval(data: ProfileData, platform: Platform) -> float:
-    """Usual time between the instrument's samples (s), the hull's nominal one in archives that do not record it."""
+    """Usual time between the instrument's samples (s); the hull's nominal one if the archive does not record it."""
     intervals = without_gaps(np.diff(data.record_time[data.sampled]))
     return usual_interval(intervals) if len(intervals) else platform.sensors.sample_interval
 
 
 def states_of(data: ProfileData) -> Array:
-    """Rebuild the reconstructed states ``(m, 12)`` of eq. 16 on the records, X and Y from the start of the profile."""
+    """Rebuild the states ``(m, 12)`` of eq. 16 on the records, with X and Y relative to the start of the profile."""
     north, east, u, v, w, p, q, r = data.motion.T
     roll, pitch, heading = np.radians(data.reconstructed[:, :3]).T
     rates = np.radians(np.column_stack([p, q, r]))

@@ -43,7 +43,7 @@ class UncertaintyModel:
     identification_noise : float
         Root mean square of the high-passed yaw moment due to noise alone, N m; NaN where it was not measured.
     by_hull : bool
-        Whether the hull's errors as given by the run, if any, replace the terms for them.
+        True if the hull's errors from the mission's run, where it has them, replace the terms for the hull.
     """
 
     current: CurrentErrors
@@ -54,9 +54,9 @@ class UncertaintyModel:
 def profile_currents(
     archive: Archive, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel, bins: int
 ) -> dict[str, Any]:
-    """Currents of one profile: its row of the table, and values on its records and bins of depth.
+    """Compute the currents of one profile: its row of the table, and values on its records and in depth bins.
 
-    Where the sign of the yaw moment's response is uncertain, only the depth-averaged current is given.
+    If the sign of the yaw moment's response is uncertain, only the depth-averaged current is given.
     """
     platform = platform_of(archive)
     averaged = _averaged_row(archive, data, settings, errors)
@@ -88,7 +88,7 @@ def profile_currents(
 def _averaged_row(
     archive: Archive, data: ProfileData, settings: DepthResolvedSettings, errors: UncertaintyModel
 ) -> dict[str, Any]:
-    """Depth-averaged current with the terms of its uncertainty, NaN without fixes."""
+    """Depth-averaged current with the terms of its uncertainty; NaN without fixes."""
     drift = archived_drift(archive, data, data.estimate, by_hull=errors.by_hull)
     if drift is None:
         return dict.fromkeys(("current_north", "current_east"), float("nan"))
@@ -119,7 +119,10 @@ def _current_errors(settings: DepthResolvedSettings, errors: UncertaintyModel) -
 
 
 def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSettings) -> float:
-    """Larger share of coefficient draws with the opposite sign, at the median angles of attack of dive and climb."""
+    """Share of coefficient draws in which the yaw moment's response has the opposite sign.
+
+    The share is computed at the median angles of attack of dive and climb, and the larger one is returned.
+    """
     angle = np.arctan2(data.motion[:, 4], data.motion[:, 2])
     climbing = _climbing(data)
     medians = [np.median(angle[phase]) for phase in (climbing, ~climbing) if phase.any()]
@@ -127,7 +130,7 @@ def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSe
 
 
 def _noise(data: ProfileData, found: Retrieval, errors: UncertaintyModel) -> Array:
-    """Standard deviation ``(m,)`` of the lateral current from that of the yaw moment, m/s; NaN where it is unknown."""
+    """Standard deviation ``(m,)`` of the lateral current due to that of the yaw moment, m/s; NaN if it is unknown."""
     moment = np.full(len(found.gain), errors.identification_noise)
     if data.estimate == SMOOTHED:
         moment = np.interp(data.record_time, data.time[:-1], data.disturbances_std[:-1, 5])
@@ -155,7 +158,7 @@ def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Ar
 def _binned(
     data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
 ) -> Row:
-    """Means, spread, count and standard deviations in each bin, for dive, climb and both."""
+    """Means, spreads, counts and standard deviations in each bin, for dive, climb and both."""
     depth, known = data.measured[:, 3], np.isfinite(found.horizontal).all(axis=1)
     climbing = _climbing(data)
     interval = float(data.attributes["output_interval"])
@@ -185,7 +188,7 @@ def _components(name: str, values: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class CurrentsInputs:
-    """Inputs that the profiles share: errors, number of depth bins, and the place of a reference."""
+    """Inputs that the profiles share: errors, number of depth bins, and path of a reference."""
 
     errors: UncertaintyModel
     bins: int
@@ -193,7 +196,7 @@ class CurrentsInputs:
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Currents of one profile, compared with a reference where there is one."""
+    """Compute the currents of one profile, and compare them with a reference if there is one."""
     settings, inputs = context.settings, context.inputs
     row = profile_currents(context.archive, data, settings, inputs.errors, inputs.bins)
     if inputs.reference is None:
@@ -205,7 +208,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 def prepare(
     request: Request, archive: Archive, numbers: tuple[int, ...], settings: DepthResolvedSettings
 ) -> Preparation:
-    """Read the errors and the reference, and count the bins of depth.
+    """Read the errors, check the reference, and determine the number of depth bins.
 
     Raises
     ------
@@ -227,7 +230,7 @@ def prepare(
 def _uncertainty_model(
     request: Request, archive: Archive, platform: Platform
 ) -> tuple[UncertaintyModel, tuple[str, ...]]:
-    """Terms of the uncertainty: those of the budget where there is one, otherwise those of the mission's run."""
+    """Terms of the uncertainty: those of the budget if one is given, otherwise those of the mission's run."""
     if request.budget is None:
         settings = settings_of(archive).current
         model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)

@@ -1,8 +1,8 @@
 """Study ``drift``: long-term drift of the disturbances, and its consequences for the hull (section 5.6).
 
-The study asks whether the hull is fouling, since when, and with what certainty. Every profile gives medians; profiles
-in epochs also give the medians of segments that are inverted again with randomly drawn hulls. Trends, change points and
-the verdict are determined over the mission.
+The study determines whether the hull is fouling, since when, and with what certainty. Every profile gives medians;
+profiles in epochs also give the medians of segments that are inverted again with randomly drawn hulls. Trends, change
+points and the verdict are determined over the mission.
 """
 
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileCont
 NAME = "drift"
 
 QUICK_EPOCHS, QUICK_DRAWS = 4, 10
-"""Epochs and draws of a first look."""
+"""Numbers of epochs and draws of a first look."""
 
 
 # Before the profiles
@@ -55,7 +55,7 @@ QUICK_EPOCHS, QUICK_DRAWS = 4, 10
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Inputs read from an archive before the study starts: profiles, epochs, the depth band, and the hull."""
+    """Inputs read from an archive before the study starts: profiles, epochs, depth band, hull."""
 
     numbers: list[int]
     epochs: list[tuple[int, ...]]
@@ -93,7 +93,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Medians of one profile and, if it is in an epoch, the ``segments`` inverted again with drawn hulls."""
+    """Compute the medians of one profile and, if it is in an epoch, of its ``segments`` inverted with drawn hulls."""
     mission: Mission = context.inputs
     settings: DriftSettings = context.settings
     smoothed = read_profile_data(context.archive, data.number, SMOOTHED) if mission.smoothed else None
@@ -212,7 +212,7 @@ def missing_input(request: Request) -> str | None:
 
 
 def drift_settings(request: Request) -> DriftSettings:
-    """Settings as requested; a first look uses few epochs and draws, and does not search for change points."""
+    """Return the requested settings; a first look uses few epochs and draws, and does not search for change points."""
     settings = own_settings(request, NAME, DriftSettings)
     if not request.quick:
         return settings

@@ -33,7 +33,7 @@ NAME = "events"
 
 
 class EventSettings(FastSettings):
-    """Threshold and separation of events, and where to look for them."""
+    """Threshold and separation of events, and the samples that are searched."""
 
     threshold: float | None = Field(
         None, gt=0, description="least magnitude, N or N m; null for the nulls' ceiling, or without nulls for sigma"
@@ -54,9 +54,9 @@ class Peaks:
     Attributes
     ----------
     at : (k,) int array
-        Samples of the peaks.
+        Indices of the peaks' samples.
     amplitude : (k,) array
-        Values there, with their sign.
+        Values at the peaks, with their sign.
     width : (k,) array
         Time over which the series is at least half as large, with the same sign, s.
     """
@@ -67,9 +67,9 @@ class Peaks:
 
 
 def find_peaks(series: GappySeries, threshold: float, separation: float) -> Peaks:
-    """Find the peaks above a threshold, among the samples that count, that are the largest within `separation` (s)."""
+    """Find the peaks above a threshold that are the largest within `separation` (s), among the samples used."""
     magnitude = np.where(series.counted, np.abs(series.values), 0.0)
-    # A peak may be the first or last sample that counts.
+    # The first or the last sample may be a peak too.
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     distance = max(1, round(separation / series.step))
     at = np.asarray(scipy.signal.find_peaks(padded, height=threshold, distance=distance)[0] - 1, dtype=np.int64)
@@ -87,7 +87,7 @@ def _half_width(values: Array, at: int) -> int:
 
 
 def noise_floor(series: GappySeries) -> float:
-    """Standard deviation of a Gaussian series with the same median magnitude, which impulses hardly change."""
+    """Standard deviation of a Gaussian series with the same median magnitude; impulses hardly affect it."""
     values = series.values[series.counted]
     return float(MAD * np.median(np.abs(values))) if values.size else float("nan")
 
@@ -96,7 +96,7 @@ def noise_floor(series: GappySeries) -> float:
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Noise floor and number of events of one profile, and its ``events`` by column of the catalogue."""
+    """Find noise floor, number of events and ``events`` of one profile; events have the catalogue's columns."""
     settings: EventSettings = context.settings
     floor: NullFloor | None = context.inputs
     channel = channel_of(data, settings.channel, context.platform)
@@ -139,7 +139,7 @@ def _threshold(settings: EventSettings, floor: NullFloor | None, noise: float) -
 
 
 def _positions(archive: Archive, data: ProfileData, times: Array) -> Array:
-    """Latitude and longitude ``(k, 2)`` on the estimate's track at times (s), missing without fixes."""
+    """Latitude and longitude ``(k, 2)`` on the estimate's track at times (s); NaN without fixes."""
     missing_positions = np.full((len(times), 2), np.nan)
     if not len(times):
         return missing_positions
@@ -153,13 +153,13 @@ def _positions(archive: Archive, data: ProfileData, times: Array) -> Array:
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: EventSettings) -> Preparation:
-    """Read ceiling and noise of the nulls, where there are any."""
+    """Read the nulls' ceiling and noise, if there are nulls."""
     floor, remarks = null_floor(archive, request.estimate, settings)
     return Preparation(inputs=floor, attributes={"floor": None if floor is None else asdict(floor)}, remarks=remarks)
 
 
 def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
-    """Combine the events of all profiles into one catalogue, strongest first."""
+    """Combine the events of all profiles into one catalogue, with the strongest first."""
     found = [event for row in rows.values() for event in row.get("events", ())]
     events = sorted(found, key=lambda event: -abs(event["amplitude"]))
     return GroupContent(
@@ -169,7 +169,7 @@ def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
 
 
 def missing(request: Request) -> str | None:
-    """Say why the records are sampled too rarely for this study, None where they are not."""
+    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
     return describe_missing_band(request, STUDY.settings_for(request))
 
 

@@ -1,9 +1,9 @@
-"""Study ``hull``: errors of hull and records dive by dive, and which of them changed since when.
+"""Study ``hull``: errors of the hull and the records dive by dive, and their changes during the mission.
 
-The archive's group ``hull`` has each dive's information on the errors, written by `run-mission` (model.md 12). Its sum
-over the mission, with a random walk for errors that can change, gives the errors at every dive, from all dives and from
-those up to it. A step or a ramp starting at some dive is compared with no change. The results are added to the same
-group.
+The archive's group ``hull`` has each dive's information on the errors, written by `run-mission` (docs/smoother.md). The
+sum over the mission, with a random walk for the errors that can change, gives the errors at every dive, both from all
+dives and from the dives up to that one. A step or a ramp that starts at some dive is compared with no change. The
+results are added to the same group.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ STATEMENTS = ("score", "information", "score_other", "information_other")
 """Variables with a dive's information on the hull."""
 
 _SINGULAR = 1e-9
-"""Added to the variances of a calibration that states some as zero."""
+"""Number added to the prior's variances, because a calibration may state some as zero."""
 
 CALIBRATED = (
     "the platform file's covariance counts as known before these dives; where it was calibrated on them, they count "
@@ -70,16 +70,16 @@ class HullSettings(Settings):
 
 @dataclass(frozen=True, eq=False)
 class MissionDives:
-    """Hull of an archive, the parameters that have an effect, and the information of its dives on them.
+    """Hull of an archive, the parameters that have an effect, and the dives' information on them.
 
     Attributes
     ----------
     platform : Platform
-        The hull that the mission was estimated with.
+        Hull that the mission was estimated with.
     parameters : tuple of HullParameter
-        Errors of hull and records.
+        Errors of the hull and the records.
     dives : tuple of DiveTerm
-        In the order of time.
+        Dives with information, in order of time.
     without : tuple of int
         Numbers of the profiles without information.
     """
@@ -103,16 +103,16 @@ class MissionDives:
 
 
 def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
-    """Read the information of an archive's dives on the hull."""
+    """Read the hull information of an archive's dives."""
     platform = platform_of(archive)
     at = {PROFILE: list(numbers)}
     group = archive[NAME].to_dataset()[[*STATEMENTS]].sel(at).load()
     times = archive.to_dataset()["start_time"].sel(at).values
-    # The archive states every number of the platform file, so which of them count is seen from the scores.
+    # The archive lists every hull parameter; those that have an effect are the ones with a score.
     acts = np.isfinite(group["score"].values).any(axis=0)
     parameters = tuple(p for p in hull_parameters(platform) if acts[HULL_PARAMETERS.index(p.key)])
     place = [HULL_PARAMETERS.index(p.key) for p in parameters]
-    # A parameter that does not act in one profile, as one of the buoyancy's two models, has no information there.
+    # A parameter without effect in a profile, such as one of the unused buoyancy model, has no information there.
     known = np.isfinite(group["score"].values[:, place]).any(axis=1)
     scores, matrices, other_scores, other_matrices = (
         np.nan_to_num(group[name].values[known][..., place]) for name in STATEMENTS
@@ -134,7 +134,7 @@ def _is_sound(dive: DiveTerm) -> bool:
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSettings) -> Preparation:
-    """Read the dives; a first look uses all of them too, since the sum takes no time.
+    """Read the dives; a first look uses all of them too, since the sum is quick.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
 
 
 def sum_up(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
-    """Return the sum of the dives, and the change of each suspect by its position among the parameters."""
+    """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters."""
     with threadpool_limits(limits=1):
         found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
         changes = {i: find_change(mission.dives, found, i, mission.prior, settings.change) for i in mission.suspects}
@@ -221,7 +221,7 @@ def _placed(mission: MissionDives, values: Array) -> Array:
 def _stored_changes(
     mission: MissionDives, found: MissionHull, changes: Mapping[int, HullChange | None]
 ) -> dict[str, Array]:
-    """Return the variables along the suspects, missing where too few dives are known."""
+    """Return the variables along the suspects; NaN if there are too few dives."""
     return {
         name: np.array([np.nan if change is None else change_in_units(mission, found, i, change)[name]
                         for i, change in changes.items()])
@@ -236,7 +236,7 @@ CHANGE_COLUMNS = (
 
 
 def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
-    """Return the findings on a change by `CHANGE_COLUMNS`, in the platform file's units and numbers of profiles."""
+    """Return `CHANGE_COLUMNS` of a change, with sizes in the platform file's units and onsets as profile numbers."""
     one = mission.parameters[parameter]
     slope = one.slope(mission.platform, float(found.smoothed[0].mean[parameter]))
     low, middle, high = (float(mission.dives[index].number) for index in change.onset)

@@ -1,6 +1,6 @@
 """Study ``intermittency``: increments of a disturbance's fast part compared with surrogates (section 5.3).
 
-The results for a profile are flatness and scaling exponents with intervals, the rank test, and the envelopes of the
+A profile's results are the flatness and the scaling exponents with intervals, the rank test, and the envelopes of the
 surrogates.
 """
 
@@ -58,9 +58,10 @@ QUICK_SURROGATES = 9
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Statistics of one profile and its surrogates: its row, values by range of lags, and curves over lags and orders.
+    """Compute statistics of one profile and its surrogates: scalars, values by range of lags, and curves.
 
-    A record that does not resolve the band at all gets the reason and no statistics.
+    The curves are functions of the lag and of the order. If the record does not resolve the band at all, the row gives
+    the reason and no statistics.
     """
     settings: IntermittencySettings = context.settings
     channel = channel_of(data, settings.channel, context.platform)
@@ -114,7 +115,7 @@ def _ends_row(columns: Ends, low: float, high: float) -> Row:
 
 
 def _surrogates_row(tested: SurrogateTest, settings: IntermittencySettings, found: StructureFunctions) -> Row:
-    """Rank test and envelopes; the test has no p at a lag that the records do not resolve."""
+    """Rank test and envelopes; the p-value is NaN if the records do not resolve the tested lag."""
     resolved = bool(np.isfinite(found.flatness_at(settings.lag)))
     return {
         "p_value": tested.p_value if resolved else float("nan"),
@@ -134,7 +135,7 @@ def _envelope_row(name: str, values: Array) -> Row:
 def _by_range(
     found: StructureFunctions, drawn: StructureFunctions, settings: IntermittencySettings
 ) -> dict[str, Array]:
-    """Relative exponent of the sixth order and its interval ``(k,)`` over every range of lags."""
+    """Relative exponent of the sixth order and its interval ``(k,)`` for every range of lags."""
     values = [
         (float(found.zeta_ratio(scaling)), *np.percentile(drawn.zeta_ratio(scaling), INTERVAL))
         for scaling in settings.scaling_ranges
@@ -154,7 +155,7 @@ def _actuated_row(channel: ChannelSeries, settings: IntermittencySettings, seed:
 
 
 def _curve(columns: CurveColumns, values: Array, draws: Array, surrogates: Array) -> dict[str, Array]:
-    """Values of a curve ``(m,)``, ends of their interval over draws ``(d, m)``, and the envelope of ``(s, m)``."""
+    """Curve ``(m,)``, ends of its interval over draws ``(d, m)``, and envelope of the surrogates ``(s, m)``."""
     low, high = np.percentile(draws, INTERVAL, axis=0)
     return dict(zip(columns, (values, low, high, surrogates.min(axis=0), surrogates.max(axis=0)), strict=True))
 
@@ -165,7 +166,7 @@ def _curve(columns: CurveColumns, values: Array, draws: Array, surrogates: Array
 def prepare(
     request: Request, archive: Archive, numbers: tuple[int, ...], settings: IntermittencySettings
 ) -> Preparation:
-    """Count lags and orders, and name the ranges of lags."""
+    """Determine the numbers of lags and orders, and the ranges of lags."""
     step = series_step(archive, request.estimate)
     lags = lag_samples(settings.every_lag, steps_within(settings.interval, step) * step)
     ranges = np.array(settings.scaling_ranges)
@@ -176,7 +177,7 @@ def prepare(
 
 
 def missing(request: Request) -> str | None:
-    """Say why the records are sampled too rarely for this study, None where they are not."""
+    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
     return describe_missing_band(request, STUDY.settings_for(request))
 
 

@@ -1,8 +1,8 @@
-"""Study ``nulls``: missions without turbulence through the same pipeline (section 5.3).
+"""Study ``nulls``: missions without turbulence, processed by the same pipeline (section 5.3).
 
-Each null is a flight simulated with a profile's recorded actuation, sampled by the hull's sensors and inverted like the
-mission, to which the statistics of the measured profiles are then applied. Workers run them in batches, side by side in
-the lanes.
+Each null is a flight simulated with the recorded actuation of a profile. It is sampled by the hull's sensors and
+inverted like the mission, and the statistics of the measured profiles are computed for it. Workers process the nulls in
+batches, whose members are inverted side by side in the lanes.
 """
 
 from collections.abc import Iterator, Mapping
@@ -58,7 +58,7 @@ QUICK_SURROGATES = 9
 
 
 class NullSettings(Settings):
-    """Number of nulls of each family, and the statistics applied to them."""
+    """Number of nulls of each family, and the statistics computed for them."""
 
     noise_only: int = Field(12, ge=0, description="realisations of the known hull with sensor noise alone")
     model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
@@ -69,13 +69,13 @@ class NullSettings(Settings):
 
     @property
     def families(self) -> dict[str, int]:
-        """Realisations of each family."""
+        """Number of realisations of each family."""
         return {NOISE_ONLY: self.noise_only, MODEL_ERROR: self.model_error, GAUSSIAN: self.gaussian}
 
 
 @dataclass(frozen=True)
 class Realisation:
-    """One null: its position among all, its family, the seed of its draws, and the profile whose actuation it has."""
+    """One null: position among all nulls, family, seed of its draws, and profile whose actuation it uses."""
 
     index: int
     family: str
@@ -84,13 +84,13 @@ class Realisation:
 
     @property
     def row(self) -> dict[str, Any]:
-        """Its row of the group's table, before it is simulated."""
+        """Row of the group's table, before the simulation."""
         return {"family": self.family, "source_profile": self.profile, "realisation_seed": self.seed}
 
 
 @dataclass(frozen=True, eq=False)
 class FlownNull:
-    """A simulated null: the task of its inversion, its row so far, and the factors on its coefficients."""
+    """A simulated null: prepared profile to invert, row so far, and factors of the coefficients."""
 
     task: PreparedProfile
     row: dict[str, Any]
@@ -143,12 +143,12 @@ def fly_null(
 
 
 def without_corrections(mission: MissionSettings) -> MissionSettings:
-    """Remove a mission's corrections of the records from its settings: an archive's records are corrected already."""
+    """Remove the corrections of records from a mission's settings: an archive's records are already corrected."""
     return mission.model_copy(update={"records": RecordSettings()})
 
 
 def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
-    """Recorded actuation of a profile, its first state, and the records at which its sensors were read."""
+    """Recorded actuation of a profile, first state, and the records at which the sensors were read."""
     interval = float(data.attributes["output_interval"])
     sampled = data.sampled
     if not sampled.any():
@@ -160,7 +160,7 @@ def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
 def gaussian_disturbance(
     data: ProfileData, platform: Platform, settings: NullSettings, times: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw a Gaussian series ``(n,)`` at times (s): amplitudes of the profile's fast part with random phases."""
+    """Draw a Gaussian series ``(n,)`` at times (s): spectrum of the profile's fast part, with random phases."""
     statistics = settings.statistics
     series = channel_of(data, statistics.channel, platform)
     counted = series.counted(actuated=False)
@@ -173,7 +173,7 @@ def gaussian_disturbance(
 
 
 def factors_of(hull: Platform, platform: Platform) -> Array:
-    """True coefficients over the platform's, in the order of `coefficient_names`; NaN where the platform has none."""
+    """True coefficients over the platform's, in the order of `coefficient_names`; NaN where the platform's is zero."""
     true, known = (np.array(list(coefficients_of(one).values())) for one in (hull, platform))
     factors: Array = np.divide(true, known, out=np.full_like(true, np.nan), where=known != 0.0)
     return factors
@@ -185,9 +185,10 @@ def coefficient_names(platform: Platform) -> list[str]:
 
 
 def _seawater(data: ProfileData, times: Array) -> Array | None:
-    """Seawater ``(n, 4)`` around the glider at times (s), None if buoyancy does not follow density.
+    """Seawater ``(n, 4)`` around the glider at times (s); None if buoyancy does not depend on measured density.
 
-    Simulation and inversion of a null both use the water of that time, whatever the null's position.
+    Simulation and inversion of a null both use the seawater that the profile met at each time, even where the simulated
+    glider is at another depth.
     """
     if data.seawater is None:
         return None
@@ -204,7 +205,7 @@ def _with_seawater(series: ProfileSeries, data: ProfileData) -> ProfileSeries:
 
 @dataclass(frozen=True)
 class NullJob:
-    """Some nulls of an archive, inverted side by side in the lanes of the engine."""
+    """Nulls of an archive that are inverted side by side in the lanes of the engine."""
 
     nulls: tuple[Realisation, ...]
     archive: str
@@ -214,7 +215,7 @@ class NullJob:
 
 @dataclass(frozen=True, eq=False)
 class NullResult:
-    """Result of a null: its row, and the factors on the coefficients of its simulation."""
+    """Result of a null: its row, and the factors of the coefficients in its simulation."""
 
     null: Realisation
     row: Row
@@ -222,9 +223,10 @@ class NullResult:
 
 
 def run_nulls(job: NullJob) -> list[NullResult]:
-    """Simulate and invert some nulls, and compute their statistics; the job of a worker.
+    """Simulate and invert some nulls in a worker, and compute their statistics.
 
-    The inversion is that of the mission: the same settings, engine and platform.
+    The inversion is that of the mission, with the same settings, engine and platform. Only the corrections of records
+    are left out.
     """
     results = []
     with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
@@ -249,7 +251,7 @@ def run_nulls(job: NullJob) -> list[NullResult]:
 def _inverted_row(
     job: NullJob, null: Realisation, estimate: ProfileEstimate | ProfileError, every: int
 ) -> dict[str, Any]:
-    """Statistics of a null, with the rank test among its own surrogates: the false positives of that test."""
+    """Statistics of a null, with the rank test among its own surrogates; nulls that pass it are false positives."""
     if isinstance(estimate, ProfileError):
         return {"message": str(estimate)}
     settings = job.settings.statistics
@@ -273,7 +275,7 @@ def _inverted_row(
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: NullSettings) -> Preparation:
-    """Read the mission's settings, and name the coefficients."""
+    """Read the mission's settings and the names of the coefficients."""
     return Preparation(inputs=(settings_of(archive), coefficient_names(platform_of(archive))))
 
 
@@ -305,7 +307,7 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
 
 
 def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSettings) -> list[NullResult]:
-    """Simulate and invert the nulls in batches; a profile is reported as done with the first of its nulls."""
+    """Simulate and invert the nulls in batches; a profile is reported as done with its first null."""
     request, seen, results = plan.request, set[int](), list[NullResult]()
     with request.executor() as executor:
         size = batch_size(mission, len(planned), executor.workers)
@@ -322,7 +324,7 @@ def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSetting
 
 
 def null_settings(request: Request) -> NullSettings:
-    """Settings as requested; the statistics are those of the measured profiles unless they are set."""
+    """Return the requested settings; by default the statistics are those of the measured profiles."""
     with open_for_reading(request.archive) as archive:
         _, of_measured = stored_measured(archive, request.estimate)
     base: dict[str, Any] = dict.fromkeys(FAMILIES, QUICK_REALISATIONS) if request.quick else {}
@@ -334,7 +336,7 @@ def null_settings(request: Request) -> NullSettings:
 
 
 def missing(request: Request) -> str | None:
-    """Say why the records are sampled too rarely for this study, None where they are not."""
+    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
     return describe_missing_band(request, null_settings(request).statistics)
 
 

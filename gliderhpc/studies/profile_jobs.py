@@ -1,4 +1,4 @@
-"""Jobs of a study, one for each profile: workers run them in lots and write the rows into the study's group."""
+"""Jobs of a study, one for each profile: workers process them in runs and write the rows into the study's group."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RUNS_PER_WORKER, MAX_RUN = 4, 8
 """Number of runs of jobs for each worker, and largest number of profiles in a run."""
 
 OpenInputs = Callable[[Any], AbstractContextManager[Any]]
-"""Opens the inputs that the jobs of a run share."""
+"""Function that opens the inputs shared by the jobs of a run."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class StudiedProfile:
     Attributes
     ----------
     number, index : int
-        The profile's number, and its place in the archive.
+        Profile number, and position in the archive.
     row : mapping of str to value
-        Values for the coordinator: the profile's row of the group's table, and inputs of the study of the mission.
+        Values for the coordinator: the profile's row of the group's table, and inputs of the mission's function.
     rows : mapping of str to array_like
-        Its rows of the group's other variables; the worker writes them.
+        Profile's rows of the group's other variables; the worker writes them.
     """
 
     number: int
@@ -75,22 +75,22 @@ def run_jobs(
     request : Request
         Archive, executor and progress.
     name : str
-        Of the study and its group.
+        Name of the study and its group.
     study : callable
-        ``(archive, job, inputs) -> StudiedProfile``, in a worker.
+        ``(archive, job, inputs) -> StudiedProfile``; runs in a worker.
     jobs : sequence
-        One for each profile.
+        Jobs, one for each profile.
     inputs : object
-        Shared by all jobs.
+        Inputs shared by all jobs.
     opened : callable
-        Opens the inputs, once for each run of jobs.
+        Context manager that opens the inputs, once for each run of jobs.
 
     Returns
     -------
     results : list of StudiedProfile
-        By number of profile.
+        Results, in order of profile number.
     digests : dict of int to mapping
-        Of the chunks that the workers wrote, by position of the profile.
+        Digests of the chunks that the workers wrote, by position of the profile.
     """
     results: list[StudiedProfile] = []
     digests: dict[int, Digests] = {}
@@ -110,9 +110,10 @@ def run_jobs(
 
 
 def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
-    """Return the number of jobs in a run: several runs for each worker, which then end together and show progress.
+    """Return the number of jobs in a run.
 
-    Runs are long if most of the time is spent in opening their inputs.
+    Each worker gets several runs: the workers then end at about the same time, and progress is visible. Runs are
+    `long` if opening the inputs takes most of the time.
     """
     if long:
         return max(1, -(-jobs // (RUNS_PER_WORKER * workers)))
@@ -121,7 +122,7 @@ def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
 
 
 def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
-    """Study a run's profiles and write their rows; returns the coordinator's part, with the digests of the chunks."""
+    """Study a run's profiles and write their rows; return the coordinator's part and the digests of the chunks."""
     writer = ArchiveRows(run.archive)
     archive = _archive_of(run.token, run.archive)
     with threadpool_limits(limits=1), run.opened(run.inputs) as inputs:
@@ -130,7 +131,7 @@ def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
 
 @lru_cache(maxsize=1)
 def _archive_of(token: str, archive: Path) -> Archive:
-    """Open an archive once in a worker for all runs of a study, since it does not change during the study."""
+    """Open an archive once in a worker for all runs of a study; it does not change during the study."""
     return open_for_job(archive)
 
 

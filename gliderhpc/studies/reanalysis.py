@@ -1,7 +1,7 @@
 """Study ``reanalysis``: depth-averaged currents and ocean models along the dives (section 5.5, Table 4, Figure 8).
 
-Workers process runs of profiles: each opens the models once and reads the box around the track, profile by profile.
-Over the mission the currents of the glider are compared with those of the models, and the models with one another.
+Workers process runs of profiles. For each run a worker opens the models once, and reads the box around each profile's
+track. Over the mission, the glider's currents are compared with those of the models, and the models with one another.
 """
 
 from __future__ import annotations
@@ -79,7 +79,10 @@ WITHIN_COLUMNS = {1: "within_1_sigma", 2: "within_2_sigma", 3: "within_3_sigma"}
 def compare_with_models(
     archive: Archive, data: ProfileData, current: Current, models: Sequence[OceanModel]
 ) -> dict[str, Any]:
-    """Row of the profile: each column has a value, or ``(model,)`` values; if its path is unknown, only a message."""
+    """Return the row of a profile, with a value or ``(model,)`` values in each column.
+
+    If the path of the profile is unknown, the row has only a message.
+    """
     path = dive_path(archive, data)
     if path is None:
         return {"message": "no fix on either side, so it is not known where the dive was"}
@@ -95,10 +98,10 @@ def compare_with_models(
 
 
 def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> dict[str, float]:
-    """Mean of one model along the path, with equal weights for all records, and its distance from the current.
+    """Average one model along the path, with equal weights for all records, and compare the mean with the current.
 
-    The records are evenly spaced in time, and the glider's current is a mean over time too, so in both each depth is
-    weighted by the time spent there.
+    The records are evenly spaced in time, and the glider's current is a mean over time too. In both, therefore, each
+    depth is weighted by the time spent there.
     """
     samples = model.sample(path)
     covered = samples.coverage == Coverage.VELOCITY
@@ -145,7 +148,7 @@ def missing_input(request: Request) -> str | None:
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
-    """Read the glider's currents, and the models' names.
+    """Read the glider's currents and the models' names.
 
     Raises
     ------
@@ -190,25 +193,26 @@ STUDY = Study(
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Depth-averaged currents, north and east in m/s, NaN where there is none.
+    """Depth-averaged currents, north and east in m/s; NaN where there is no current.
 
     Attributes
     ----------
     numbers : (n,) int array
-        Of the profiles.
+        Profile numbers.
     days : (n,) array
-        Since the mission's first observation.
+        Days since the mission's first observation.
     estimate : str
         Estimate whose self-motion gives `currents`.
     currents : sequence of Current
-        The glider's, with covariance.
+        Glider's currents, with covariances.
     glide_angle : (n, 2) array
-        The conventional estimate.
+        Glider's currents by the conventional estimate.
     names : tuple of str
-        Of the models.
+        Names of the models.
     models : (n, m, 2) array
+        Currents of the models.
     distance : (n, m) array
-        Of each model from the glider's current, standard deviations.
+        Distance of each model from the glider's current, in standard deviations.
     """
 
     numbers: NDArray[np.int64]
@@ -222,13 +226,13 @@ class Compared:
 
     @property
     def glider(self) -> Array:
-        """The glider's currents ``(n, 2)``."""
+        """Currents of the glider ``(n, 2)``."""
         return np.array([current.velocity for current in self.currents]).reshape(-1, 2)
 
     def panels(self) -> list[int]:
-        """Positions of up to nine profiles, spread evenly over those covered by a model, else those with a current.
+        """Positions of up to nine profiles with a current, spread evenly over those that a model covers.
 
-        Empty where no profile has a current.
+        If no model covers any profile, they are spread over all profiles with a current. Empty without a current.
         """
         known = np.isfinite(self.glider).all(axis=1)
         covered = known & np.isfinite(self.models.sum(axis=2)).any(axis=1)
@@ -240,7 +244,7 @@ class Compared:
 
 
 def compare(archive: Archive, numbers: Sequence[int], estimate: str) -> Compared:
-    """Read the models' currents of some profiles, with the glider's own."""
+    """Read the models' and the glider's currents of some profiles."""
     group = archive["reanalysis"].to_dataset().sel(profile=list(numbers)).load()
     table = archive.to_dataset().sel(profile=list(numbers)).load()
     return Compared(
@@ -326,18 +330,18 @@ def agreements(compared: Compared) -> list[Agreement]:
 
 
 def share_within(distance: Array, sigmas: int) -> float:
-    """Share of the known distances ``(n,)`` that do not exceed a limit; NaN without any."""
+    """Share of the known distances ``(n,)`` that do not exceed a limit; NaN if none is known."""
     known = distance[np.isfinite(distance)]
     return float((known <= sigmas).mean()) if known.size else float("nan")
 
 
 def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str, Any]]:
-    """Rows of the table of agreements, those against the glider with the shares within 1, 2 and 3 sigma."""
+    """Rows of the table of agreements; a model compared with the glider also has the shares within 1, 2 and 3 sigma."""
     return [{**asdict(one), **_shares(compared, one)} for one in found]
 
 
 def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
-    """The agreements and the distances, compared with section 5.5."""
+    """Agreements and distances, compared with section 5.5 of the paper."""
     return (
         *(row for one in found for row in _of_agreement(one)),
         *(row for index in range(len(compared.names)) for row in _of_distance(compared, index)),

@@ -49,7 +49,7 @@ HEAVE = 2
 
 
 def vibration_records(data: ProfileData) -> Mask:
-    """Records ``(m,)`` inside the vibration set that have measurements, the first minute left out."""
+    """Mask ``(m,)`` of the records with measurements inside the vibration set, without the first minute."""
     vibrating = data.flagged("vibration") & ~data.flagged("gap_in_the_record") & (data.time >= SETTLING)
     return data.on_records(vibrating)
 
@@ -74,9 +74,9 @@ def steady_segment(data: ProfileData, length: float = SEGMENT) -> tuple[int, int
 
 
 def open_loop_row(data: ProfileData, glider: Glider) -> dict[str, Any]:
-    """Residual of a forward run without feedback under each of the two disturbances (lower block of Table 2).
+    """Residuals of forward runs without feedback under each of the two disturbances (lower block of Table 2).
 
-    Both runs start from the reconstructed state at the segment's beginning.
+    Both runs start from the reconstructed state at the beginning of the segment.
     """
     segment = steady_segment(data)
     if segment is None:
@@ -89,11 +89,11 @@ def open_loop_row(data: ProfileData, glider: Glider) -> dict[str, Any]:
 
 
 def open_loop_residual(data: ProfileData, glider: Glider, disturbances: Array, begin: int, end: int) -> Array:
-    """Simulated minus measured ``(end - begin, 4)`` on the records of a segment, degree and m."""
+    """Simulated minus measured values ``(end - begin, 4)`` on the records of a segment, degree and m."""
     every = round(_interval(data) / data.step)
     series = series_of(data, glider.platform)
     steps = data.record_time[begin] + data.step * (np.arange((end - begin) * every) + 0.5)
-    # A record holds the control of the step that begins there.
+    # The controls of a record are those of the step that begins there.
     at, recorded = data.record_time[:-1] + 0.5 * data.step, controls_of(glider.platform, series)
     controls = np.column_stack([np.interp(steps, at, column) for column in recorded.T])
     disturbances = disturbances[begin * every : end * every]
@@ -105,7 +105,7 @@ def open_loop_residual(data: ProfileData, glider: Glider, disturbances: Array, b
 
 
 def self_motion_row(data: ProfileData, motions: Motions) -> dict[str, Any]:
-    """Differences between the two self-motions: over the dive, and in speed in steady glide."""
+    """Relative differences between the two self-motions: over the dive, and in speed in steady glide."""
     estimated, reckoned = motions.estimate, motions.glide_angle
     steady = data.steady_records[:-1]
     speeds = [np.linalg.norm(motion.steps, axis=1)[steady] for motion in (estimated, reckoned)]
@@ -116,7 +116,7 @@ def self_motion_row(data: ProfileData, motions: Motions) -> dict[str, Any]:
 
 
 def vibration_row(data: ProfileData) -> dict[str, Any]:
-    """Share of the vibration set in the dive's time and, by the displacement within it, in the current."""
+    """Share of the vibration set in the dive's time and, through its displacement, in the current."""
     table = data.table
     speed = _ratio(float(table["vibration_displacement"]), float(table["duration"]))
     return {
@@ -157,11 +157,11 @@ def without_depth_slope_row(
     Parameters
     ----------
     data, nominal : ProfileData, SelfMotion
-        The archive's estimate, with the hull's own ``k_z``, and its self-motion.
+        Archived estimate with the hull's own ``k_z``, and its self-motion.
     record : ProfileRecord
-        The record to invert.
+        Record to invert.
     platform, settings : Platform, MissionSettings
-        The archive's.
+        Platform and settings of the archive.
 
     Raises
     ------
@@ -170,8 +170,8 @@ def without_depth_slope_row(
 
     Notes
     -----
-    The heave disturbance has to replace the compensation that the model then lacks: the slope of the difference with
-    depth should be about ``-k_z cos(theta)``.
+    The heave disturbance has to replace the compensation that the model lacks with ``k_z = 0``. The slope with depth of
+    its change should be about ``-k_z cos(theta)``.
     """
     glider = Glider(with_overrides(platform, {"buoyancy.depth_slope": "0"}))
     series = on_steps(record, settings, platform)
@@ -210,7 +210,7 @@ def _filter_seconds(estimate: ProfileEstimate, settings: MissionSettings) -> flo
 
 @dataclass(frozen=True)
 class Source:
-    """The observation file, and its profiles to invert with ``k_z = 0``."""
+    """Observation file, and the profiles to invert with ``k_z = 0``."""
 
     path: str
     survey: Survey
@@ -219,7 +219,7 @@ class Source:
 
 @dataclass(frozen=True)
 class ReconstructionInputs:
-    """Inputs that the profiles share: the observations, the truth's file, and its largest number of impulses."""
+    """Inputs that the profiles share: observations, file of the truth, and most impulses in any of its profiles."""
 
     source: Source | None
     truth: str | None
@@ -227,7 +227,7 @@ class ReconstructionInputs:
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Reconstruction of one profile: tracking, open loop, self-motion, cost, regimes; and errors against a truth."""
+    """Study one profile: tracking, open loop, self-motion, cost, regimes, and errors if there is a truth."""
     archive, platform, inputs = context.archive, context.platform, context.inputs
     motions = motions_of(data, platform)
     row: dict[str, Any] = {
@@ -252,16 +252,16 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
-    """Find the records to invert with ``k_z = 0``, and the size of the truth.
+    """Find the records to invert with ``k_z = 0``, and the number of true impulses.
 
     Raises
     ------
     InputError
-        The observation file or the truth is not the archive's.
+        The observation file is not the archive's, or the truth cannot be read.
     """
     source, remarks = _source(request, archive, platform_of(archive), numbers)
     truth = None if request.truth is None else str(request.truth.resolve())
-    # An axis has one place at least, whether or not there was an impulse.
+    # The axis needs at least one element, even without any impulse.
     impulses = 1 if truth is None else max(1, most_impulses(truth))
     return Preparation(
         inputs=ReconstructionInputs(source, truth, impulses),
@@ -275,7 +275,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 def _source(
     request: Request, archive: Archive, platform: Platform, numbers: tuple[int, ...]
 ) -> tuple[Source | None, tuple[str, ...]]:
-    """Observations of the profiles to be inverted with k_z = 0, and why others are not."""
+    """Observations of the profiles to invert with k_z = 0, and remarks on why others are not inverted."""
     if request.estimate != ADJOINT:
         return None, ("the inversion with k_z = 0 is compared with the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:

@@ -1,4 +1,4 @@
-"""The studies that ``gliderhpc analyze`` runs, each imported when asked for."""
+"""Studies that ``gliderhpc analyze`` runs, each imported on demand."""
 
 import importlib
 
@@ -18,7 +18,7 @@ STUDIES = (
     "hull",
     "drift",
 )
-"""Names of the studies, and of their modules or packages and groups."""
+"""Names of the studies, which are also those of their modules or packages and of their groups."""
 
 
 def load_study(name: str) -> Study:
@@ -53,7 +53,7 @@ def run_study(name: str, request: Request) -> None:
 
 
 def missing_input(name: str, request: Request) -> str | None:
-    """Name the input that a request lacks for a study; None where nothing is missing.
+    """Return a description of the input that a request lacks for a study, or None if nothing is missing.
 
     Raises
     ------

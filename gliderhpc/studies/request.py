@@ -20,19 +20,19 @@ class Request:
     Attributes
     ----------
     archive : Path
-        The finished mission.
+        Archive of the mission.
     executor : callable
-        Opens the executor of the jobs.
+        Context manager that opens the executor of the jobs.
     profiles : str, optional
-        Which profiles, as ``18:20,68``; all that are done when None.
+        Profiles to study, such as ``18:20,68``; by default all finished ones.
     quick : bool
-        Use a reduced size for a first look, under two minutes on two cores.
+        True for a first look of reduced size, which takes less than two minutes on two cores.
     estimate : str
         Estimate of disturbances and motion, one of `gliderhpc.archive.profile.ESTIMATES`.
     observations, truth : Path, optional
-        The mission's observation file, and a synthetic mission's truth.
+        Observation file of the mission, and truth of a synthetic mission.
     budget : Path, optional
-        Uncertainty of the current that ``twin recoverability`` found for the platform.
+        Uncertainty of the current that ``twin recoverability`` measured for the platform.
     reference : Path, optional
         Independent currents for the same dives.
     assignments : tuple of str
@@ -40,7 +40,7 @@ class Request:
     models : tuple of str
         Files, patterns of files and OPeNDAP addresses of ocean models.
     report : callable
-        Called with the number of a profile when it is done.
+        Function called with the number of each finished profile.
     """
 
     archive: Path
@@ -58,7 +58,7 @@ class Request:
 
     @property
     def path(self) -> str:
-        """The archive's place, for workers that start elsewhere."""
+        """Absolute path of the archive, for workers that start in another folder."""
         return str(self.archive.resolve())
 
 
@@ -72,7 +72,7 @@ def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> 
 
 
 def own_assignments(request: Request, name: str) -> dict[str, str]:
-    """Settings given for a study, without its name: ``currents.bin=5`` is ``bin`` of the study ``currents``."""
+    """Return the settings given for a study, without its name: ``currents.bin=5`` is ``bin`` of study ``currents``."""
     values, _ = parse_assignments(request.assignments)
     return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
 

@@ -1,7 +1,7 @@
 """Study ``spectra``: spectra of a disturbance's fast part and the power laws fitted to them (section 5.3).
 
-Each profile has a spectrum of the whole and spectra of three parts by depth. Profiles are sorted into groups, from calm
-to harsh, by the speed of their depth-averaged current.
+Each profile has a spectrum of all depths, and the spectra of three depth ranges. Profiles are sorted into groups, from
+calm to harsh, by the speed of their depth-averaged current.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ UNKNOWN = "unknown"
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Spectra of one profile, their exponents, and the profile's group with its current's speed (m/s)."""
+    """Compute spectra of one profile and their exponents, with the profile's group and its current's speed (m/s)."""
     channel = channel_of(data, context.settings.channel, context.platform)
     speed, group = context.inputs[data.number]
     row, spectra = profile_spectra(channel, context.settings)
@@ -62,7 +62,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     Returns
     -------
     row : dict
-        Row of the group's table; for a record that does not resolve the band at all, the reason and no exponent.
+        Row of the group's table; if the record does not resolve the band at all, the reason and no exponents.
     spectra : dict of str to (m,) array
         Frequencies (Hz) and densities; empty for such a record.
     """
@@ -86,7 +86,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
 
 
 def thirds(depth: Array, counted: Mask) -> tuple[Mask, Mask, Mask]:
-    """Shallow, middle and deep samples ``(n,)``, of equal time, among those that count."""
+    """Masks ``(n,)`` of the shallow, middle and deep samples among those used, a third of the time each."""
     if not counted.any():
         return counted, counted, counted
     low, high = np.percentile(depth[counted], [100.0 / 3.0, 200.0 / 3.0])
@@ -115,7 +115,10 @@ def _exponents_row(
     rng: np.random.Generator,
     part: str | None,
 ) -> dict[str, Any]:
-    """Exponents of the spectrum of a part, or of all samples by default: over the band and over its resolved part."""
+    """Exponents over the band and over its resolved part, of the spectrum of a depth range, or of all samples if None.
+
+    All samples include those taken while actuators move.
+    """
     on_band = band_power_law(spectra, channel.step, settings, settings.draws, rng)
     resolved = resolved_band(settings.band, channel.nyquist)
     on_resolved = power_law(spectra, resolved, settings.draws, rng)
@@ -130,7 +133,7 @@ def _fit_row(columns: FitColumns, law: PowerLaw) -> dict[str, Any]:
 
 
 def current_speeds(archive: Archive, numbers: Sequence[int], estimate: str) -> dict[int, float]:
-    """Speed of each profile's depth-averaged current (m/s), NaN where there is none."""
+    """Speed of each profile's depth-averaged current (m/s); NaN if there is none."""
     columns = current_columns(estimate)
     table = archive.to_dataset()[[columns.north, columns.east]].sel(profile=list(numbers)).load()
     values = np.hypot(table[columns.north].values, table[columns.east].values)
@@ -138,7 +141,7 @@ def current_speeds(archive: Archive, numbers: Sequence[int], estimate: str) -> d
 
 
 def groups_by_speed(speed: dict[int, float], count: int) -> dict[int, str]:
-    """Sort profiles into `count` groups of about the same size, fewer where fewer profiles have a current."""
+    """Sort profiles into `count` groups of similar size, or fewer groups if fewer profiles have a current."""
     known = sorted((number for number in speed if np.isfinite(speed[number])), key=lambda number: speed[number])
     groups = dict.fromkeys(speed, UNKNOWN)
     for name, part in zip(_group_names(min(count, len(known))), np.array_split(known, max(1, count)), strict=False):
@@ -158,7 +161,7 @@ def _group_names(count: int) -> list[str]:
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: SpectraSettings) -> Preparation:
-    """Sort the profiles into groups, and count the frequencies."""
+    """Sort the profiles into groups, and determine the number of frequencies."""
     speed = current_speeds(archive, numbers, request.estimate)
     groups = groups_by_speed(speed, settings.groups)
     frequencies = max(2, round(settings.segment / series_step(archive, request.estimate))) // 2 + 1
@@ -168,7 +171,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def missing(request: Request) -> str | None:
-    """Say why the records are sampled too rarely for this study, None where they are not."""
+    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
     return describe_missing_band(request, STUDY.settings_for(request))
 
 

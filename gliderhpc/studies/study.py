@@ -2,9 +2,9 @@
 
 A study is a module or package of `gliderhpc.studies` with a module-level ``STUDY``, listed in the registry. It consists
 of a function of a profile's data (`Study.profile`), a function of the mission (`Study.mission`), or both. The engine
-chooses profiles, runs them in lots on workers, writes the values into the study's group, and records settings and
-provenance. Tables and figures are made from the group alone, by `gliderhpc.report.studies`, so ``analyze`` and
-``report`` agree.
+chooses profiles, studies them in runs on workers, writes the values into the study's group, and records settings and
+provenance. `gliderhpc.report.studies` makes tables and figures from the group alone, so ``analyze`` and ``report``
+agree.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
 from gliderhpc.studies.request import Request, own_settings
 
 Row = Mapping[str, Any]
-"""Values by name of the group's variable."""
+"""Values by name of the group's variables."""
 
 ESTIMATE_UNUSED = "no estimate enters this study, so --estimate changes nothing"
 
@@ -49,11 +49,11 @@ class ProfileContext:
     Attributes
     ----------
     archive : Archive
-        The mission.
+        Archive of the mission.
     settings : Settings or None
-        Of the study.
+        Settings of the study.
     inputs : object
-        As `Preparation.inputs`, opened by `Study.opened`.
+        `Preparation.inputs` as opened by `Study.opened`.
     """
 
     archive: Archive
@@ -62,7 +62,7 @@ class ProfileContext:
 
     @property
     def platform(self) -> Platform:
-        """The hull that the mission was estimated with."""
+        """Hull that the mission was estimated with."""
         return platform_of(self.archive)
 
 
@@ -73,7 +73,7 @@ class GroupContent:
     Attributes
     ----------
     sizes, labels : mapping
-        Of the group's own dimensions: sizes, and the names along those that have names.
+        Sizes of the group's own dimensions, and the names along those that have names.
     variables : mapping of str to array_like
         Values of the variables without a profile dimension.
     attributes : mapping
@@ -81,7 +81,7 @@ class GroupContent:
     remarks : tuple of str
         Remarks for the reader of the study.
     columns : tuple of str, optional
-        Columns of the study's table, where they differ from those of the profiles' rows.
+        Columns of the study's table, if they differ from those of the profiles' rows.
     rows : mapping of int to mapping
         Further values of the profiles' rows, by number.
     """
@@ -97,14 +97,14 @@ class GroupContent:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Preparation(GroupContent):
-    """Findings of a study before its profiles are studied.
+    """Inputs and content that a study determines before its profiles are studied.
 
     Attributes
     ----------
     inputs : object
-        Passed to every profile's function; must be picklable.
+        Inputs passed to every profile's function; must be picklable.
     numbers : tuple of int, optional
-        Profiles to study, where they differ from those of the request.
+        Profiles to study, if they differ from those of the request.
     caveats : tuple of str
         Remarks that follow those on the estimate.
     """
@@ -123,11 +123,11 @@ class Plan:
     request : Request
         The request.
     settings : Settings or None
-        Of the study.
+        Settings of the study.
     numbers : tuple of int
-        Of the profiles to study.
+        Numbers of the profiles to study.
     positions : mapping of int to int
-        Position along the archive's profile dimension, by number, of all profiles.
+        Positions of all profiles along the archive's profile dimension, by number.
     prepared : Preparation
         Inputs and content determined beforehand.
     remarks : tuple of str
@@ -156,7 +156,7 @@ class Study:
     name, title : str
         Name of the study, its group and its module, and a title of one line.
     profile : callable, optional
-        ``(ProfileData, ProfileContext) -> values`` by name of the group's variable; runs in a worker, for every chosen
+        ``(ProfileData, ProfileContext) -> values`` by name of the group's variables; runs in a worker, for every chosen
         profile. A `ProfileError` becomes the profile's ``message``.
     mission : callable, optional
         ``(Plan, rows by number) -> GroupContent``, called once after the profiles. The group is created after this
@@ -166,9 +166,9 @@ class Study:
         Frozen model of the study's settings, or a function of the request that builds them; without it a study accepts
         no settings.
     quick_settings : mapping
-        Settings of a first look, where `settings` is a model.
+        Settings of a first look, if `settings` is a model.
     missing : callable
-        Names the input that a request lacks; None where nothing is missing.
+        ``Request -> str or None``: description of the input that a request lacks, None if nothing is missing.
     prepare : callable
         ``(Request, archive, numbers, settings) -> Preparation``, called once before the profiles.
     opened : callable
@@ -180,7 +180,7 @@ class Study:
     wide_dims : tuple of str
         Dimensions of variables that are columns of the table although they have several values for each profile.
     estimate_unused : str
-        Remark that the requested estimate has no effect, as the adjoint's is always used; empty where it has one.
+        Remark that the requested estimate has no effect, as the adjoint's is always used; empty if it has an effect.
     """
 
     name: str
@@ -211,7 +211,7 @@ class Study:
         return own_settings(request, self.name, self.settings, self.quick_settings if request.quick else {})
 
     def run(self, request: Request) -> None:
-        """Study the chosen profiles and the mission, and fill the archive's group of the study.
+        """Study the chosen profiles and the mission, and fill the study's group in the archive.
 
         Raises
         ------
@@ -266,9 +266,9 @@ class Study:
         Returns
         -------
         rows : dict of int to mapping
-            Values not written by the workers, by number of profile.
+            Values not written by the workers, by profile number.
         digests : dict of int to mapping
-            Of the chunks that the workers wrote, by position of the profile.
+            Digests of the chunks that the workers wrote, by position of the profile.
         """
         if self.profile is None:
             return {}, {}
@@ -279,7 +279,7 @@ class Study:
         return {result.number: result.row for result in results}, digests
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
-        """Columns of the study's table: variables with one value a profile, or several along the wide dimensions."""
+        """Columns of the study's table: variables with one value per profile, or several along the wide dimensions."""
         group = study_called(self.name)
         names = dict.fromkeys(name for row in rows.values() for name in row)
         own = [name for name in names if set(group[name].dims) <= {PROFILE, *self.wide_dims}]
@@ -295,7 +295,7 @@ def study_profile(
     job: tuple[int, int],
     inputs: Any,
 ) -> StudiedProfile:
-    """Study one profile, and separate the rows that the worker writes from other values; the job of a worker."""
+    """Study one profile in a worker, and separate the rows that the worker writes from the other values."""
     number, index = job
     data = read_profile_data(archive, number, estimate)
     try:
@@ -312,13 +312,13 @@ def _joined_rows(rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[in
 
 
 def _of_table(name: str, rows: Mapping[int, Row]) -> dict[int, Row]:
-    """Rows without the values meant only for the mission's function."""
+    """Rows without the values that only the mission's function uses."""
     names = {variable.name for variable in study_called(name).variables}
     return {number: {key: row[key] for key in row if key in names} for number, row in rows.items()}
 
 
 def _begin(request: Request, name: str, content: GroupContent) -> tuple[str, ...]:
-    """Create or replace the archive's group of a study; returns a remark where it held that of another estimate."""
+    """Create or replace a study's group; return a remark if the group held the study of another estimate."""
     before = study_attributes(request.archive, name).get("estimate", request.estimate)
     create_study(request.archive, name, content.sizes, attributes={"estimate": request.estimate}, labels=content.labels)
     if before == request.estimate:

@@ -1,9 +1,9 @@
 """Section 3 of the paper: the fixed-parameter forward model compared with the records, profile by profile.
 
-There is one run for each profile, from the first state (measured attitude and depth, speed of the glide) over the whole
-dive, without feedback or disturbance, as in the paper's Figure 1. The drift of the model is not corrected, so the
-statistics of the mission use pitch and depth *rate*, whose errors do not accumulate; depth, heading and track are
-reported as computed.
+Each profile is simulated once over the whole dive, without feedback or disturbance, as in the paper's Figure 1. The run
+starts from the first state (measured attitude and depth, speed of the glide). The drift of the model is not corrected.
+The statistics of the mission therefore use pitch and depth *rate*, whose errors do not accumulate; depth, heading and
+track are reported as computed.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,16 +43,16 @@ TITLE = "the fixed-parameter forward model against the records"
 """Title of the study."""
 
 NO_ESTIMATE = "none"
-"""Name of the validated estimate: the forward model runs without one."""
+"""Name stored as the estimate: the forward model does not use one."""
 
 _ON_RECORDS = ("step", "output_interval")
-"""Settings that fix the archive's axes, and therefore must equal the archive's."""
+"""Settings that determine the archive's axes; they must equal the archive's."""
 
 
 RATE_SMOOTHING = 60.0
-"""Interval of the depth rates, s (three sample intervals, if longer), for model and record alike."""
+"""Interval over which depth rates of both model and record are computed, s (three sample intervals, if longer)."""
 SURFACED_HEIGHT = 0.5
-"""The modelled glider counts as surfaced once it is this far (m) above the surface, and above its first depth."""
+"""Height (m) above both the surface and its first depth at which the modelled glider is taken to have surfaced."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +62,9 @@ class Flight:
     Attributes
     ----------
     states : (n+1, 12)
-        States of eq. 16; from `surfaced` on the glider stays where it surfaced.
+        States of eq. 16; from `surfaced` on, the glider stays where it surfaced.
     surfaced : int
-        First sample at the surface, n + 1 if it never surfaced.
+        First sample at the surface; n + 1 if the glider never surfaced.
     """
 
     states: Array
@@ -92,14 +92,14 @@ def fly(glider: Glider, series: ProfileSeries) -> Flight:
 
 
 def compared_samples(flight: Flight, series: ProfileSeries, vibrating: Mask) -> Mask:
-    """Samples ``(n+1,)`` that the statistics use: steady glide, after settling, in the record, before surfacing."""
+    """Mask ``(n+1,)`` of the samples used for statistics: measured, in steady glide, settled, before surfacing."""
     counted: Mask = ~vibrating & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
     counted[flight.surfaced :] = False
     return counted
 
 
 def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dict[str, float]:
-    """Root mean square errors of depth (m), pitch and heading (degree), and of both longitudinal rates (1).
+    """Root mean square errors of depth (m), pitch and heading (degree), and of pitch and depth rate together (1).
 
     Notes
     -----
@@ -124,10 +124,10 @@ def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dic
 def horizontal_errors(
     flight: Flight, series: ProfileSeries, record: ProfileRecord, conventional: SelfMotion
 ) -> dict[str, float]:
-    """Distances (m) at the profile's end, and over the path's length (1).
+    """Distances (m) at the end of the profile, and their ratios to the path length (1).
 
     The end of the modelled track is compared with that of the glide-angle dead reckoning (both through the water) and,
-    where there are fixes, with the fix-to-fix displacement, which includes the current, as the tracks do not.
+    if there are fixes, with the fix-to-fix displacement, which unlike the tracks includes the current.
     """
     track = flight.states[:, 3:5]
     reckoned = conventional.total
@@ -148,7 +148,7 @@ def horizontal_errors(
 
 
 def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
-    """Displacement ``(2,)`` with the modelled speed along the measured heading, to isolate the error of the speed."""
+    """Displacement ``(2,)`` at the modelled speed along the measured heading, which isolates the error of the speed."""
     lengths = np.linalg.norm(np.diff(flight.states[:, 3:5], axis=0), axis=1)
     heading = series.measurements[:-1, 2]
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
@@ -156,7 +156,7 @@ def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
 
 @dataclass(frozen=True)
 class ValidationJob:
-    """One profile to simulate: its number and position in the archive, and its part of the observations."""
+    """One profile to simulate: number, position in the archive, and part of the observations."""
 
     number: int
     index: int
@@ -201,23 +201,24 @@ def validate(
     observations : Observations
         The open file that the archive was made from.
     platform, settings : Platform, MissionSettings
-        The hull to validate, which need not be the archive's; the settings' step and output interval must be.
+        Hull to validate, which may differ from the archive's, and settings, whose step and output interval must equal
+        the archive's.
     store : path
         The archive.
     executor : callable
-        Opens the workers on which jobs run.
+        Context manager that opens the executor of the jobs.
     profiles : str, optional
-        Which of the archive's profiles, as ``18:20,68``.
+        Profiles of the archive to simulate, such as ``18:20,68``.
     quick : bool
-        Only the first few of them.
+        True to simulate only the first few of these.
     report : callable
-        Called with the number of each profile when it is done.
+        Function called with the number of each finished profile.
 
     Raises
     ------
     InputError
-        The archive was made from other observations or on other axes, or has no such profile; or density is requested
-        with a hull that states no compressibility.
+        The archive was made from other observations or on other axes, or has no such profile; or the settings request
+        density and the hull has no compressibility.
     """
     check_seawater(platform, settings)
     with open_for_reading(store) as archive:
@@ -246,7 +247,7 @@ def validate(
 
 
 def fly_profile(archive: Archive, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
-    """Simulate one profile; the job of a worker."""
+    """Simulate one profile in a worker."""
     with open_observations(inputs.observations, survey=job.survey) as observations:
         try:
             row, rows = _fly(observations.profile(job.number), inputs)

@@ -1,8 +1,8 @@
 """Study ``vertical``: vertical velocity of the water, and its dependence on the hull's parameters.
 
-The model is the hull's steady glide at the measured attitude and ballast in still water, as commonly used (Merckelbach
-et al. 2010, 2019; Frajka-Williams et al. 2011), and not the reconstructed motion, whose disturbances have absorbed the
-motion of the water.
+The model is the usual one: the hull's steady glide in still water at the measured attitude and ballast (Merckelbach et
+al. 2010, 2019; Frajka-Williams et al. 2011). The reconstructed motion is not used, because its disturbances have
+absorbed the motion of the water.
 """
 
 from collections.abc import Mapping
@@ -29,13 +29,13 @@ Mask = NDArray[np.bool_]
 NAME = "vertical"
 
 LEVELS = 20
-"""Number of equal depth intervals in which dives are compared with climbs."""
+"""Number of equal depth intervals in which the dive is compared with the climb."""
 
 _SECOND = np.timedelta64(1, "s")
 
 
 def record_rows(data: ProfileData, found: VerticalVelocity) -> dict[str, Array]:
-    """Rows of the group's variables on the records (m,), NaN between samples."""
+    """Rows of the group's variables on the records (m,); NaN between samples."""
     columns = {
         "water_up": found.water,
         "water_up_std": np.where(np.isfinite(found.water), found.std, np.nan),
@@ -48,7 +48,7 @@ def record_rows(data: ProfileData, found: VerticalVelocity) -> dict[str, Array]:
 
 
 def legs_row(found: VerticalVelocity) -> dict[str, Any]:
-    """Means over dives and climbs with their errors, spread, and the effect of every parameter of the hull."""
+    """Means over dive and climb with their errors and spreads, and the effect of every hull parameter."""
     known = np.isfinite(found.water)
     row: dict[str, Any] = {
         "window": found.filter.window,
@@ -74,18 +74,19 @@ def legs_row(found: VerticalVelocity) -> dict[str, Any]:
 
 
 def legs(found: VerticalVelocity) -> dict[str, Mask]:
-    """Samples (n,) with a velocity on dives and on climbs."""
+    """Masks (n,) of the samples with a velocity on dive and climb."""
     known = np.isfinite(found.water)
     return dict(zip(LEGS, (known & found.diving, known & found.climbing), strict=True))
 
 
 def difference_row(found: VerticalVelocity) -> dict[str, Any]:
-    """Difference of dives and climbs at each depth level: zero if the water is the same on both.
+    """Difference of dive and climb, averaged over depth levels: zero if the water is the same on both.
 
     Notes
     -----
-    Frajka-Williams et al. (2011) choose the numbers of the hull by this and by the variance. Its expected deviation
-    includes the errors of the hull, which are the same on both legs, and the rounding of pitch, which is not.
+    Frajka-Williams et al. (2011) choose the hull's parameters by this difference and by the variance. The expected
+    standard deviation includes the errors of the hull, which are common to both legs, and the rounding of pitch, which
+    is independent on each leg.
     """
     levels = _Levels(found)
     if not levels.common:
@@ -102,13 +103,13 @@ def difference_row(found: VerticalVelocity) -> dict[str, Any]:
 
 
 def difference_of(found: VerticalVelocity, values: Array) -> float:
-    """Mean difference of dives and climbs over their common levels, for values (n,) at the samples; NaN without any."""
+    """Mean difference of dive and climb over their common levels, for values (n,) at the samples; NaN without any."""
     levels = _Levels(found)
     return float(levels.difference(values).mean()) if levels.common else float("nan")
 
 
 class _Levels:
-    """Depth levels that a profile covers on dives and on climbs."""
+    """Depth levels that a profile covers on both dive and climb."""
 
     def __init__(self, found: VerticalVelocity) -> None:
         depth = found.attitude.depth
@@ -121,12 +122,12 @@ class _Levels:
         return np.array([values[leg & (self._level == k)].mean(axis=0) for k in self.common])
 
     def difference(self, values: Array) -> Array:
-        """Means of dives minus means of climbs, one row for each level."""
+        """Means of the dive minus means of the climb, one row for each level."""
         return np.asarray(self.means(values, self._legs["dive"]) - self.means(values, self._legs["climb"]))
 
 
 def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
-    """Errors against the truth, to which the same filter is applied."""
+    """Errors relative to the truth, which passes through the same filter."""
     time = (truth["time"].values - data.epoch) / _SECOND
     rate = truth["water_up"].values.astype(np.float64)
     risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
@@ -147,7 +148,7 @@ def _on_records(data: ProfileData, found: VerticalVelocity, values: Array) -> Ar
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
-    """Vertical velocities of one profile: the values of its row of the table, and those on its records.
+    """Compute the vertical velocities of one profile: its row of the table, and the values on its records.
 
     Raises
     ------

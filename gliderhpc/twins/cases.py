@@ -26,13 +26,13 @@ PRESETS = ("recommended", "paper")
 """Presets of the estimator that the experiments compare."""
 
 OPERATING_LENGTH = 30.0
-"""Seconds; the paper's operating point, with a margin of 10 s and tau_c = 0.2."""
+"""Window length of the paper's operating point, s; its margin is 10 s, and tau_c = 0.2."""
 
 NEGLIGIBLE_LAG = 0.01
-"""Lag of the actuators, s, that counts as none."""
+"""Negligible lag of the actuators, s."""
 
 QUIET = Disturbances(slow_rms=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), impulse_interval=None)
-"""No disturbance: what the pipeline identifies is its own error."""
+"""No disturbance: any identified disturbance is the pipeline's own error."""
 
 _SAMPLED = ("time", *MEASURED, "battery_position", "battery_rotation", "ballast_volume", "rudder")
 _FULL_TURN = 2.0 * np.pi
@@ -48,11 +48,11 @@ class RecordChanges:
     roll_offset, pitch_offset, heading_offset : float
         Constant errors of the attitude, degree.
     sample_interval : float, optional
-        Retain one sample per interval of this length, s; None retains all.
+        Interval of which one sample is retained, s; None to retain all samples.
     dropout : float
         Share of the samples whose attitude and depth are missing, at random.
     gap, gap_spacing : float
-        Every `gap_spacing` s attitude and depth are missing for `gap` s.
+        Length and spacing of gaps in attitude and depth, s.
     """
 
     roll_offset: float = 0.0
@@ -89,11 +89,11 @@ class TwinCase:
     settings : EstimationSettings
         Settings of the inversion.
     assumed : Platform, optional
-        Hull that the estimator assumes; the true one where None.
+        Hull that the estimator assumes; the true one by default.
     changes : RecordChanges
         Changes of the record.
     initial_error : tuple of 12 floats, optional
-        Added to the estimator's first guess of the state (eq. 16, SI).
+        Error added to the estimator's first guess of the state (eq. 16, SI).
     """
 
     hull: Platform
@@ -163,7 +163,7 @@ def paper_dive(depth: float, *, speed: tuple[float, float]) -> Scenario:
 
 
 def drawn_from(prior: DisturbancePrior) -> Disturbances:
-    """Return disturbances drawn from the prior that filter and smoother assume, without any other part."""
+    """Return disturbances drawn from the prior that filter and smoother assume, and no others."""
     process = GaussMarkov(deviation=prior.deviation, correlation_time=prior.correlation_time)
     return QUIET.model_copy(update={"gauss_markov": process})
 
@@ -202,7 +202,7 @@ def with_white_errors(scenario: Scenario) -> Scenario:
 def with_water(scenario: Scenario, current: Mapping[str, float], gust_rms: float) -> Scenario:
     """Return the scenario with values of its current replaced, Gaussian gusts of that RMS (m/s), and no faults.
 
-    A Gaussian field is equally rough everywhere, so that spectra need fewer twins than those of an intermittent one.
+    A Gaussian field is equally rough everywhere, so its spectra need fewer twins than those of an intermittent field.
     """
     scenario = _with(scenario, "current", **current)
     scenario = _with(scenario, "gusts", kind="gaussian", rms=gust_rms)
@@ -233,7 +233,7 @@ def _subsample(record: ProfileRecord, interval: float) -> ProfileRecord:
 
 def _in_gaps(record: ProfileRecord, gap: float, spacing: float) -> NDArray[np.bool_]:
     since = np.mod(record.time, spacing)
-    # Centred, so that neither the start nor a control interval coincides with a gap.
+    # Gaps are centred in their spacing, away from the start and from control intervals.
     return np.asarray(np.abs(since - 0.5 * spacing) < 0.5 * gap, dtype=np.bool_)
 
 

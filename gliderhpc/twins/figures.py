@@ -33,7 +33,7 @@ def new_sheet(width: float, height: float) -> Figure:
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Label a panel's axes, title it where one is given, and remove its frame on two sides."""
+    """Label a panel's axes, add a title if one is given, and remove the frame on two sides."""
     axes.set_xlabel(x, fontsize=SMALL)
     axes.set_ylabel(y, fontsize=SMALL)
     axes.tick_params(which="both", labelsize=SMALL)
@@ -80,7 +80,7 @@ _OTHER_SWEEPS = (
 
 
 def draw_windows(summary: Sequence[Row], excerpts: Sequence[Excerpt]) -> Figure:
-    """Draw Figure 5: sliding and not against the truth, and the scores over every swept setting.
+    """Draw Figure 5: estimates with sliding and separate windows, the truth, and the scores over every swept setting.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ LINE_STYLES = {"recommended": "-", "paper": "--"}
 
 
 MIN_SHIFT = 0.02
-"""N or N m a degree: half the smallest range of the axis of the offsets."""
+"""Half the smallest range of the axis of the offsets, N or N m per degree."""
 
 
 _BASE_VALUES = {"step": 0.1, "sample interval": 1.0, "dropout": 0.0, "gap": 0.0}
@@ -275,7 +275,7 @@ def draw_recoverability(noise: Mapping[str, Row], detection: Sequence[Row], moti
     detection : sequence of dict
         Detection rate, height and delay, one line per preset, amplitude (N m) and width (s).
     motions : sequence of dict
-        Axial offset (N) and error of the current (m/s), a row a twin.
+        Axial offset (N) and error of the current (m/s), one row per twin.
     """
     figure = new_sheet(12.5, 11.0)
     grid = figure.add_gridspec(3, 2)
@@ -298,7 +298,7 @@ def draw_recoverability(noise: Mapping[str, Row], detection: Sequence[Row], moti
 
 
 def _draw_detection(rate: Axes, gain: Axes, detection: Sequence[Row]) -> None:
-    """Detection rate and height over the amplitude, a line per width."""
+    """Detection rate and height over the amplitude, one line per width."""
     for index, width in enumerate(sorted({line["width"] for line in detection})):
         lines = sorted(select(detection, width=width), key=lambda line: float(line["amplitude"]))
         x = [line["amplitude"] for line in lines]

@@ -26,7 +26,7 @@ Refused = ProfileError | InputError
 """Reason why a twin has no inversion."""
 
 _CHANGES_STREAM = 1_000
-"""Key of the random numbers of the record's changes, independent of all that the simulator draws."""
+"""Key of the random numbers for the record's changes, which are independent of the simulator's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +40,15 @@ class TwinInversion:
     record : ProfileRecord
         Record that was inverted.
     profile_truth : ProfileTruth
-        The simulator's truth.
+        Truth from the simulator.
     truth : (n, 6) array
         True disturbance averaged over the estimator's steps, N and N m.
     states : (n + 1, 12) array
         True states at the grid points (eq. 16, SI).
     steady : (n,) mask
-        Outside vibration and gaps, settled, and within the truth.
+        Steps outside vibration and gaps, settled, and within the time of the truth.
     diving : (n,) mask
-        Before the deepest point.
+        Steps before the deepest point.
     seconds : float
         Computing time of the inversion, s.
     """
@@ -95,18 +95,18 @@ def invert_twin(case: TwinCase) -> TwinInversion:
 
 
 def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
-    """Simulate and change twins of the same settings and invert them in parallel lanes, as a mission's profiles are.
+    """Simulate and change twins with the same settings, and invert them in parallel lanes like a mission's profiles.
 
     Returns
     -------
     list
-        In the order of the cases: the inversion, or the reason why the twin could not be flown (`InputError`) or
-        inverted (`ProfileError`).
+        Inversions in the order of the cases; in place of an inversion, the reason why the twin could not be simulated
+        (`InputError`) or inverted (`ProfileError`).
     """
     twins = [_simulate(case) for case in cases]
     began = time.perf_counter()
     tasks = [(index, twin.task) for index, twin in enumerate(twins) if not isinstance(twin, Exception)]
-    # Threads of linear algebra on vectors this short cost far more than they gain.
+    # Threads of linear algebra cost far more than they gain on such short vectors.
     with threadpool_limits(limits=1):
         estimates = dict(estimate_profiles(tasks, cases[0].settings))
     seconds = (time.perf_counter() - began) / len(cases)
@@ -118,7 +118,7 @@ def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
 
 @dataclass(frozen=True, eq=False)
 class _SimulatedTwin:
-    """A twin that was flown, and the estimation task of its record."""
+    """A simulated twin, and its record prepared for inversion."""
 
     record: ProfileRecord
     truth: ProfileTruth

@@ -1,8 +1,9 @@
 """``twin recoverability``: detectable disturbances, and the error of the unobserved part of the motion.
 
-Detection, height and timing of yaw impulses of known amplitude and width; the floor in multiples of the identification
-noise; the axial offset and the velocity error of the under-determined self-motion, with exact coefficients and with
-every one wrong by up to 15 %; and from these the budget of the current's uncertainty for the platform.
+The study measures detection, height and timing of yaw impulses of known amplitude and width, and the floor in multiples
+of the identification noise. It also measures axial offset and velocity error of the under-determined self-motion, with
+exact coefficients and with errors of up to 15 % in each. From these follows the budget of the current's uncertainty for
+the platform.
 """
 
 from __future__ import annotations
@@ -43,11 +44,11 @@ SPACING = 45.0
 """Mean time between impulses, s."""
 
 FALSE_ALARM_BLOCK = 10.0
-"""Seconds in which a false alarm counts once."""
+"""Length of the blocks in which at most one false alarm is counted, s."""
 
 FALSE_ALARMS = 1.0
-"""False alarms per hour of noise alone that define the threshold. The noise is far from normal (bursts where the
-compass quantum flips), so that a multiple of its root mean square would give a dozen false alarms per hour."""
+"""False alarms per hour of noise alone that define the threshold. The noise is far from normal (with bursts where the
+compass quantum flips), so a multiple of its root mean square would give a dozen false alarms per hour."""
 
 FLOOR_RATE = 0.9
 """Detection rate at the floor."""
@@ -66,7 +67,7 @@ class RecoverabilitySize(TwinSize):
     amplitudes, widths : tuple of float
         Amplitudes (N m) and standard deviations (s) of the impulses.
     impulse_seeds, quiet_seeds : int
-        Twins per amplitude and width, and without disturbance.
+        Numbers of twins per amplitude and width, and without disturbance.
     """
 
     impulse_depth: float
@@ -133,7 +134,7 @@ def recoverability_rows(run: TwinRun) -> list[Row]:
 
 
 def quiet_row(inversion: TwinInversion) -> Row:
-    """High-passed yaw moment without disturbance: RMS, largest size, largest size per block (N m), and the hours."""
+    """High-passed yaw moment without disturbance: RMS, largest magnitude, largest per block (N m), and hours."""
     high, _ = high_passed_moments(inversion)
     quiet = quiet_samples(inversion)
     return {
@@ -145,7 +146,7 @@ def quiet_row(inversion: TwinInversion) -> Row:
 
 
 def identification_noise(rows: Sequence[Row], preset: str) -> Row:
-    """RMS and largest size of the high-passed yaw moment under noise alone, and the threshold that follows."""
+    """RMS and largest magnitude of the high-passed yaw moment due to noise alone, and the resulting threshold."""
     quiet = select(rows, kind="quiet", preset=preset)
     level = float(np.sqrt(np.mean([row["noise"] ** 2 for row in quiet])))
     peaks = np.concatenate([row["peaks"] for row in quiet])
@@ -194,7 +195,7 @@ def floor_table(detection: Sequence[Row], noise: dict[str, Row]) -> list[Row]:
 
 
 def crossing(amplitudes: Any, rates: Any, level: float) -> float:
-    """Smallest amplitude above which the rate is at least a level, interpolated in the logarithm; NaN of none."""
+    """Smallest amplitude above which the rate is at least a level, interpolated in the logarithm; NaN if none."""
     below = np.flatnonzero(np.asarray(rates) < level)
     if below.size == 0:
         return float(amplitudes[0])
@@ -228,7 +229,7 @@ def error_line(motions: Sequence[Row], preset: str, model: str) -> Row:
     Raises
     ------
     InputError
-        Too few twins for a fit.
+        There are too few twins for a fit.
     """
     rows = select(motions, preset=preset, model=model)
     fitted = fit_budget([_current_error(row) for row in rows])
@@ -298,7 +299,7 @@ def conclude(plan: TwinPlan[RecoverabilitySize], rows: list[Row]) -> Findings:
     Raises
     ------
     InputError
-        Too few twins for a budget, or no impulse of the grid was detected nine times in ten.
+        There are too few twins for a budget, or no impulse of the grid was detected nine times in ten.
     """
     (platform,) = plan.platforms
     noise = {preset: identification_noise(rows, preset) for preset in PRESETS}
@@ -324,7 +325,7 @@ STUDY = TwinStudy(NAME, FULL, QUICK, recoverability_runs, conclude, job=recovera
 def make_budget(
     platform: Platform, noise: Mapping[str, Row], floors: Sequence[Row], errors: Sequence[Row], twins: int
 ) -> Budget:
-    """Collect the figures of preset `BUDGET_PRESET`.
+    """Make the budget from the results of preset `BUDGET_PRESET`.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 """Scores of one inverted twin: errors, tracking, motion, current, windows, seams, and detection of known impulses.
 
-The *seam artefact* is what the boundaries between windows leave in the identified yaw moment. Take the error of the yaw
-moment (identified minus true), bridge unsteady glide by straight lines, and high-pass it (fourth-order Butterworth,
+The *seam artefact* is the trace of the boundaries between windows in the identified yaw moment. Take the error of the
+yaw moment (identified minus true), bridge unsteady glide by straight lines, and high-pass it (fourth-order Butterworth,
 0.05 Hz, run both ways: the filter of the spectra). The *seam ratio* is its root mean square within one second of a
 boundary over that elsewhere, in steady glide; a ratio of one means that the boundaries cannot be located. A boundary is
 where the selected solution changes from one window's to the next's. The error is used rather than the signal, because
-an impulse at a boundary would pass for a seam; without a truth the ratio of the signal remains. The *jump ratio*
-compares the step of the identified moment across a boundary with its steps elsewhere (root mean squares): it detects
-any discontinuity, however small.
+an impulse at a boundary would look like a seam. Without a truth, only the ratio of the signal is available. The *jump
+ratio* compares the step of the identified moment across a boundary with its steps elsewhere (root mean squares). It
+detects any discontinuity, however small.
 """
 
 from dataclasses import dataclass
@@ -38,10 +38,10 @@ LONGITUDINAL_AND_YAW = ("B_cu", "B_cw", "B_cq", "B_cr")
 """Channels that the usual twin disturbs."""
 
 SEAM_REACH = 1.0
-"""Seconds on either side that belong to a boundary."""
+"""Largest distance from a boundary of samples that belong to it, s."""
 
 INTERVALS = {"68": 0.9944578832097532, "95": 1.959963984540054}
-"""Half widths, in standard deviations, of the intervals whose coverage is counted: 68 % and 95 %."""
+"""Half widths, in standard deviations, of the intervals whose coverage is computed: 68 % and 95 %."""
 
 
 def score(inversion: TwinInversion) -> Row:
@@ -104,12 +104,12 @@ def twin_current(inversion: TwinInversion) -> DepthAveragedCurrent:
 
 
 def mean(values: Array) -> float:
-    """Mean, NaN of no values."""
+    """Mean; NaN without values."""
     return float(values.mean()) if values.size else float("nan")
 
 
 def coverage(error: Array, deviation: Array, width: float) -> float:
-    """Share of the errors ``(n,)`` within `width` of their standard deviations ``(n,)``; NaN of none."""
+    """Share of the errors ``(n,)`` within `width` of their standard deviations ``(n,)``; NaN without errors."""
     return float(np.mean(np.abs(error) <= width * deviation)) if error.size else float("nan")
 
 
@@ -124,7 +124,7 @@ def boundaries_of(source: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def near_boundaries(boundaries: NDArray[np.int64], count: int, step: float) -> Mask:
-    """Steps ``(count,)`` within `SEAM_REACH` of a boundary."""
+    """Mask ``(count,)`` of the steps within `SEAM_REACH` of a boundary."""
     reach = round(SEAM_REACH / step)
     near = np.zeros(count, dtype=np.bool_)
     for boundary in boundaries:
@@ -142,14 +142,14 @@ def seam_ratio(signal: Array, boundaries: NDArray[np.int64], usable: Mask, step:
     boundaries : (k,) array
         Steps at which a window's solution begins.
     usable : (n,) mask
-        Steady glide.
+        Steps in steady glide.
     step : float
-        s.
+        Time step, s.
 
     Returns
     -------
     float
-        NaN where either side has no sample, or the signal is zero elsewhere.
+        Ratio; NaN if either part has no samples, or if the signal is zero away from the boundaries.
     """
     near = near_boundaries(boundaries, len(signal), step)
     return _rms_ratio(high_passed(bridged(signal, usable), step), near, usable)
@@ -224,10 +224,10 @@ ISOLATION = 8.0
 
 ISOLATION_WIDTHS = 4.0
 SEARCH = 2.0
-"""Seconds, or one width if longer, around the true time in which a peak is searched."""
+"""Largest distance from the true time at which a peak is searched, s (or one width, if longer)."""
 
 QUIET_DISTANCE = 12.0
-"""Seconds, or six widths if longer: beyond this distance from every impulse a peak is a false alarm."""
+"""Distance from every impulse, s (or six widths, if longer), beyond which a peak is a false alarm."""
 
 
 @dataclass(frozen=True)
@@ -239,13 +239,13 @@ class DetectedImpulse:
     amplitude : float
         True peak with its sign, N m.
     width : float
-        Standard deviation, s.
+        Width (standard deviation), s.
     peak : float
-        Identified, high-passed, counted positive in the direction of the true one, N m.
+        Identified peak, high-passed, positive in the direction of the true one, N m.
     delay : float
         Delay of the identified peak, s.
     gain : float
-        Identified over true, both high-passed, at the peak of each.
+        Ratio of the identified to the true peak, both high-passed.
     """
 
     amplitude: float
@@ -258,14 +258,14 @@ class DetectedImpulse:
 def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list[DetectedImpulse]:
     """Search for every isolated impulse of steady glide in the high-passed identified yaw moment.
 
-    The high-pass removes the slow part from estimate and truth alike, so that the threshold applies to the impulse.
+    The high-pass removes the slow part from both estimate and truth, so the threshold applies to the impulse.
 
     Parameters
     ----------
     inversion : TwinInversion
         The twin.
     moment : (n,) array, optional
-        Yaw moment of another estimator, N m; the adjoint's where None.
+        Yaw moment of another estimator, N m; the adjoint's by default.
     """
     estimate, truth = high_passed_moments(inversion, moment)
     time = inversion.estimate.series.time[:-1]
@@ -278,7 +278,7 @@ def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list
 
 
 def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -> tuple[Array, Array]:
-    """High-passed yaw moment, identified (the adjoint's where None) and true ``(n,)``, N m, unsteady glide bridged."""
+    """High-passed yaw moments ``(n,)``, identified (by default the adjoint's) and true, N m, unsteady glide bridged."""
     identified = inversion.estimate.solution.disturbances[:, YAW] if moment is None else moment
     return (
         high_passed(bridged(identified, inversion.steady), inversion.step),
@@ -287,7 +287,7 @@ def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -
 
 
 def quiet_peaks(inversion: TwinInversion, spacing: float) -> Array:
-    """Largest size of the high-passed identified moment in every quiet block of `spacing` s: candidate false alarms."""
+    """Peak magnitude of the high-passed identified moment in every quiet block of `spacing` s, for false alarms."""
     estimate, _ = high_passed_moments(inversion)
     quiet = quiet_samples(inversion)
     count = round(spacing / inversion.step)
@@ -297,7 +297,7 @@ def quiet_peaks(inversion: TwinInversion, spacing: float) -> Array:
 
 
 def quiet_samples(inversion: TwinInversion) -> NDArray[np.bool_]:
-    """Steps ``(n,)`` of steady glide away from every impulse."""
+    """Mask ``(n,)`` of the steps in steady glide away from every impulse."""
     time, quiet = inversion.estimate.series.time[:-1], inversion.steady.copy()
     for impulse in inversion.profile_truth.impulses:
         quiet &= np.abs(time - impulse.time) > max(QUIET_DISTANCE, 6.0 * impulse.width)
@@ -321,7 +321,7 @@ def _detected(impulse: Impulse, estimate: Array, truth: Array, time: Array) -> D
     best = near[int(np.argmax(sign * estimate[near]))]
     true = float((sign * truth[near]).max())
     peak = float(sign * estimate[best])
-    # Steps hold the mean over their length, so their time is their middle.
+    # The value of a step is the mean over its length, so its time is the middle of the step.
     step = float(time[1] - time[0])
     return DetectedImpulse(
         impulse.amplitude, impulse.width, peak, float(time[best]) + 0.5 * step - impulse.time, peak / true

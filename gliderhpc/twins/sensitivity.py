@@ -1,7 +1,7 @@
 """``twin sensitivity``: effect of noise, offsets, wrong coefficients, steps and gaps on the estimates (section 5.1.1).
 
-Every disturbed run has a twin without that one error: the same dive with the same noise. Biases are differences of the
-two, so that neither the estimator's own error nor the truth enters.
+Every disturbed run has a twin without that one error: the same dive with the same noise. Biases are differences between
+the two, in which the estimator's own error and the truth cancel.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class SensitivitySize(TwinSize):
     depth, noise_depth : float
         Depths of the twins, and of those without any disturbance, m.
     draws : int
-        Draws of all coefficients per twin.
+        Number of draws of all coefficients per twin.
     presets, pitches, single_coefficients : tuple
         Presets, pitches of the twins with offsets (degree), coefficients that are also varied one at a time.
     """
@@ -203,7 +203,7 @@ def summarise(table: pd.DataFrame) -> list[Row]:
 
 
 def bias_shifts(table: pd.DataFrame) -> list[Row]:
-    """Mean shift of every channel by every error, dive and climb apart: N and N m, for the offsets per degree.
+    """Mean shift of every channel due to every error, for dive and climb: N and N m, for the offsets per degree.
 
     Noise: difference from perfect sensors on the quiet twin. Offsets: half the difference between plus and minus one
     degree. All others: difference from the usual twin. One line per error, phase and preset: median over the twins, and
@@ -218,7 +218,7 @@ def bias_shifts(table: pd.DataFrame) -> list[Row]:
 
 
 def _shifts(table: pd.DataFrame) -> list[tuple[str, Any, pd.DataFrame]]:
-    """Shifts of the mean errors per seed that every error causes, of one preset."""
+    """Shifts of each seed's mean errors due to every error, for one preset."""
     shifts: list[tuple[str, Any, pd.DataFrame]] = []
     for sweep in table["sweep"].unique():
         group = table[table["sweep"] == sweep]
@@ -238,7 +238,7 @@ def _shifts(table: pd.DataFrame) -> list[tuple[str, Any, pd.DataFrame]]:
 
 
 def _biases(table: pd.DataFrame, value: Any) -> pd.DataFrame:
-    """Mean errors of dive and climb, a row per seed."""
+    """Mean errors of dive and climb, one row per seed."""
     chosen = table[table["value"] == value].set_index("seed")
     return pd.DataFrame(chosen[[*_BIASES, "velocity_along", "velocity_across"]].astype(np.float64))
 

@@ -1,4 +1,4 @@
-"""Engine of the twin experiments: runs spread over workers, their rows as one tidy table, findings and figures."""
+"""Engine of the twin experiments: runs distributed over workers, their rows in one tidy table, findings and figures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class TwinSize:
     Attributes
     ----------
     seeds : int
-        Twins per hull.
+        Number of twins per hull.
     """
 
     seeds: int
@@ -82,15 +82,15 @@ class TwinStudy(Generic[SizeT]):
     Attributes
     ----------
     name : str
-        The verb's argument, and the stem of its files.
+        Argument of ``gliderhpc twin``, and stem of the study's files.
     full, quick : TwinSize
-        Its two sizes.
+        Full size, and size of a first look.
     runs : callable
-        Lists every run of a plan: a `TwinRun`, or several that belong together.
+        Function that lists every run of a plan: a `TwinRun`, or several that belong together.
     conclude : callable
-        Makes findings of a plan and the rows of all runs, in the runs' order.
+        Function that makes findings from a plan and the rows of all runs, in the order of the runs.
     job : callable
-        Makes the row or rows of a run, in a worker; at module level, so that workers can import it.
+        Function that makes the row or rows of a run in a worker; it must be importable, at module level.
     min_seeds : int
         Smallest number of twins.
     """
@@ -136,13 +136,13 @@ def run_all(
     Parameters
     ----------
     runs : sequence
-        Picklable jobs, seeded.
+        Picklable jobs with seeds.
     executor : Executor
-        Workers.
+        Executor with the workers.
     report : callable
-        Called after every run.
+        Function called after every run.
     function : callable
-        At module level, so that workers can import it.
+        Function to apply; it must be importable by workers, at module level.
     """
     results: list[Any] = [None] * len(runs)
     for index, result in executor.run(partial(_numbered, function), list(enumerate(runs))):
@@ -157,7 +157,7 @@ def all_rows(results: Sequence[Row | list[Row]]) -> list[Row]:
 
 
 def tidy_table(rows: Sequence[Row]) -> pd.DataFrame:
-    """Return rows as a table, one line per row, with a column ``refused`` even where no twin was refused."""
+    """Return rows as a table, one line per row, with a column ``refused`` even if no twin was refused."""
     table = pd.DataFrame(rows)
     return table if "refused" in table else table.assign(refused=None)
 
@@ -180,12 +180,12 @@ def select(rows: Sequence[Row], **labels: Any) -> list[Row]:
 
 
 def first(rows: Sequence[Row], **labels: Any) -> Row:
-    """First row with these labels; empty where there is none."""
+    """First row with these labels; empty if there is none."""
     return next(iter(select(rows, **labels)), {})
 
 
 def quartiles(name: str, values: Array) -> Row:
-    """Median, lower and upper quartile as ``name``, ``name_low`` and ``name_high``; NaN of no values."""
+    """Median, lower and upper quartile as ``name``, ``name_low`` and ``name_high``; NaN without values."""
     ends = np.percentile(values, (50.0, 25.0, 75.0)).tolist() if values.size else [float("nan")] * 3
     return dict(zip((name, f"{name}_low", f"{name}_high"), ends, strict=True))
 
@@ -200,7 +200,7 @@ def twin_findings(
     documents: Mapping[str, str] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Findings:
-    """Findings of a twin study: one CSV and one PNG of its name, and a JSON with its plan, comparisons and facts."""
+    """Findings of a twin study: a CSV and a PNG with its name, and a JSON with its plan, comparisons and facts."""
     content = {
         "study": study,
         "version": __version__,

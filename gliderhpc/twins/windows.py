@@ -1,6 +1,7 @@
 """``twin windows``: window, margin, handover and transform compared with the truth (section 5.1.2, Fig. 5).
 
-The operating point is chosen by the error against the truth, never by the cost: the cost falls as noise is fitted.
+The operating point is chosen by the error relative to the truth and never by the cost, which decreases when noise is
+fitted.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from gliderhpc.twins.study import (
 )
 
 EXCERPT = 160.0
-"""Seconds that panels (a) and (b) of the figure show."""
+"""Duration of panels (a) and (b) of the figure, s."""
 
 SCORES = (
     "rmse_B_cr", "rmse_B_cu", "rmse_B_cw", "rmse_B_cq", "overall", "correlation_B_cr", "tracking_roll",
@@ -46,7 +47,7 @@ SCORES = (
 """Scores that are summarised over the seeds."""
 
 _NEGLIGIBLE_SHARE = 0.01
-"""Share of windows at the iteration limit below which a length counts as unlimited."""
+"""Share of windows at the iteration limit above which a window length is regarded as limited."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,8 @@ class WindowsSize(TwinSize):
     margins : tuple of float
         Margins at the operating length, s.
     thresholds, tolerances, yaw_scales, other_scales : tuple of float
-        tau_c (rad2 s); tolerance on ``max |s g|``; factors of the transform's scale, yaw apart from the other channels.
+        Thresholds tau_c (rad2 s); tolerances on ``max |s g|``; factors of the transform's scale, for yaw and for the
+        other channels.
     """
 
     depth: float
@@ -149,7 +151,7 @@ def make_excerpt(platform: Platform, size: WindowsSize, preset: str, sliding: bo
 
 
 def strongest_stretch(signal: NDArray[np.float64], steady: NDArray[np.bool_], count: int) -> int:
-    """First sample of the `count` samples with most energy, nine tenths as steady as the steadiest."""
+    """Index of the first of `count` samples with the most energy, at least nine tenths as steady as the steadiest."""
     count = min(count, len(signal))
     ones = np.ones(count)
     calm = np.convolve(steady.astype(np.float64), ones, mode="valid")
@@ -158,7 +160,7 @@ def strongest_stretch(signal: NDArray[np.float64], steady: NDArray[np.bool_], co
 
 
 def overall_error(row: Row) -> float:
-    """Root mean square over the four disturbed channels of each error over its truth's root mean square."""
+    """Root mean square, over the four disturbed channels, of RMSE over the truth's root mean square."""
     if "refused" in row:
         return float("nan")
     return float(np.sqrt(np.mean([(row[f"rmse_{name}"] / row[f"truth_{name}"]) ** 2 for name in LONGITUDINAL_AND_YAW])))
@@ -178,8 +180,8 @@ def summarise(table: pd.DataFrame) -> list[Row]:
 def verdict(table: pd.DataFrame, hull: str, preset: str) -> Row:
     """Judge the operating point of 30 s, 10 s and 0.2 for one hull and preset.
 
-    A length is *as good as* the best where its error, seed by seed, does not exceed the best one's in the median by
-    more than the quartile spread of that difference.
+    Take the difference between a length's error and that of the best length, seed by seed. The length is *as good as*
+    the best if the median of this difference does not exceed its quartile spread.
     """
     frame = table[(table["hull"] == hull) & (table["preset"] == preset)]
     sliding = {name: _by_seed(frame, "sliding", name) for name in ("rmse_B_cr", "overall", "seam_ratio", "capped")}
@@ -208,7 +210,7 @@ def verdict(table: pd.DataFrame, hull: str, preset: str) -> Row:
 
 
 def as_good_as_best(scores: pd.DataFrame) -> list[float]:
-    """Values (columns) whose error does not exceed the best's beyond the spread over the seeds (rows)."""
+    """Values (columns) whose error exceeds the best one's by no more than the spread over the seeds (rows)."""
     excess = scores.sub(scores[_best(scores)], axis=0)
     spread = excess.quantile(0.75) - excess.quantile(0.25)
     return [float(value) for value in scores.columns if excess[value].median() <= spread[value]]

@@ -1,1 +1,1 @@
-"""Methods that several studies share: trends, turbulence statistics, ocean models, tracks."""
+"""Methods shared by several studies: trends, turbulence statistics, ocean models, tracks."""

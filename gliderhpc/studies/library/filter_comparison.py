@@ -1,7 +1,7 @@
-"""Filter against adjoint or smoother (section 5.2): yaw moments by regime, lag and attenuation of a known truth.
+"""Filter against adjoint or smoother (section 5.2): yaw moments by regime, and lag and attenuation of a known truth.
 
-Two regimes are separated, as in the paper: the battery at rest, where sparse impulses stand out, and the battery
-rotated, where slow model error dominates. Both are steady glide; the vibration set is neither.
+As in the paper there are two regimes: with the battery at rest, sparse impulses stand out; with the battery rotated,
+slow model error dominates. Both are steady glide, and exclude the vibration set.
 """
 
 from collections.abc import Mapping
@@ -28,18 +28,21 @@ Mask = NDArray[np.bool_]
 
 YAW = list(CHANNELS).index("B_cr")
 FAST = 0.05
-"""Hz; above it the paper looks for turbulence."""
+"""Frequency above which the paper looks for turbulence, Hz."""
 LAG_REACH = 30.0
-"""Lags up to this (s) are tried, either way."""
+"""Largest lag that is tried in either direction, s."""
 IMPULSE_REACH = 10.0
-"""An impulse's peak is looked for this long (s) after it, and three widths before; no other may lie that near."""
+"""Time (s) after an impulse within which its peak is searched, from three widths before it.
+
+An impulse is used if no other lies within twice this time.
+"""
 _MIN_SAMPLES = 100
 _COARSE = 1.0
 
 PRIOR = "prior"
 
 TRUE_YAW = "B_cr_truth"
-"""Variable that holds the true yaw moment."""
+"""Variable of the true yaw moment."""
 
 _BY_CHANNEL = ("lag", "correlation", "gain")
 
@@ -50,9 +53,9 @@ _GROUP = "reconstruction"
 
 @dataclass(frozen=True)
 class Lag:
-    """Delay of one series behind another (s), the correlation there, and the slope on it (1: no attenuation).
+    """Delay of one series behind another (s), and correlation and regression slope (1: no attenuation) at that delay.
 
-    The delay is NaN, and the others are without one, where no delay within the reach is best.
+    If the correlation has no maximum within `LAG_REACH`, the delay is NaN, and correlation and slope are for no delay.
     """
 
     seconds: float
@@ -61,7 +64,7 @@ class Lag:
 
 
 def regime_row(data: ProfileData) -> dict[str, Any]:
-    """Statistics of both yaw moments, battery at rest and rotated, and how the filter trails the estimate."""
+    """Statistics of both yaw moments, with battery at rest and rotated, and the filter's lag behind the estimate."""
     rotated = data.flagged("battery_rotated")
     regimes = {"resting": data.steady & ~rotated, "rotated": data.steady & rotated}
     row: dict[str, Any] = {
@@ -75,23 +78,23 @@ def regime_row(data: ProfileData) -> dict[str, Any]:
 
 
 def find_lag(follower: Array, leader: Array, mask: Mask, step: float) -> Lag:
-    """Delay of `follower` behind `leader` at which the two correlate most, over the samples of a mask.
+    """Find the delay of `follower` behind `leader` with the largest correlation, over the samples of a mask.
 
     Parameters
     ----------
     follower, leader : (n,) arrays
-        Either may have missing values.
+        Two series, which may have missing values.
     mask : (n,) array of bool
-        Samples of the leader that count.
+        Samples of the leader that are used.
     step : float
-        Between samples, s.
+        Time between samples, s.
     """
     counted = mask & np.isfinite(leader)
     if counted.sum() < _MIN_SAMPLES or np.ptp(leader[counted]) == 0.0:
         return Lag(float("nan"), float("nan"), float("nan"))
     reach, coarse = round(LAG_REACH / step), max(1, round(_COARSE / step))
     best, samples = 0, np.flatnonzero(counted)
-    # A coarse search and a fine one around its best: disturbances change little within a second.
+    # A coarse search, then a fine one around its best lag: disturbances change little within a second.
     for lags in (range(-reach, reach + 1, coarse), range(-coarse, coarse + 1)):
         correlations = [_correlation(*_shifted(follower, leader, samples, best + lag)) for lag in lags]
         if not np.isfinite(correlations).any():
@@ -104,7 +107,7 @@ def find_lag(follower: Array, leader: Array, mask: Mask, step: float) -> Lag:
 
 
 def _correlation(a: Array, b: Array) -> float:
-    """Correlation of finite values as `correlation` gives it, to rounding, in a third of the time."""
+    """Correlation of finite values: the same as `correlation` to rounding, in a third of the time."""
     if a.size == 0 or a.min() == a.max() or b.min() == b.max():
         return float("nan")
     one, two = a - a.mean(), b - b.mean()
@@ -112,7 +115,7 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _without_delay(follower: Array, leader: Array, samples: NDArray[np.intp]) -> Lag:
-    """Correlation and slope at once: a channel that changes in minutes shows no delay within the reach."""
+    """Correlation and slope without delay: a channel that changes over minutes has no best delay within the reach."""
     behind, ahead = _shifted(follower, leader, samples, 0)
     return Lag(float("nan"), correlation(behind, ahead), _slope(behind, ahead))
 
@@ -122,7 +125,7 @@ def _slope(behind: Array, ahead: Array) -> float:
 
 
 def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
-    """Lag, correlation and gain of both estimators against the truth, one row a channel that was not zero."""
+    """Lag, correlation and gain of both estimators relative to the truth, a row for each channel that was not zero."""
     true = truth_on_samples(data, truth)
     rows = []
     for channel, name in enumerate(CHANNELS):
@@ -143,7 +146,7 @@ def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def impulse_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
-    """Delay and height in either estimator of each isolated true impulse of the yaw moment in steady glide."""
+    """Delay and height, in both estimators, of each isolated true impulse of the yaw moment in steady glide."""
     times = np.asarray((truth["impulse_time"].values - data.epoch) / np.timedelta64(1, "s"), dtype=np.float64)
     rows = []
     for time, amplitude, width in zip(
@@ -163,15 +166,15 @@ def impulse_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
 def _peak_after(
     estimator: str, data: ProfileData, values: Array, first: int, time: float, amplitude: float
 ) -> dict[str, float]:
-    """Delay of the peak (s) and its height over the true one."""
+    """Delay of the peak (s), and ratio of its height to the true one."""
     peak = int(np.argmax(np.sign(amplitude) * values))
-    # A disturbance acts over its step, so its instant is the step's middle.
+    # A disturbance acts over a whole step, so its time is the middle of the step.
     delay = float(data.time[first + peak] + 0.5 * data.step - time)
     return {f"{estimator}_delay": delay, f"{estimator}_ratio": float(values[peak] / amplitude)}
 
 
 def _shifted(follower: Array, leader: Array, samples: NDArray[np.intp], lag: int) -> tuple[Array, Array]:
-    """Values of both at the leader's counted samples (in order), the follower's taken `lag` samples later."""
+    """Values of both series at given samples of the leader (in order), the follower's taken `lag` samples later."""
     at = samples[np.searchsorted(samples, -lag) : np.searchsorted(samples, len(follower) - lag)]
     behind, ahead = follower[at + lag], leader[at]
     known = np.isfinite(behind)
@@ -186,7 +189,7 @@ def _statistics(values: Array, mask: Mask, step: float) -> dict[str, float]:
     centred = inside - inside.mean()
     variance = float(np.mean(centred**2))
     filled = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
-    # A stretch shorter than three periods of the cutoff shows mostly what its neighbours leave in the filter.
+    # In a stretch shorter than three periods of the cutoff, the filter's response to the neighbours dominates.
     long = _long_stretches(mask & known, round(3.0 / FAST / step))
     fast = high_passed(filled, step, FAST, pad=15)[long]
     return {
@@ -198,7 +201,7 @@ def _statistics(values: Array, mask: Mask, step: float) -> dict[str, float]:
 
 
 def _long_stretches(mask: Mask, least: int) -> Mask:
-    """Leave those stretches of a mask that have at least so many samples."""
+    """Remove the stretches of a mask that have fewer than `least` samples."""
     long = np.zeros_like(mask)
     for begin, end in stretches(mask):
         long[begin:end] = end - begin >= least
@@ -206,12 +209,12 @@ def _long_stretches(mask: Mask, least: int) -> Mask:
 
 
 def estimators(estimate: str) -> tuple[str, str]:
-    """Names along the group's dimension of estimators."""
+    """Return the names along the group's dimension of estimators."""
     return estimate, PRIOR
 
 
 def truth_columns(data: ProfileData, truth: xr.Dataset, impulses: int) -> Row:
-    """Hold both estimators of a profile against its truth: values by channel, and by impulse up to so many."""
+    """Compare both estimators of a profile with the truth: values by channel, and by impulse, padded to `impulses`."""
     own = estimators(data.estimate)
     by_channel = {name: np.full((len(CHANNELS), len(own)), np.nan) for name in _BY_CHANNEL}
     for row in truth_rows(data, truth):
@@ -235,13 +238,13 @@ def true_yaw(data: ProfileData, truth: xr.Dataset) -> Array:
 
 
 def stored_yaw(archive: Archive, data: ProfileData) -> Array | None:
-    """True yaw moment ``(n,)`` on a profile's samples as the group keeps it; None where no truth was given."""
+    """True yaw moment ``(n,)`` on a profile's samples, as stored in the group; None if no truth was given."""
     values: Array = archive[_GROUP].to_dataset()[TRUE_YAW].sel(profile=data.number).values[: len(data.time)]
     return values if np.isfinite(values).any() else None
 
 
 def channel_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
-    """Lag, correlation and gain against the truth, a row a profile, channel and estimator that has them."""
+    """Lag, correlation and gain relative to the truth, one row for each profile, channel and estimator with values."""
     group = archive[_GROUP].to_dataset().sel(profile=numbers)
     values = {name: group[truth_column(name)].values for name in _BY_CHANNEL}
     places = np.argwhere(np.isfinite(values["gain"])).tolist()
@@ -256,7 +259,7 @@ def channel_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
 
 
 def impulse_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
-    """True yaw impulses that stand alone in steady glide, and how either estimator shows them, a row an impulse."""
+    """Isolated true yaw impulses in steady glide, with delay and height in both estimators, one row per impulse."""
     group = archive[_GROUP].to_dataset().sel(profile=numbers)
     columns = {name: group[impulse_column(name)].values for name in _OF_IMPULSE}
     columns |= {

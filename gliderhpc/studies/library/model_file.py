@@ -1,4 +1,4 @@
-"""Files of ocean models and other records of water velocity: their variables, units, axes and products."""
+"""Files of ocean models and other records of water velocity: variables, units, axes and products."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LETTERS = {"T": "time", "Z": "depth", "Y": "latitude", "X": "longitude"}
 _NAMES = {"time": "time", "depth": "depth", "lat": "latitude", "lon": "longitude"}
 
 FULL_CIRCLE = 360.0
-"""Degrees of longitude after which the Earth repeats itself."""
+"""Period of longitude, degree."""
 
 _CLOSES = 0.01
 
@@ -38,20 +38,20 @@ PRODUCTS = (
     ("GLORYS12", ("glorys", "global_multiyear_phy", "global_reanalysis_phy", "mod_glo_phy_my")),
     ("GLO12", ("glo12", "global_analysisforecast_phy", "global_analysis_forecast_phy", "mod_glo_phy_anfc")),
 )
-"""Names of the products, and the words in a file's global attributes by which each is known; the first that fits."""
+"""Names of the products, and the words in a file's global attributes that identify each; the first match is used."""
 
 _TEXTS = ("source", "title", "product", "id", "institution", "experiment", "dataset_id")
 
 
 def velocity_name(dataset: xr.Dataset, standard: str, dimensions: Container[int]) -> str | None:
-    """Variable of a velocity on so many dimensions, by its standard name, else by a customary name."""
+    """Variable of a velocity with an allowed number of dimensions, by standard name, else by customary name."""
     sized = [str(name) for name, variable in dataset.data_vars.items() if variable.ndim in dimensions]
     named = [name for name in sized if dataset[name].attrs.get("standard_name") == standard]
     return next(iter([*named, *(name for name in COMPONENTS[standard] if name in sized)]), None)
 
 
 def role_of(coordinate: xr.DataArray) -> str | None:
-    """Return the axis that a coordinate is, by standard name, CF axis, unit or, last of all, its name."""
+    """Return the axis that a coordinate represents, from its standard name, CF axis, unit or, at last, name."""
     attributes, name = coordinate.attrs, str(coordinate.name).lower()
     standard = str(attributes.get("standard_name", ""))
     if standard in ROLES:
@@ -67,17 +67,17 @@ def role_of(coordinate: xr.DataArray) -> str | None:
 
 
 def downward(depth: xr.DataArray) -> float:
-    """1 for depths counted downward, -1 for heights."""
+    """Return 1 for depths, which are positive downward, and -1 for heights."""
     return -1.0 if str(depth.attrs.get("positive", "down")).lower() == "up" else 1.0
 
 
 def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
-    """Decode the times of a coordinate: datetime64, in nanoseconds.
+    """Decode the times of a coordinate, as datetime64 in nanoseconds.
 
     Raises
     ------
     InputError
-        It is no time, empty, or misses some.
+        The coordinate is not a time, is empty, or has missing times.
     """
     try:
         decoded = np.asarray(xr.conventions.decode_cf_variable(name, coordinate).values)
@@ -92,12 +92,12 @@ def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
 
 
 def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
-    """Return what a variable's values are multiplied by to come in a unit of `gliderhpc.observations.foreign`.
+    """Return the factor that converts a variable's values to one of the units of `gliderhpc.observations.columns`.
 
     Raises
     ------
     InputError
-        Its own unit is missing or another quantity's.
+        The variable's unit is missing, or belongs to another quantity.
     """
     declared = str(variable.attrs.get("units", "")).strip()
     factor = FACTORS[unit].get(declared.lower())
@@ -113,11 +113,11 @@ class Cells:
     Attributes
     ----------
     lower, upper : (n,) int arrays
-        Places on the axis, in the file's order, between which each position lies.
+        Indices on the axis, in the file's order, between which each position lies.
     weight : (n,) array
-        Of the upper one, 0 to 1.
+        Weight of the upper neighbour, 0 to 1.
     inside : (n,) bool array
-        True where the position lies on the axis; elsewhere the rest is meaningless.
+        True where the position lies within the axis; elsewhere the other values are meaningless.
     """
 
     lower: NDArray[np.int64]
@@ -133,33 +133,33 @@ class Axis:
     Parameters
     ----------
     values : (k,) array
-        Strictly increasing or strictly decreasing, as in the file.
+        Strictly increasing or strictly decreasing coordinates, as in the file.
     longest : float
-        Positions between two values further apart than this lie in a hole, which is outside.
+        Longest interval between two values; positions in longer intervals are outside.
     """
 
     values: Array
     longest: float = np.inf
 
     def cells(self, positions: Array) -> Cells:
-        """Neighbours of each position ``(n,)``; beyond either end is outside, an end itself is inside."""
+        """Neighbours of each position ``(n,)``; positions beyond an end are outside, the ends themselves inside."""
         return _cells(self.values, positions, self.longest)
 
 
 @dataclass(frozen=True, eq=False)
 class LongitudeAxis:
-    """Longitudes (degree), on whatever branch the file has them; those of the whole circle close on themselves.
+    """Longitudes (degree) on any branch; those around the globe are periodic.
 
     Parameters
     ----------
     values : (k,) array
-        As in the file, 0 to 360, -180 to 180, or jumping from one to the other at the antimeridian.
+        Longitudes as in the file: 0 to 360, -180 to 180, or with a jump at the antimeridian.
     """
 
     values: Array
 
     def cells(self, positions: Array) -> Cells:
-        """Neighbours of each position ``(n,)``, whichever branch it is on."""
+        """Neighbours of each position ``(n,)``, on any branch."""
         unwrapped = self.unwrapped
         closed = np.append(unwrapped, unwrapped[0] + np.sign(self._spacing) * FULL_CIRCLE) if self.closes else unwrapped
         middle = 0.5 * (closed[0] + closed[-1])
@@ -168,12 +168,12 @@ class LongitudeAxis:
 
     @property
     def unwrapped(self) -> Array:
-        """The values ``(k,)`` without the jump at the antimeridian."""
+        """Values ``(k,)`` without the jump at the antimeridian."""
         return np.unwrap(self.values, period=FULL_CIRCLE)
 
     @property
     def closes(self) -> bool:
-        """True where the last value lies one spacing short of the first, all around the Earth."""
+        """Return whether the longitudes go around the globe, with the last value one spacing before the first."""
         if len(self.values) < 2:
             return False
         span = abs(self.unwrapped[-1] - self.unwrapped[0])
@@ -186,7 +186,7 @@ class LongitudeAxis:
 
 
 def is_monotone(values: Array) -> bool:
-    """Return whether values ``(k,)`` increase, or decrease, from each to the next."""
+    """Return whether values ``(k,)`` are strictly increasing or strictly decreasing."""
     steps = np.diff(values)
     return bool(np.isfinite(values).all() and ((steps > 0.0).all() or (steps < 0.0).all()))
 
@@ -216,27 +216,28 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """An open file of an ocean model, whose field is read a box at a time.
+    """An open file of an ocean model, whose velocities are read a box at a time.
 
     Attributes
     ----------
     label : str
-        The file or URL as messages and the archive name it: without a password.
+        Name of the file, or URL without a password, as used in messages and the archive.
     product : str
-        Of `PRODUCTS`, or the file's own stem.
+        Name in `PRODUCTS`, or the file's stem.
     dataset : xarray.Dataset
-        Lazily opened.
+        Lazily opened file.
     components : tuple of Component
-        North, east.
+        North and east components.
     dims : tuple of str
         Names of the dimensions time, depth, latitude, longitude.
     time : (t,) datetime64 array
+        Times of the fields.
     depth : Axis
-        m, positive down.
+        Depths, m, positive down.
     latitude : Axis
-        Degree.
+        Latitudes, degree.
     longitude : LongitudeAxis
-        Degree.
+        Longitudes, degree.
     """
 
     label: str
@@ -255,12 +256,12 @@ class ModelFile:
         Parameters
         ----------
         *box : slice
-            Of places along time, depth, latitude, longitude.
+            Slices along time, depth, latitude, longitude.
 
         Returns
         -------
         (t, d, j, i, 2) array
-            North and east, m/s; NaN on land and below the bottom.
+            North and east components, m/s; NaN on land and below the bottom.
 
         Raises
         ------
@@ -281,20 +282,20 @@ class ModelFile:
 
 @contextmanager
 def open_model_file(source: str) -> Iterator[ModelFile]:
-    """Open a file or an OPeNDAP URL of an ocean model and recognise what is in it.
+    """Open a file or an OPeNDAP URL of an ocean model, and identify its variables and axes.
 
     Raises
     ------
     InputError
-        It cannot be opened, or holds no horizontal velocity of sea water on a regular grid of time, depth, latitude
-        and longitude.
+        The source cannot be opened, or has no horizontal velocity of sea water on a regular grid of time, depth,
+        latitude and longitude.
     """
     label = without_password(source)
     if not is_url(source) and not Path(source).exists():
         raise InputError(f"{label}: no such file")
     try:
-        # The decoder of times is left out: one auxiliary variable with a unit that is none (HYCOM's `tau`, in "hours
-        # since analysis") would make the whole file unreadable. Only the time axis is decoded, below.
+        # Times are not decoded here: one auxiliary variable with an invalid unit (HYCOM's `tau`, in "hours since
+        # analysis") would make the whole file unreadable. Only the time axis is decoded, below.
         dataset = xr.open_dataset(source, decode_times=False, cache=False)
     except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise InputError(f"{label}: cannot be opened as netCDF ({first_line(error)})") from error
@@ -303,12 +304,12 @@ def open_model_file(source: str) -> Iterator[ModelFile]:
 
 
 def is_url(source: str) -> bool:
-    """Return whether a model's source is an address and not a file."""
+    """Return whether a model's source is an address, as opposed to a file."""
     return "://" in source
 
 
 def without_password(source: str) -> str:
-    """A source without the user and password that an address may hold."""
+    """Remove user and password from a source's address."""
     if not is_url(source):
         return source
     parts = urlsplit(source)
@@ -316,7 +317,7 @@ def without_password(source: str) -> str:
 
 
 def product_of(attributes: dict[str, Any], stem: str) -> str:
-    """Name of the product by a file's global attributes, its stem where they name none."""
+    """Name of the product from a file's global attributes, or the file's stem if they name none."""
     text = " ".join(str(attributes.get(name, "")) for name in _TEXTS).lower()
     known = (product for product, words in PRODUCTS if any(word in text for word in words))
     return next(known, stem)

@@ -1,4 +1,4 @@
-"""An ocean model out of its files: velocities at any place and time that they cover."""
+"""Ocean models from files: velocities at any place and time that the files cover."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from gliderhpc.studies.library.tracks import DivePath
 Array = NDArray[np.float64]
 
 HOLE = 2.5
-"""An interval of time longer than so many of the model's usual ones is a hole: nothing is interpolated across it."""
+"""Longest interval between two times, in median intervals of the model, across which velocities are interpolated."""
 
 _SECOND = np.timedelta64(1, "s")
 
 
 class Coverage(IntEnum):
-    """Outcome of sampling a model at a place: its velocity, or why it has none (the least of several grids')."""
+    """Outcome of sampling a model at a place: a velocity, or the reason for its absence (least of several grids')."""
 
     VELOCITY = 0
     LAND = 1
@@ -42,9 +42,9 @@ class Samples:
     Attributes
     ----------
     velocity : (n, 2) array
-        North and east, m/s; NaN where the model has none.
+        North and east components, m/s; NaN where the model has no velocity.
     coverage : (n,) int array
-        Of `Coverage`.
+        Values of `Coverage`.
     """
 
     velocity: Array
@@ -58,6 +58,7 @@ class Grid:
     Attributes
     ----------
     files : sequence of ModelFile
+        Files in order of appearance.
     """
 
     files: Sequence[ModelFile]
@@ -71,7 +72,7 @@ class Grid:
         )
 
     def sample(self, path: DivePath) -> Samples:
-        """Velocity along a path, linear in time, depth, latitude and longitude.
+        """Interpolate the velocity along a path, linearly in time, depth, latitude and longitude.
 
         Raises
         ------
@@ -93,13 +94,13 @@ class Grid:
 
     @property
     def daily_at_midnight(self) -> bool:
-        """True where the fields are days apart, each labelled 00:00."""
+        """Return whether the fields are days apart, each labelled 00:00."""
         instants = self._instants
         return bool(len(instants) > 1 and (instants == instants.astype("datetime64[D]")).all())
 
     @cached_property
     def _order(self) -> list[tuple[ModelFile, int]]:
-        """File and place within it of every time, in order; of a time that several files have, the first file's."""
+        """File, and index in it, of every time, in order; if several files have the same time, the first is used."""
         all_times = np.concatenate([file.time for file in self.files])
         places = [(file, index) for file in self.files for index in range(len(file.time))]
         return [places[index] for index in np.unique(all_times, return_index=True)[1]]
@@ -114,7 +115,7 @@ class Grid:
         return Axis(seconds, HOLE * float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf)
 
     def _interpolated(self, cells: Sequence[Cells]) -> Array:
-        """Multilinear interpolation ``(n, 2)`` from the one box that holds all neighbours."""
+        """Interpolate multilinearly ``(n, 2)`` from one box that contains all neighbours."""
         spans = [_spans(axis, wraps=index == 3) for index, axis in enumerate(cells)]
         box = self._read(spans)
         corners = [
@@ -125,7 +126,7 @@ class Grid:
         for number in range(2 ** len(corners)):
             chosen = [corner[number >> axis & 1] for axis, corner in enumerate(corners)]
             weight = np.prod([share for _, share in chosen], axis=0)[:, None]
-            # A neighbour without weight does not count, not even as land.
+            # A neighbour of weight zero is ignored, even if it is land (NaN).
             total += np.where(weight > 0.0, weight * box[tuple(place for place, _ in chosen)], 0.0)
         return total
 
@@ -138,7 +139,7 @@ class Grid:
         return np.concatenate(strips, axis=3)
 
     def _slabs(self, times: slice) -> Iterator[tuple[ModelFile, slice]]:
-        """Files, and the slices of their times, that make up a slice of all times."""
+        """Yield the files and the slices of their times that make up a slice of all times."""
         slab = self._order[times]
         breaks = [
             index
@@ -152,13 +153,14 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class OceanModel:
-    """A model: its name, and its grids (several where files of it cover different regions).
+    """A model: its name, and its grids (several if its files cover different regions).
 
     Attributes
     ----------
     name : str
-        The product's.
+        Name of the product.
     grids : sequence of Grid
+        Grids in order of appearance.
     """
 
     name: str
@@ -166,16 +168,16 @@ class OceanModel:
 
     @property
     def labels(self) -> list[str]:
-        """Its files, as messages name them."""
+        """Labels of the model's files, as used in messages."""
         return [file.label for grid in self.grids for file in grid.files]
 
     @property
     def daily_at_midnight(self) -> bool:
-        """True where its fields are a day apart and labelled 00:00, possibly for the day that begins there."""
+        """Return whether the fields are days apart and labelled 00:00; they may be means of the following day."""
         return all(grid.daily_at_midnight for grid in self.grids)
 
     def sample(self, path: DivePath) -> Samples:
-        """Velocity along a path from the first grid that has one.
+        """Interpolate the velocity along a path from the first grid that has one.
 
         Raises
         ------
@@ -193,12 +195,12 @@ class OceanModel:
 
 @contextmanager
 def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
-    """Open files and URLs, and gather those of one product into one model, in order of appearance.
+    """Open files and URLs, and combine those of one product into one model, in order of appearance.
 
     Raises
     ------
     InputError
-        One of them cannot be opened or is not an ocean model's.
+        A source cannot be opened, or is not an ocean model's.
     """
     with ExitStack() as stack:
         grids: dict[str, list[Grid]] = {}
@@ -214,12 +216,12 @@ def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
 
 
 def expanded(source: str) -> list[str]:
-    """The address, or the files of a name or pattern in a form that means the same in another folder, in order.
+    """Return the address itself, or the absolute paths of the files with a name or pattern, in order.
 
     Raises
     ------
     InputError
-        There is no such file, or none that fits the pattern.
+        There is no such file, or none matches the pattern.
     """
     if is_url(source):
         return [source]
@@ -237,7 +239,7 @@ def _only(cells: Cells, inside: NDArray[np.bool_]) -> Cells:
 
 
 def _spans(cells: Cells, wraps: bool) -> list[slice]:
-    """Slices that hold all neighbours: one, or two where they lie on both ends of longitudes that close."""
+    """Slices that contain all neighbours: one, or two if they lie at both ends of longitudes around the globe."""
     needed = np.unique(np.concatenate([cells.lower, cells.upper]))
     jumps = np.diff(needed)
     if wraps and jumps.size and jumps.max() > 0.5 * (needed[-1] + 1):
@@ -247,13 +249,13 @@ def _spans(cells: Cells, wraps: bool) -> list[slice]:
 
 
 def _place(indices: NDArray[np.int64], spans: Sequence[slice]) -> NDArray[np.int64]:
-    """Places within the box that the slices were read into."""
+    """Convert indices on the axis to indices within the box that the slices were read into."""
     held = np.concatenate([np.arange(span.start, span.stop) for span in spans])
     return np.searchsorted(held, indices)
 
 
 def _coverage(cells: Sequence[Cells], velocity: Array) -> NDArray[np.int64]:
-    """Reason for a missing velocity, the first that holds: outside box, outside time, below depths, land."""
+    """Coverage of each position; a missing velocity has the first reason that applies of box, time, depth and land."""
     time, depth, latitude, longitude = (axis.inside for axis in cells)
     coverage = np.where(np.isfinite(velocity).all(axis=1), Coverage.VELOCITY, Coverage.LAND)
     coverage = np.where(depth, coverage, Coverage.DEPTH)

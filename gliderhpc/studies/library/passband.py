@@ -1,10 +1,11 @@
-"""Vertical scales that the depth-resolved current can show, from the settings and the flight of the hull.
+"""Vertical scales that the depth-resolved current can resolve, from the settings and the flight of the hull.
 
-Three filters separate the current across the hull from the solution of eq. 41. The hull follows the water in sideslip:
-to first order the relative velocity obeys ``(m + M_f2) dv/dt = -m dU/dt - |K_beta| V v``, so of a current of period P
-there remains ``m / (m + M_f2)`` times a high-pass of time constant ``tau = (m + M_f2) / (|K_beta| V)``. The moving
-average that is taken out leaves ``1 - sin(x) / x``, ``x = pi baseline / P``. Savitzky-Golay leaves the transform of its
-weights. A glider that sinks or rises at W meets a vertical scale in the period scale / W.
+Three filters lie between the current across the hull and the solution of eq. 41. First, the hull follows the water in
+sideslip: to first order the relative velocity obeys ``(m + M_f2) dv/dt = -m dU/dt - |K_beta| V v``. The response to a
+current of period P is therefore ``m / (m + M_f2)`` times a high-pass of time constant
+``tau = (m + M_f2) / (|K_beta| V)``. Second, subtracting the moving average has the response ``1 - sin(x) / x``,
+``x = pi baseline / P``. Third, the response of Savitzky and Golay's filter is the Fourier transform of its weights. A
+glider that sinks or rises at W crosses a vertical scale in the period scale / W.
 """
 
 import textwrap
@@ -20,16 +21,16 @@ from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smoothing
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Share of the amplitude below which a scale counts as not seen."""
+"""Share of the amplitude below which a scale is regarded as unresolved."""
 
 _HALF_SINC = 0.603355
 """Root of ``sin(pi x) / (pi x) = 1/2``."""
 
 _WIDTH = 150
-"""Letters of a line below a figure."""
+"""Characters per line below a figure."""
 
 PERIODS = np.geomspace(1.0, 1000.0, 4001)
-"""Among which the ends of the band are sought, s."""
+"""Periods among which the ends of the band are searched, s."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,13 @@ class Passband:
     Attributes
     ----------
     vertical_speed : float
-        Magnitude, m/s.
+        Magnitude of the vertical speed, m/s.
     following : float
-        Time constant in which the hull follows the water, s.
+        Time constant with which the hull follows the water, s.
     share : float
-        Share that is left of currents that change much faster than that: ``m / (m + M_f2)``.
+        Response to currents that change much faster than that: ``m / (m + M_f2)``.
     step : float
-        Between the samples that are smoothed, s.
+        Time between the samples that are smoothed, s.
     settings : DepthResolvedSettings
         Baseline and smoothing.
     """
@@ -58,7 +59,7 @@ class Passband:
 
     @property
     def baseline_limit(self) -> float:
-        """Vertical scale from which on the moving average leaves less than half, m."""
+        """Vertical scale above which subtracting the moving average leaves less than half, m."""
         return self._scale(PERIODS[self.baseline_response(PERIODS) >= HALF].max())
 
     @property
@@ -69,27 +70,27 @@ class Passband:
 
     @property
     def following_limit(self) -> float:
-        """Vertical scale beyond which the hull follows the water more than it slips, m: ``2 pi tau W``."""
+        """Vertical scale above which the hull follows the water more than it slips, m: ``2 pi tau W``."""
         return self._scale(2.0 * np.pi * self.following)
 
     @property
     def bin_limit(self) -> float:
-        """Vertical scale below which means over bins of depth leave less than half, m."""
+        """Vertical scale below which means over depth bins leave less than half, m."""
         return float(self.settings.bin / _HALF_SINC)
 
     @property
     def band(self) -> tuple[float, float]:
-        """Vertical scales between which at least half of the largest response is left, m."""
+        """Vertical scales between which the response is at least half of its maximum, m."""
         response = self.response(PERIODS)
         seen = PERIODS[response >= HALF * response.max()]
         return self._scale(seen.min()), self._scale(seen.max())
 
     def baseline_response(self, periods: Array) -> Array:
-        """Amplitude that taking the moving average out leaves, at periods (s)."""
+        """Amplitude left after subtraction of the moving average, at periods (s)."""
         return np.asarray(np.abs(1.0 - np.sinc(self.settings.baseline / periods)))
 
     def smoothing_response(self, periods: Array) -> Array:
-        """Amplitude that Savitzky-Golay leaves, at periods (s)."""
+        """Amplitude left by Savitzky and Golay's filter, at periods (s)."""
         window = smoothing_samples(round(self.settings.smoothing / self.step), self.settings.order)
         _, response = scipy.signal.freqz(
             scipy.signal.savgol_coeffs(window, self.settings.order), worN=2.0 * np.pi * self.step / periods
@@ -102,7 +103,7 @@ class Passband:
         return np.asarray(self.share * x / np.hypot(1.0, x))
 
     def response(self, periods: Array) -> Array:
-        """Lateral current as it is retrieved over the true one, at periods (s), were the estimate perfect."""
+        """Ratio of the retrieved lateral current to the true one for a perfect estimate, at periods (s)."""
         return self.slip_response(periods) * self.baseline_response(periods) * self.smoothing_response(periods)
 
     def _scale(self, period: float) -> float:
@@ -112,7 +113,7 @@ class Passband:
 def passband(
     platform: Platform, *, speed: float, vertical_speed: float, step: float, settings: DepthResolvedSettings
 ) -> Passband:
-    """Return the passband of a hull (m/s through the water and vertically) whose samples lie `step` s apart."""
+    """Return the passband of a hull at given total and vertical speeds (m/s), for samples that lie `step` s apart."""
     mass = platform.mass.total
     effective = mass + platform.added_mass[1]
     return Passband(
@@ -125,7 +126,7 @@ def passband(
 
 
 def unseen_in_bins(band: Passband) -> str:
-    """Describe the attenuation by means over bins of depth, in lines for a figure."""
+    """Describe the attenuation by means over depth bins, in lines of text for a figure."""
     return textwrap.fill(
         f"Bins of {band.settings.bin:g} m leave less than half of scales shorter than {band.bin_limit:.2g} m: what the "
         f"records show is averaged {'away' if band.bin_limit > band.baseline_limit else 'down'} in them.",
@@ -134,7 +135,7 @@ def unseen_in_bins(band: Passband) -> str:
 
 
 def unseen(band: Passband) -> str:
-    """Describe the vertical scales that are not seen, in lines for a figure."""
+    """Describe the unresolved vertical scales, in lines of text for a figure."""
     settings = band.settings
     text = (
         f"Vertical scales that do not show, at {band.vertical_speed:.2g} m/s up or down: longer than "

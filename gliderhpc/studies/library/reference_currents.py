@@ -1,7 +1,7 @@
 """Independent currents for the same dives, from a current profiler or the operator's own processing.
 
-A profiler's velocities are taken while the glider dives, and as they are: whether they are absolute, and how they were
-made so, is their file's matter.
+A profiler's velocities during the dive are used unchanged. Whether they are absolute, and how they were referenced,
+depends on their file.
 """
 
 from collections.abc import Mapping
@@ -30,37 +30,37 @@ Mask = NDArray[np.bool_]
 _OWN = ("reference_current_north", "reference_current_east")
 
 MIN_BINS = 5
-"""With fewer bins of depth known to both there is no correlation."""
+"""Least number of common depth bins for a correlation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Assignment of records to bins of depth.
+    """Assignment of records to depth bins.
 
     Attributes
     ----------
     weights : (bins, m) sparse
-        Average the records of each bin; the rows of empty bins are zero.
+        Weights that average the records of each bin; the rows of empty bins are zero.
     count : (bins,)
-        Records a bin.
+        Number of records in each bin.
     """
 
     weights: scipy.sparse.csr_array
     count: NDArray[np.int64]
 
     def mean(self, values: Array) -> Array:
-        """Mean a bin of ``values (m, ...)``, NaN where the bin is empty; what is missing must not be in a bin."""
+        """Mean of ``values (m, ...)`` in each bin, NaN if it is empty; missing values must not be assigned to a bin."""
         mean = np.asarray(self.weights @ np.nan_to_num(values))
         mean[self.count == 0] = np.nan
         return mean
 
     def spread(self, values: Array) -> Array:
-        """Standard deviation within each bin."""
+        """Standard deviation of values ``(m, ...)`` within each bin."""
         return np.asarray(np.sqrt(np.maximum(self.mean(values**2) - self.mean(values) ** 2, 0.0)))
 
 
 def bin_count(deepest: float, height: float) -> int:
-    """Bins of a height that reach from the surface to below a depth (m)."""
+    """Number of bins of a given height that reach from the surface to below a depth (m)."""
     return int(deepest // height) + 1
 
 
@@ -70,13 +70,13 @@ def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
     Parameters
     ----------
     depth : (m,)
-        m; what lies above the surface falls into the first bin, what lies deeper than the last one into that.
+        Depths, m; those above the surface fall into the first bin, those below the last bin into the last.
     chosen : (m,) mask
-        Records that count.
+        Records to use.
     height : float
-        Of a bin, m.
+        Height of a bin, m.
     bins : int
-        Their number.
+        Number of bins.
     """
     rows = np.flatnonzero(chosen & np.isfinite(depth))
     where = np.clip((depth[rows] // height).astype(np.int64), 0, bins - 1)
@@ -92,15 +92,15 @@ class ReferenceCurrent:
     Attributes
     ----------
     velocity : (2,)
-        Mean over the dive, north and east, m/s; NaN where it covers nothing or too little of the dive.
+        Mean over the dive, north and east, m/s; NaN if the reference covers too little of the dive.
     error : float
-        Its standard deviation either way, m/s; NaN where the reference does not state it.
+        Standard deviation of each component of the mean, m/s; NaN if the reference does not give it.
     covered : float
-        Part of the dive's time that the mean is of.
+        Share of the dive's time that the mean covers.
     by_depth : (bins, 2)
-        North and east by bin of depth, m/s; NaN where there are none.
+        North and east components by depth bin, m/s; NaN in bins without velocities.
     count : (bins,)
-        Velocities a bin.
+        Number of velocities in each bin.
     """
 
     velocity: Array
@@ -112,14 +112,14 @@ class ReferenceCurrent:
 
 @dataclass(frozen=True, eq=False)
 class VelocityRecord:
-    """Velocities ``(n, 2)`` (north and east, m/s) of the water at times ``(n,)`` and depths ``(n,)`` (m), by time."""
+    """Water velocities ``(n, 2)`` (north and east, m/s) at times ``(n,)`` and depths ``(n,)`` (m), in time order."""
 
     time: NDArray[np.datetime64]
     depth: Array
     velocity: Array
 
     def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
-        """Take what lies within a dive, by bin of depth, and its mean weighted by the time the glider spent there."""
+        """Average the velocities during a dive by depth bin, and the bins, weighted by the glider's time in each."""
         ends = data.epoch + np.round(data.record_time[[0, -1]] * 1e9).astype("timedelta64[ns]")
         first, last = np.searchsorted(self.time, ends[0]), np.searchsorted(self.time, ends[1], side="right")
         depth, velocity = self.depth[first:last], self.velocity[first:last]
@@ -135,12 +135,12 @@ class VelocityRecord:
 
 @dataclass(frozen=True, eq=False)
 class OperatorCurrents:
-    """Depth-averaged currents by profile, as the operator's processing has them in an imported observation file."""
+    """Depth-averaged currents by profile, from the operator's own processing, in an imported observation file."""
 
     table: xr.Dataset
 
     def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
-        """Take the profile's; there is nothing by depth."""
+        """Return the profile's current; it has no values by depth."""
         nothing = np.full((bins, 2), np.nan), np.zeros(bins, dtype=np.int64)
         if data.number not in self.table[PROFILE].values:
             return ReferenceCurrent(np.full(2, np.nan), float("nan"), 0.0, *nothing)
@@ -155,13 +155,13 @@ Reference = VelocityRecord | OperatorCurrents
 def read_reference_currents(path: Path) -> Reference:
     """Read a reference: velocities by time and depth, or an observation file with the operator's own currents.
 
-    Velocities are known by their standard names, or called ``u``, ``v`` and the like; they lie along one dimension or
-    two, with times and depths on either or both of them.
+    Velocities are recognised by their standard names, or by names such as ``u`` and ``v``. They have one or two
+    dimensions, and times and depths lie along one or both of these.
 
     Raises
     ------
     InputError
-        There is no such file, or it holds neither.
+        There is no such file, or it contains neither kind of currents.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file")
@@ -193,7 +193,7 @@ def _velocities(label: str, dataset: xr.Dataset) -> VelocityRecord:
 
 
 def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str:
-    """Variable of times or depths on some of the velocities' dimensions."""
+    """Variable of times or depths along some of the velocities' dimensions."""
     found = [
         str(name)
         for name, variable in dataset.variables.items()
@@ -206,14 +206,14 @@ def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str
 
 @lru_cache(maxsize=1)
 def open_reference(path: Path) -> Reference:
-    """Read a reference, once a worker."""
+    """Read a reference, once in each worker."""
     return read_reference_currents(path)
 
 
 def compare_with_reference(
     data: ProfileData, reference: Reference, row: Row, settings: DepthResolvedSettings, count: int
 ) -> dict[str, Any]:
-    """Compare a profile's values, as study ``currents`` has them, with a reference.
+    """Compare a profile's values from study ``currents`` with a reference.
 
     Parameters
     ----------
@@ -222,16 +222,16 @@ def compare_with_reference(
     reference : VelocityRecord or OperatorCurrents
         The reference.
     row : mapping
-        The study's values of the profile.
+        Values of the profile from the study.
     settings : DepthResolvedSettings
-        With the height of a bin, m.
+        Settings with the height of a bin, m.
     count : int
-        Bins of depth.
+        Number of depth bins.
 
     Returns
     -------
     dict of str to value
-        Further values of the profile, those by bin ``(count,)``.
+        Further values of the profile; values by bin have shape ``(count,)``.
     """
     found = reference.of(data, settings.bin, count)
     return {
@@ -249,7 +249,7 @@ def compare_with_reference(
 
 
 def _difference(found: ReferenceCurrent, row: Row) -> Row:
-    """Vector difference of the depth-averaged currents, and in sigma of ours and the reference's error together."""
+    """Vector difference of the depth-averaged currents, in m/s and in sigma of the two currents' combined errors."""
     apart = np.array([row["current_north"], row["current_east"]]) - found.velocity
     if not np.isfinite(apart).all():
         return {}
@@ -263,7 +263,7 @@ def _difference(found: ReferenceCurrent, row: Row) -> Row:
 
 
 def _shear_correlations(by_depth: Array, row: Row, height: float) -> Row:
-    """Correlate the shear-sensitive part with the reference less its mean, and with how it changes with depth."""
+    """Correlate the shear-sensitive part with the reference minus its mean, and with the reference's depth gradient."""
     if "both_shear_north" not in row:
         return {}
     ours = np.column_stack([row["both_shear_north"], row["both_shear_east"]])
@@ -275,7 +275,7 @@ def _shear_correlations(by_depth: Array, row: Row, height: float) -> Row:
 
 
 def _correlation(ours: Array, theirs: Array) -> float:
-    """Correlation of both components together, each less its own mean."""
+    """Correlation of both components together, after subtraction of each component's mean."""
     known = np.isfinite(ours).all(axis=1) & np.isfinite(theirs).all(axis=1)
     if known.sum() < MIN_BINS:
         return float("nan")

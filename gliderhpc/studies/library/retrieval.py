@@ -1,17 +1,18 @@
-"""One profile's depth-resolved current: eq. 41 along the dive, smoothed, and turned to north and east (section 5.4).
+"""Depth-resolved current of one profile: eq. 41 along the dive, smoothed, and turned to north and east (section 5.4).
 
-The hull follows the water in sideslip within seconds, so the yaw moment responds to the rate of change of the current
-across the hull along the path, not to the current itself (model.md 7): the result is the shear-sensitive part.
+The hull follows the water in sideslip within seconds. The yaw moment therefore responds to the rate of change of the
+current across the hull along the path, rather than to the current itself (docs/theory/currents.md). The result is the
+shear-sensitive part of the current.
 
-Sample by sample, the root of eq. 41 is bracketed from zero outwards, as far as the first-order solution suggests, and
-found by Chandrupatla's method (scipy). To first order
+At each sample, the root of eq. 41 is bracketed, starting from an interval around zero whose width follows from the
+first-order solution, and found by Chandrupatla's method (scipy). To first order
 
     v_c = -B / [(K_MY + K_MR sin(alpha) + M_f1 - M_f2) u]
 
-(model.md 7), so draws of the bracket's four coefficients scale the solution by the ratio of the brackets; nothing is
-inverted or solved again for them. Where the viscous and the Munk moment nearly cancel, the bracket is a small
-difference of large numbers: the condition number, the sum of the terms' magnitudes over the magnitude of their sum,
-is the factor by which an error of the coefficients is magnified.
+(docs/theory/currents.md). A draw of the four coefficients in the bracket therefore scales the solution by the ratio of
+the brackets, and needs no other inversion or solution. Where the viscous and the Munk moment nearly cancel, the bracket
+is a small difference of large numbers. The condition number is the sum of the terms' magnitudes over the magnitude of
+their sum; it is the factor by which an error of the coefficients is amplified.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BRACKET_MARGIN = 1.5
-"""Half the first bracket's width over the solution to first order."""
+"""Half width of the initial search interval, relative to the first-order solution."""
 _MIN_BRACKET = 1e-6
-"""Half the width of the narrowest first bracket, m/s."""
+"""Least half width of the initial search interval, m/s."""
 _ROOT_TOLERANCE = 1e-9
-"""To which a root is found, m/s."""
+"""Tolerance of a root, m/s."""
 
 _YAW = 5
 
 _TIME_TOLERANCE = 1e-5
-"""By which the times of samples may miss those of records, s."""
+"""Tolerance for differences between the times of samples and records, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +56,13 @@ class LateralFlow:
     Attributes
     ----------
     current : (n,)
-        v_c along the body's y axis, m/s, positive to starboard; NaN without a root.
+        Current v_c along the body's y axis, m/s, positive to starboard; NaN without a root.
     gain : (n,)
-        Yaw moment over -v_c to first order, N s: the bracket times u.
+        Ratio of the yaw moment to -v_c, to first order, N s: the bracket times u.
     condition : (n,)
-        Magnitudes of the bracket's terms over that of their sum.
+        Sum of the magnitudes of the bracket's terms over the magnitude of their sum.
     rootless : (n,) mask
-        Samples whose equation was posed but has no root within the limit.
+        Samples whose equation has no root within the limit.
     """
 
     current: Array
@@ -86,11 +87,11 @@ def left_side(glider: Glider, motion: Array, rudder: Array, current: Array) -> A
     glider : Glider
         The hull.
     motion : (n, 6)
-        u, v, w (m/s) and p, q, r (rad/s) through the water.
+        Velocities u, v, w (m/s) and rates p, q, r (rad/s) through the water.
     rudder : (n,)
-        rad.
+        Rudder angle, rad.
     current : (n,)
-        v_c, m/s.
+        Current v_c, m/s.
     """
     return _in_current(glider, motion, rudder, current) - _yaw_moments(glider, motion, rudder)
 
@@ -103,13 +104,13 @@ def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Arr
     glider : Glider
         The hull.
     motion : (n, 6)
-        u, v, w (m/s) and p, q, r (rad/s) through the water.
+        Velocities u, v, w (m/s) and rates p, q, r (rad/s) through the water.
     rudder : (n,)
-        rad.
+        Rudder angle, rad.
     moment : (n,)
-        The filtered B_cr, N m; samples that are not finite are not solved.
+        Filtered B_cr, N m; samples that are not finite are not solved.
     limit : float
-        Largest |v_c| that counts as a root, m/s.
+        Largest |v_c| of a root, m/s.
     """
     terms = bracket_terms(glider.platform, np.arctan2(motion[:, 2], motion[:, 0]))
     bracket = terms.sum(axis=0)
@@ -126,7 +127,7 @@ def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Arr
 def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Array, limit: float) -> Array:
     from scipy.optimize import elementwise
 
-    # The moment without a current is the same at every trial.
+    # The moment without a current is the same at every iteration.
     wanted = moment + _yaw_moments(glider, motion, rudder)
 
     def left_over(current: Array, row: Array) -> Array:
@@ -149,7 +150,7 @@ def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Ar
 
 
 def _in_current(glider: Glider, motion: Array, rudder: Array, current: Array) -> Array:
-    """Viscous yaw moment in a lateral current, less Munk's of that current."""
+    """Viscous yaw moment in a lateral current, minus the Munk moment of that current."""
     moved = motion.copy()
     moved[:, 1] -= current
     return _yaw_moments(glider, moved, rudder) - munk_moment(glider.platform) * motion[:, 0] * current
@@ -162,18 +163,18 @@ def _yaw_moments(glider: Glider, motion: Array, rudder: Array) -> Array:
 
 
 def scale_draws(platform: Platform, angle_of_attack: Array, error: float, draws: int, seed: int) -> Array:
-    """Factors ``(m, draws)`` on the lateral current under draws of the coefficients.
+    """Factors ``(m, draws)`` of the lateral current for draws of the coefficients.
 
     Parameters
     ----------
     platform : Platform
         The hull.
     angle_of_attack : (m,)
-        rad.
+        Angle of attack, rad.
     error : float
-        Relative: K_MY, K_MR, M_f1 and M_f2 are drawn uniformly and independently within it.
+        Relative error within which K_MY, K_MR, M_f1 and M_f2 are drawn uniformly and independently.
     draws, seed : int
-        Their number, and the seed they come from.
+        Number of draws, and seed of the random numbers.
     """
     factors = np.random.default_rng(seed).uniform(1.0 - error, 1.0 + error, (draws, 4))
     terms = bracket_terms(platform, angle_of_attack)
@@ -181,16 +182,16 @@ def scale_draws(platform: Platform, angle_of_attack: Array, error: float, draws:
 
 
 def half_width(draws: Array, axis: int) -> Array:
-    """Half the range of the central 68 % along an axis: the standard deviation, were the draws normal.
+    """Half the range of the central 68 % along an axis, which for normal draws is the standard deviation.
 
-    Draws in which the bracket nearly vanishes have no bound, so they have no standard deviation.
+    Draws are unbounded where the bracket nearly vanishes, so their standard deviation would not exist.
     """
     low, high = np.quantile(draws, [0.16, 0.84], axis=axis)
     return np.asarray(0.5 * (high - low))
 
 
 class DepthResolvedSettings(Settings):
-    """Eq. 41 and what surrounds it (section 5.4, model.md 7)."""
+    """Settings of the retrieval by eq. 41, its filters and its errors (section 5.4, docs/theory/currents.md)."""
 
     baseline: float = Field(60.0, gt=0, description="moving average taken out of the yaw moment, s")
     smoothing: float = Field(15.0, gt=0, description="length of the Savitzky-Golay window, s")
@@ -210,9 +211,9 @@ class DepthResolvedSettings(Settings):
 
 
 def without_baseline(values: Array, samples: int) -> Array:
-    """Take the centred moving average over `samples` out of values ``(n,)``; missing ones stay missing and count none.
+    """Subtract the centred moving average over `samples` from values ``(n,)``; missing ones stay missing, weight zero.
 
-    At either end of the record the window is cut, so the average there is that of fewer samples.
+    At both ends of the record the window is truncated, and the average is over fewer samples.
     """
     known = np.isfinite(values)
     window = max(1, samples)
@@ -223,12 +224,12 @@ def without_baseline(values: Array, samples: int) -> Array:
 
 
 def smoothing_samples(samples: int, order: int) -> int:
-    """Odd length of the requested Savitzky-Golay window in samples, long enough for its order."""
+    """Odd length of the requested Savitzky-Golay window in samples, large enough for its order."""
     return max(samples | 1, (order + 1) | 1)
 
 
 def smoothed(values: Array, samples: int, order: int) -> Array:
-    """Smooth each unbroken stretch of values ``(n,)`` (Savitzky-Golay); a stretch shorter than the window is lost."""
+    """Smooth each unbroken stretch of values ``(n,)`` (Savitzky-Golay); NaN in stretches shorter than the window."""
     window = smoothing_samples(samples, order)
     out = np.full_like(values, np.nan)
     for first, stop in stretches(np.isfinite(values)):
@@ -248,11 +249,11 @@ class Retrieval:
     lateral : (m,)
         Current across the hull, m/s, positive to starboard; NaN where it is masked.
     horizontal : (m, 2)
-        The same turned to north and east by the measured attitude.
+        Same current, turned to north and east by the measured attitude.
     across : (m, 2)
-        North and east of the hull's y axis.
+        North and east components of the hull's y axis.
     angle_of_attack, gain, condition : (m,)
-        rad; N s (see `LateralFlow`); 1.
+        Angle of attack, rad; gain, N s, and condition number, 1 (see `LateralFlow`).
     rootless, ill_conditioned, interrupted : int
         Samples without a root, with a condition number beyond the limit, and in stretches too short to smooth.
     """
@@ -271,7 +272,7 @@ class Retrieval:
 
 @dataclass(frozen=True, eq=False)
 class SampledFlow:
-    """Current across the hull on the ``n`` samples, before it is brought to records.
+    """Current across the hull on the ``n`` samples, before the means over records.
 
     Attributes
     ----------
@@ -280,9 +281,9 @@ class SampledFlow:
     lateral : (n,)
         Smoothed current across the hull, m/s, positive to starboard; NaN where it is masked.
     gain, condition : (n,)
-        N s (see `LateralFlow`); 1.
+        Gain, N s, and condition number, 1 (see `LateralFlow`).
     rootless, ill_conditioned, interrupted : int
-        As in `Retrieval`.
+        Numbers of samples as in `Retrieval`.
     """
 
     moment: Array
@@ -297,20 +298,20 @@ class SampledFlow:
 def sampled_flow(
     glider: Glider, motion: Array, rudder: Array, yaw_moment: Array, step: float, settings: DepthResolvedSettings
 ) -> SampledFlow:
-    """Take the baseline out, solve eq. 41 and smooth its solution.
+    """Subtract the baseline, solve eq. 41 and smooth the solution.
 
     Parameters
     ----------
     glider : Glider
-        The hull that the disturbance was estimated with.
+        Hull that the disturbance was estimated with.
     motion : (n, 6)
-        u, v, w (m/s) and p, q, r (rad/s) through the water.
+        Velocities u, v, w (m/s) and rates p, q, r (rad/s) through the water.
     rudder : (n,)
-        rad.
+        Rudder angle, rad.
     yaw_moment : (n,)
-        B_cr, N m; NaN where it is not to be used.
+        Yaw moment B_cr, N m; NaN where it must not be used.
     step : float
-        Between samples, s.
+        Time between samples, s.
     settings : DepthResolvedSettings
         Windows and limits.
     """
@@ -338,7 +339,7 @@ def retrieve(data: ProfileData, glider: Glider, settings: DepthResolvedSettings)
     data : ProfileData
         The profile.
     glider : Glider
-        The hull it was estimated with.
+        Hull that the profile was estimated with.
     settings : DepthResolvedSettings
         Windows and limits.
     """
@@ -364,7 +365,7 @@ def retrieve(data: ProfileData, glider: Glider, settings: DepthResolvedSettings)
 
 
 def _on_records(data: ProfileData, values: Array) -> Array:
-    """Mean ``(m,)`` over the samples ``(n,)`` of each record, NaN where none is known."""
+    """Mean ``(m,)`` over the samples ``(n,)`` of each record; NaN if none is known."""
     where = np.searchsorted(data.record_time, data.time + _TIME_TOLERANCE, side="right") - 1
     known = np.isfinite(values)
     size = len(data.record_time)
@@ -374,7 +375,7 @@ def _on_records(data: ProfileData, values: Array) -> Array:
 
 
 def starboard(attitude: Array) -> Array:
-    """North and east ``(m, 2)`` of the body's y axis at ``attitude (m, 3)`` (rad): second column of R_eb (eq. 4)."""
+    """North and east components ``(m, 2)`` of the body's y axis at ``attitude (m, 3)`` (rad), from R_eb (eq. 4)."""
     roll, pitch, heading = attitude.T
     roll_pitch = np.sin(roll) * np.sin(pitch)
     return np.column_stack(

@@ -1,4 +1,4 @@
-"""Differences of an estimate from a reference: root mean square, correlation, and distances between currents."""
+"""Differences between an estimate and a reference: root mean square, correlation, and distances between currents."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from gliderhpc.archive.profile import wrap
 Array = NDArray[np.float64]
 
 COVERAGE = {1: 0.393, 2: 0.865}
-"""Probability inside the ellipse of so many sigma, in two dimensions."""
+"""Probability inside the ellipse of the given number of sigma, in two dimensions."""
 
 MIN_COVERAGE = 0.9
-"""Part of the dive's time that a model or a profiler has to cover: the mean of less is not the dive's mean."""
+"""Share of the dive's time that a model or a profiler must cover; with less, its mean does not represent the dive."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Root mean square error in the quantity's unit, and correlation (NaN where either side never changes)."""
+    """Root mean square error in the quantity's unit, and correlation (NaN if either series is constant)."""
 
     rmse: float
     correlation: float
@@ -31,13 +31,13 @@ def score_columns(estimate: Array, true: Array) -> tuple[Score, ...]:
 
 
 def rms(values: Array) -> float:
-    """Root mean square of the finite values, NaN where there is none."""
+    """Root mean square of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Correlation over the samples where both are finite, NaN where either never changes."""
+    """Correlation over the samples where both are finite; NaN if either is constant."""
     known = np.isfinite(a) & np.isfinite(b)
     if not known.any() or np.ptp(a[known]) == 0.0 or np.ptp(b[known]) == 0.0:
         return float("nan")
@@ -56,12 +56,12 @@ def direction(velocity: ArrayLike) -> Array:
 
 
 def turn(velocity: ArrayLike, reference: ArrayLike) -> Array:
-    """Direction of velocities less that of others ``(..., 2)``: degree, clockwise positive, -180 to 180."""
+    """Direction of velocities minus that of others ``(..., 2)``: degree, clockwise positive, -180 to 180."""
     return wrap(direction(velocity) - direction(reference))
 
 
 def vector_rmsd(velocity: Array, reference: Array) -> float:
-    """Root mean square length of the difference of velocities ``(n, 2)`` where both are known; NaN where none are."""
+    """Root mean square length of the difference of velocities ``(n, 2)`` where both are known; NaN if none are."""
     squares = ((velocity - reference) ** 2).sum(axis=1)
     known = np.isfinite(squares)
     return float(np.sqrt(squares[known].mean())) if known.any() else float("nan")
@@ -70,8 +70,8 @@ def vector_rmsd(velocity: Array, reference: Array) -> float:
 def sigma_distance(difference: Array, covariance: Array) -> float:
     """Mahalanobis distance of a difference ``(2,)`` from an ellipse of covariance ``(2, 2)``.
 
-    ``sqrt(d^T C^-1 d)``: 1 on the 1-sigma ellipse, which holds 39 % of a Gaussian in the plane (2 sigma 86 %, 3 sigma
-    99 %). NaN where something is missing or the ellipse has no area.
+    ``sqrt(d^T C^-1 d)``: 1 on the 1-sigma ellipse, which contains 39 % of a two-dimensional Gaussian (2 sigma 86 %, 3
+    sigma 99 %). NaN if a value is missing or the ellipse has no area.
     """
     if not (np.isfinite(difference).all() and np.isfinite(covariance).all() and np.linalg.det(covariance) > 0.0):
         return float("nan")

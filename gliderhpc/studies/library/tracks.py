@@ -1,4 +1,4 @@
-"""Tracks anchored by the fixes on either side of a dive (Figure 2's X and Y panels), and the archive's currents."""
+"""Tracks anchored by the fixes before and after a dive (X and Y panels of Figure 2), and the archive's currents."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,25 +23,25 @@ _SECOND = np.timedelta64(1, "s")
 _KNOTS = 60.0
 
 CURRENTS = "currents"
-"""Study of the currents, and its group."""
+"""Name of the study of currents, and of its group."""
 
 HULL = "hull"
-"""Group of the hull's information."""
+"""Name of the group with the hull's information."""
 
 BY_GLIDE_ANGLE = ("dac_north_glide_angle", "dac_east_glide_angle")
-"""Columns of the conventional estimate, which states no uncertainty."""
+"""Columns of the conventional estimate, which has no uncertainty."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """The profile's displacement through the water on the records, by the estimate and by the glide angle."""
+    """Displacements of a profile through the water on the records, by the estimate and by the glide angle."""
 
     estimate: SelfMotion
     glide_angle: SelfMotion
 
 
 def motions_of(data: ProfileData, platform: Platform) -> Motions:
-    """Both self-motions, vibration intervals bridged."""
+    """Return both self-motions, with the vibration intervals bridged."""
     vibrating = data.on_records(data.flagged("vibration"))
     series = series_of(data, platform)
     return Motions(
@@ -56,11 +56,11 @@ class AnchoredTracks:
     Attributes
     ----------
     estimate, glide_angle : (m, 2) arrays
-        On the records, m.
+        Tracks on the records, m.
     fix_time : (2,) array
-        Of entry and exit fix, s since the profile's first sample.
+        Times of the entry and exit fixes, s since the profile's first sample.
     fixes : (2, 2) array
-        Their positions, m.
+        Positions of these fixes, m.
     """
 
     estimate: Array
@@ -70,18 +70,18 @@ class AnchoredTracks:
 
     @property
     def spread(self) -> float:
-        """Root mean square distance of the two, m."""
+        """Root mean square distance between the two tracks, m."""
         return float(np.sqrt(np.mean(((self.estimate - self.glide_angle) ** 2).sum(axis=1))))
 
 
 def anchored_tracks(
     archive: Archive, data: ProfileData, model: SelfMotion, conventional: SelfMotion
 ) -> AnchoredTracks | None:
-    """Add to either self-motion the drift that closes it on the fixes, or None without a fix on either side.
+    """Add to each self-motion the drift that closes it on the fixes; None unless both fixes exist.
 
-    The adjoint's track takes the drift of each dive-climb cycle (eqs. 39 and 40), the other tracks one drift for all.
-    The drift at the surface that the archive has removed lies between the fixes and the times and places at which
-    the tracks begin and end.
+    The adjoint's track has a separate drift for each dive-climb cycle (eqs. 39 and 40); the other tracks have a single
+    drift. The surface drift that the archive has removed lies between the fixes and the ends of the tracks, in time and
+    in place.
     """
     anchors = anchors_of(data)
     if anchors is None:
@@ -95,11 +95,11 @@ def anchored_tracks(
 
 
 def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) -> Array | None:
-    """Latitude and longitude ``(m, 2)`` (degree) of the records on the estimate's track, or None without the fixes.
+    """Latitude and longitude ``(m, 2)`` (degree) of the records on the estimate's track; None without the fixes.
 
-    Longitudes run on across the antimeridian. The track is laid out on the WGS84 ellipsoid a minute at a time, by
-    length and azimuth from the entry fix as the fixes' distance is measured, and is a straight line in between: a
-    glider moves some 20 m in that time, over which the two differ by micrometres.
+    Longitudes are continuous across the antimeridian. One position per minute is computed on the WGS84 ellipsoid, from
+    distance and azimuth relative to the entry fix, like the distance between the fixes. Positions in between are
+    interpolated linearly: a glider moves some 20 m in a minute, over which the error is a few micrometres.
     """
     anchors, entry = anchors_of(data), fix_of(data.table, "entry")
     if anchors is None or entry is None:
@@ -114,10 +114,10 @@ def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) 
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Constraints of a track: the fixes' times (s of the record) and distance, and the drift at the surface.
+    """Constraints of a track: times of the fixes (s of the record), displacement between them, drift at the surface.
 
-    `acts` holds the times between which the current below acts; `before` (2,), `moved` (2,) are what the glider drifted
-    before, and where it came to from there until the surface drift after the dive began, m.
+    The current below the surface acts between the two times `acts`. The surface drift after the entry fix is `before`
+    (2,), and `moved` (2,) is the displacement from its end to the beginning of the surface drift after the dive, m.
     """
 
     clock: Array
@@ -128,7 +128,7 @@ class Anchors:
 
 
 def anchors_of(data: ProfileData) -> Anchors | None:
-    """Find what holds a profile's tracks; None without a fix on either side."""
+    """Find the constraints of a profile's tracks; None unless both fixes exist."""
     table = data.table
     entry, leave = fix_of(table, "entry"), fix_of(table, "exit")
     if entry is None or leave is None:
@@ -141,7 +141,7 @@ def anchors_of(data: ProfileData) -> Anchors | None:
 
 
 def _estimated(archive: Archive, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
-    """The estimate's track ``(m, 2)``: with each cycle's own drift where it is the adjoint's."""
+    """Track ``(m, 2)`` of the estimate, with a separate drift for each cycle if it is the adjoint's."""
     track = track_of(model)
     if data.estimate == ADJOINT:
         return np.asarray(anchors.before + track + _cycle_drift(archive, data, anchors.acts))
@@ -154,23 +154,23 @@ def track_of(motion: SelfMotion) -> Array:
 
 
 def _closed(track: Array, data: ProfileData, anchors: Anchors) -> Array:
-    """Track ``(m, 2)`` with the one drift, acting between two times, that closes it."""
+    """Track ``(m, 2)`` with the constant drift between two times that closes it on the fixes."""
     drift = (anchors.moved - track[-1]) / (anchors.acts[1] - anchors.acts[0])
     return np.asarray(track + drift * (data.record_time - anchors.acts[0])[:, None])
 
 
 def _surface_time(table: Mapping[str, Any], end: str) -> float:
-    """Time taken out at the surface (s); none in archives that do not record it."""
+    """Time at the surface that was removed (s); zero in archives that do not record it."""
     return float(np.nan_to_num(table.get(f"{end}_surface_time", 0.0)))
 
 
 def _surface_drift(table: Mapping[str, Any], end: str) -> Array:
-    """Drift taken out at the surface ``(2,)`` (m)."""
+    """Drift at the surface that was removed ``(2,)`` (m)."""
     return np.array([float(np.nan_to_num(table.get(f"{end}_surface_{along}", 0.0))) for along in ("north", "east")])
 
 
 def _cycle_drift(archive: Archive, data: ProfileData, clock: Array) -> Array:
-    """Displacement ``(m, 2)`` by the cycles' drift between the times at which it begins and ends to act."""
+    """Displacement ``(m, 2)`` due to the cycles' drift, which acts between the two times `clock`."""
     cycles = archive["drift_current"].to_dataset().sel(profile=data.number).load()
     known = np.flatnonzero(np.isfinite(cycles["north"].values))
     velocity = np.column_stack([cycles[name].values[known] for name in ("north", "east")])
@@ -181,7 +181,7 @@ def _cycle_drift(archive: Archive, data: ProfileData, clock: Array) -> Array:
 
 
 def fix_of(table: Mapping[str, Any], end: str) -> Fix | None:
-    """Entry or exit fix in a profile's row of the archive's table, None where it has none."""
+    """Entry or exit fix in a profile's row of the archive's table; None if it has none."""
     values = {name: table[f"{end}_{name}"] for name in ("time", "latitude", "longitude")}
     if np.isnat(values["time"]) or not np.isfinite(values["latitude"] + values["longitude"]):
         return None
@@ -190,15 +190,16 @@ def fix_of(table: Mapping[str, Any], end: str) -> Fix | None:
 
 @dataclass(frozen=True, eq=False)
 class DivePath:
-    """Places and times.
+    """Positions and times along a dive.
 
     Attributes
     ----------
     time : (m,) datetime64 array
+        Times.
     depth : (m,) array
-        m, positive down.
+        Depths, m, positive down.
     latitude, longitude : (m,) arrays
-        Degree, of any branch.
+        Positions, degree; longitudes in any branch.
     """
 
     time: NDArray[Any]
@@ -208,9 +209,9 @@ class DivePath:
 
 
 def dive_path(archive: Archive, data: ProfileData) -> DivePath | None:
-    """Path of a profile, a place a record, dead-reckoned between its fixes; None without a fix on either side.
+    """Path of a profile, dead-reckoned between its fixes, with a position per record; None unless both fixes exist.
 
-    Depth is the measured one, interpolated over gaps; a sensor that reads above the surface is at the surface.
+    Measured depth is interpolated over gaps, and negative depths are set to zero.
     """
     vibrating = data.on_records(data.flagged("vibration"))
     motion = model_motion(states_of(data), vibrating, float(data.attributes["output_interval"]))
@@ -224,7 +225,7 @@ def dive_path(archive: Archive, data: ProfileData) -> DivePath | None:
 
 
 class CurrentColumns(NamedTuple):
-    """Columns of a depth-averaged current in the mission's table: components, their deviations and covariance."""
+    """Columns of a depth-averaged current in the mission's table: components, standard deviations and covariance."""
 
     north: str
     east: str
@@ -244,16 +245,16 @@ BY_SMOOTHER = CurrentColumns(
 
 
 def current_columns(estimate: str) -> CurrentColumns:
-    """Return the columns of the current by an estimate's self-motion."""
+    """Return the columns of the current that follows from an estimate's self-motion."""
     return BY_SMOOTHER if estimate == SMOOTHED else BY_ADJOINT
 
 
 def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hull: bool = True) -> Drift | None:
-    """Rebuild the drift of one profile's current by an estimate; None where the archive has no such current.
+    """Rebuild the drift of one profile's current by an estimate; None if the archive has no such current.
 
-    The hull's errors are in the displacement's covariance where the run put them there, unless `by_hull` is false.
-    The displacement through the water is what the current leaves of the way between the fixes, so it is that of the
-    run, with the intervals bridged that the run bridged.
+    The displacement's covariance contains the hull's errors if it did in the run, unless `by_hull` is false. The
+    displacement through the water is computed as the displacement between the fixes minus that due to the current. It
+    is therefore the run's displacement, with the same intervals bridged.
     """
     smoothed = estimate == SMOOTHED
     by_adjoint, by_smoother = _velocity(data, ADJOINT), _velocity(data, SMOOTHED)
@@ -288,27 +289,27 @@ def _velocity(data: ProfileData, estimate: str) -> Array:
 
 
 def _second_velocity(data: ProfileData) -> Array:
-    """Current that the smoother's is compared with: the filter's where the run stored it, else the adjoint's."""
+    """Current that the smoother's is compared with: the filter's if the run stored it, else the adjoint's."""
     by_filter = np.array([float(data.table.get(f"dac_{name}_filter", np.nan)) for name in ("north", "east")])
     return by_filter if np.isfinite(by_filter).all() else _velocity(data, ADJOINT)
 
 
 def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:
-    """Covariance ``(2, 2)`` (m2) of the displacement, with the hull's part or without."""
+    """Covariance ``(2, 2)`` (m2) of the displacement, with or without the hull's part."""
     if with_hull:
         return _smoothed_covariance(archive, number)
     return _smoothed_covariance(archive, number) - np.nan_to_num(hull) if smoothed else np.zeros((2, 2))
 
 
 def _hull_covariance(archive: Archive, number: int) -> Array:
-    """Hull's part ``(2, 2)`` (m2) in the covariance of the displacement; NaN where there is none."""
+    """Hull's part ``(2, 2)`` (m2) of the displacement's covariance; NaN if there is none."""
     if HULL not in archive.children:
         return np.full((2, 2), np.nan)
     return np.asarray(archive[HULL].to_dataset()["displacement_covariance"].sel(profile=number).values)
 
 
 def _smoothed_covariance(archive: Archive, number: int) -> Array:
-    """Covariance ``(2, 2)`` (m2) of the displacement as the smoother states it."""
+    """Covariance ``(2, 2)`` (m2) of the smoother's displacement."""
     row = archive[SMOOTHED].to_dataset().sel(profile=number)
     names = ("displacement_north_std", "displacement_east_std", "displacement_covariance")
     north, east, between = (float(row[name]) for name in names)
@@ -322,9 +323,9 @@ class Current:
     Attributes
     ----------
     velocity : (2,) array
-        North and east, m/s.
+        North and east components, m/s.
     covariance : (2, 2) array
-        m2/s2.
+        Covariance of the components, m2/s2.
     """
 
     velocity: Array
@@ -332,10 +333,10 @@ class Current:
 
 
 def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[Current]:
-    """Read the currents of some profiles, by an estimate's self-motion.
+    """Read the currents of some profiles that follow from an estimate's self-motion.
 
-    The ellipse is that of study ``currents`` for the profiles and the estimate that it was run for: it knows a budget,
-    the fixes and the actuators; for others it is the one that the mission's run left.
+    The covariance is that of study ``currents``, which can use a budget, for the profiles and the estimate that the
+    study was run for. In other cases it is that of the mission's run.
     """
     table = archive.to_dataset().sel(profile=list(numbers)).load()
     columns = current_columns(estimate)

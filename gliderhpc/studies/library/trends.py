@@ -1,4 +1,4 @@
-"""Monotonic trends without a model: Mann-Kendall tests, plain and robust to serial correlation; Theil-Sen slopes."""
+"""Non-parametric monotonic trends: Mann-Kendall tests, plain and robust to serial correlation; Theil-Sen slopes."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -12,10 +12,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_VALUES = 4
-"""Fewer values show no trend."""
+"""Least number of values for a trend."""
 
 SIGNIFICANCE = 0.05
-"""Probability of chance below which a trend counts as shown."""
+"""Probability of chance below which a trend is significant."""
 
 INTERVAL = (2.5, 97.5)
 """Percentiles of a 95 % interval."""
@@ -24,19 +24,19 @@ MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 MIN_BLOCKS = 5
-"""Blocks to draw from, at least, where there are as many values."""
+"""Least number of blocks to draw from, if there are that many values."""
 
 PAIRS_AT_A_TIME = 4_000_000
-"""Pairs of values whose weights are held in memory at a time."""
+"""Number of pairs of values whose weights are in memory at a time."""
 
 SPREAD_WIDENING = 2.0
-"""Times the length of a block over that of the series, by which the spread of S is widened."""
+"""Relative widening of the spread of S, per ratio of a block's length to that of the series."""
 
 LARGEST_CORRELATION = 0.9
-"""Of neighbours, that the length of blocks allows for."""
+"""Largest correlation of neighbours that the length of blocks accounts for."""
 
 MIN_AUTOMATIC = 16
-"""Values from which on the automatic length can be found: it looks at correlations far apart."""
+"""Least number of values for the automatic block length, which uses correlations at large lags."""
 
 _ROUNDING = 1e-12
 
@@ -48,11 +48,11 @@ class Trend:
     Attributes
     ----------
     count : int
-        Values that were finite.
+        Number of finite values.
     tau, p : float
         Kendall's tau (S over the number of pairs) and the two-sided probability of chance.
     slope, low, high : float
-        Theil-Sen slope a unit of time and its 95 % interval.
+        Theil-Sen slope per unit of time and its 95 % interval.
     first, last : float
         Level of the fitted line at the first and the last time.
     """
@@ -68,10 +68,10 @@ class Trend:
 
     @property
     def change(self) -> float:
-        """Change of the fitted line relative to its first level; NaN where that is not distinguishable from zero.
+        """Change of the fitted line relative to its first level; NaN if that level is not distinguishable from zero.
 
-        The line turns about the middle of the record, so its first level is as uncertain as half the record makes the
-        slope's interval.
+        The line pivots about the middle of the record. The half width of the first level's interval is therefore that
+        of the slope times half the length of the record.
         """
         rise = self.last - self.first
         doubt = 0.25 * rise / self.slope * (self.high - self.low) if self.slope else 0.0
@@ -79,40 +79,40 @@ class Trend:
 
     @property
     def change_text(self) -> str:
-        """The change in per cent, or in the values' own unit where its relative size is undefined."""
+        """Change in per cent, or in the values' own unit if the relative change is undefined."""
         if np.isfinite(self.change):
             return f"{100.0 * self.change:+.0f} %"
         return f"{self.last - self.first:+.2g}, starting level not distinguishable from zero,"
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return the trend as plain values."""
         return asdict(self) | {"change": self.change}
 
 
 def known_pairs(time: ArrayLike, values: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times and values of a series, missing ones left out."""
+    """Return times and values of a series without the missing ones."""
     t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     known = np.isfinite(t) & np.isfinite(y)
     return t[known], y[known]
 
 
 def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
-    """Find the trend of values over time, missing ones left out.
+    """Find the trend of values over time, without the missing ones.
 
     Parameters
     ----------
     time, values : (n,) array_like
-        Increasing times and what was found then.
+        Increasing times, and the values at these times.
 
     Returns
     -------
     Trend
-        All NaN with fewer than four values.
+        Trend; all NaN, except for the count, with fewer than four values.
 
     Notes
     -----
-    The test is the plain one, normal approximation with continuity correction and ties. Values that are correlated from
-    one profile to the next make its p too small, and the interval of the slope too narrow.
+    The test is the plain one, a normal approximation with corrections for continuity and ties. If values are correlated
+    from one profile to the next, its p is too small and the interval of the slope too narrow.
     """
     t, y = known_pairs(time, values)
     if len(y) < MIN_VALUES:
@@ -123,7 +123,7 @@ def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
 
 
 def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Kendall's tau and the two-sided p of the Mann-Kendall test of values in the order of time."""
+    """Kendall's tau and the two-sided p of the Mann-Kendall test, for values in time order."""
     import pymannkendall  # loads scipy.stats
 
     result = pymannkendall.original_test(values)
@@ -136,16 +136,16 @@ def theil_sen(time: Array, values: Array) -> float:
 
 
 def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list[Index]:
-    """Places of the values in each bootstrap series: as many blocks as there are, drawn with replacement.
+    """Draw bootstrap series of whole blocks with replacement; returns the indices of each series' values.
 
     Parameters
     ----------
     blocks : (n,)
-        Block of each value.
+        Block number of each value; each series has as many blocks as there are.
     resamples : int
-        Bootstrap series.
+        Number of bootstrap series.
     rng : numpy.random.Generator
-        Where blocks are drawn from.
+        Generator of the draws.
     """
     members = [np.flatnonzero(blocks == number) for number in np.unique(blocks)]
     drawn = rng.integers(0, len(members), (resamples, len(members)))
@@ -155,12 +155,12 @@ def epoch_draws(blocks: Index, resamples: int, rng: np.random.Generator) -> list
 
 
 def slope_draws(time: Array, values: Array, draws: list[Index]) -> Array:
-    """Theil-Sen slope of every bootstrap series, each value at its own time; NaN where all fell on one time.
+    """Theil-Sen slope of every bootstrap series, each value at its own time; NaN if all values have the same time.
 
     Notes
     -----
-    A pair of values counts as often as both were drawn, so the slopes are sorted once and a weighted median is taken of
-    each series; that is the median of all pairs of the series, to the last bit.
+    The weight of a pair of values is the product of the numbers of times that they were drawn. The slopes are sorted
+    once, and each series' slope is a weighted median. It equals the median of all pairs of the series to the last bit.
     """
     slopes, first, second = _sorted_slopes(time, values)
     counts = _counts(draws, len(time))
@@ -179,7 +179,7 @@ def _counts(draws: list[Index], size: int) -> Index:
 
 
 def interval(draws: Array) -> tuple[float, float]:
-    """Return the 95 % interval of draws; NaN where there are none."""
+    """Return the 95 % interval of draws; NaN if there are none."""
     known = draws[np.isfinite(draws)]
     if not known.size:
         return float("nan"), float("nan")
@@ -188,9 +188,9 @@ def interval(draws: Array) -> tuple[float, float]:
 
 
 def blocks_of(epoch: Index, length: int) -> Index:
-    """Blocks (n,) to draw: whole epochs (n,), as many to a block as make up `length` values.
+    """Block numbers (n,): whole epochs (n,), joined until a block has at least `length` values.
 
-    Where that leaves too few to draw from, neighbouring values whatever their epoch.
+    If there are fewer than `MIN_BLOCKS` of these, blocks are neighbouring values regardless of their epochs.
     """
     blocks = np.zeros(len(epoch), dtype=np.int64)
     block, size = 0, 0
@@ -205,14 +205,14 @@ def blocks_of(epoch: Index, length: int) -> Index:
 
 
 def pair_slopes(time: Array, values: Array) -> Array:
-    """Slopes (n, n) of all pairs, NaN for those at one time."""
+    """Slopes (n, n) of all pairs; NaN for pairs at the same time."""
     apart = time[:, None] - time[None]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(apart != 0.0, (values[:, None] - values[None]) / apart, np.nan)
 
 
 def _sorted_slopes(time: Array, values: Array) -> tuple[Array, Index, Index]:
-    """Slopes of the pairs at different times, ascending, with the places of either value of each pair."""
+    """Slopes of the pairs at different times, ascending, with the indices of both values of each pair."""
     first, second = np.triu_indices(len(time), 1)
     slopes = pair_slopes(time, values)[first, second]
     order = np.argsort(slopes)[: np.isfinite(slopes).sum()]
@@ -220,7 +220,7 @@ def _sorted_slopes(time: Array, values: Array) -> tuple[Array, Index, Index]:
 
 
 def _weighted_medians(ascending: Array, weights: Index) -> Array:
-    """Median (series,) of values (pairs,) that count ``weights (series, pairs)`` times; NaN where none counts."""
+    """Medians (series,) of ascending values (pairs,) with weights (series, pairs); NaN if all weights are zero."""
     if not ascending.size:
         return np.full(len(weights), np.nan)
     upto = np.cumsum(weights, axis=1)
@@ -231,16 +231,16 @@ def _weighted_medians(ascending: Array, weights: Index) -> Array:
 
 @dataclass(frozen=True)
 class RobustTest:
-    """Mann-Kendall by the moving-block bootstrap.
+    """Result of the Mann-Kendall test with a moving-block bootstrap.
 
     Attributes
     ----------
     score : float
-        Kendall's S over what its standard deviation would be without a trend.
+        Kendall's S over its standard deviation without a trend.
     p : float
         Two-sided probability of chance.
     block : int
-        Values a block.
+        Number of values in a block.
     """
 
     score: float
@@ -249,25 +249,26 @@ class RobustTest:
 
 
 def robust_test(time: Array, values: Array, resamples: int, rng: np.random.Generator) -> RobustTest:
-    """Test a series, in the order of time and without missing values, for a monotonic trend.
+    """Test a series in time order, without missing values, for a monotonic trend.
 
     Parameters
     ----------
     time, values : (n,)
         The series.
     resamples : int
-        Bootstrap series.
+        Number of bootstrap series.
     rng : numpy.random.Generator
-        Where blocks are drawn from.
+        Generator of the draws.
 
     Notes
     -----
-    Blocks of neighbouring values of what a straight line leaves are drawn with replacement and joined, which keeps
-    their correlation (Kunsch 1989); S of the series is compared with the spread of S among them. Blocks, and the line
-    taken out, miss the slowest changes, a share of the variance that goes with the length of a block over that of the
-    series (`SPREAD_WIDENING`), and the spread is known no better than from the few blocks that there are, so p is
-    Student's with their number less one. With the bare percentiles of the bootstrap, short series give false trends
-    three times as often as stated (docs/drift.md has the rates).
+    Residuals from a straight line are drawn with replacement in blocks of neighbouring values and joined, which
+    preserves their correlation (Kunsch 1989). S of the series is compared with the spread of S among these series. The
+    blocks and the removal of the line suppress the slowest changes. The missing share of the variance grows with the
+    ratio of a block's length to that of the series, so the spread is widened (`SPREAD_WIDENING`). The spread is
+    estimated from few blocks, so p is from Student's distribution, with the number of blocks minus one degrees of
+    freedom. With percentiles of the bootstrap alone, short series give false trends three times as often as stated
+    (docs/drift.md has the rates).
     """
     n = len(values)
     if n < MIN_VALUES:
@@ -282,29 +283,29 @@ def robust_test(time: Array, values: Array, resamples: int, rng: np.random.Gener
 
 
 def bootstrap_spread(rest: Array, block: int, resamples: int, rng: np.random.Generator) -> float:
-    """Standard deviation of Kendall's S among series put together from blocks."""
+    """Standard deviation of Kendall's S among series joined from blocks of the residuals."""
     return float(kendall_scores(moving_blocks(rest, block, resamples, rng)).std())
 
 
 def independent_spread(n: int) -> float:
-    """Standard deviation of Kendall's S of n independent values: correlation that is seen never makes it less."""
+    """Standard deviation of Kendall's S of n independent values: the lower limit of the bootstrap's spread."""
     return float(np.sqrt(n * (n - 1) * (2 * n + 5) / 18.0))
 
 
 def without_line(time: Array, values: Array) -> Array:
-    """Residuals of the Theil-Sen line, without their mean."""
+    """Residuals from the Theil-Sen line, minus their mean."""
     rest = values - scipy.stats.theilslopes(values, time).slope * time
     return np.asarray(rest - rest.mean())
 
 
 def block_length(time: Array, values: Array) -> int:
-    """Values a block: the larger of two automatic choices, both from what a straight line leaves.
+    """Number of values in a block: the larger of two automatic choices from the residuals of a straight line.
 
     Notes
     -----
-    The choice of Politis and White (2004, as corrected 2009) for the circular bootstrap, and the same for a
-    first-order autoregression, ``(6 n)^(1/3) (rho / (1 - rho^2))^(2/3)``, whose correlation is corrected for the bias
-    of a short series from which a line was taken. In short series the first sees too little of the correlation.
+    The first is the choice of Politis and White (2004, as corrected 2009) for the circular bootstrap. In short series
+    it underestimates the correlation. The second is the choice for a first-order autoregression,
+    ``(6 n)^(1/3) (rho / (1 - rho^2))^(2/3)``, with a correlation corrected for the bias of a short detrended series.
     """
     from arch.bootstrap import optimal_block_length
 
@@ -320,7 +321,7 @@ def block_length(time: Array, values: Array) -> int:
 
 
 def moving_blocks(values: Array, block: int, resamples: int, rng: np.random.Generator) -> Array:
-    """Series ``(resamples, n)`` put together from blocks of neighbouring values of a series ``(n,)``."""
+    """Join series ``(resamples, n)`` from blocks of neighbouring values of a series ``(n,)``."""
     n = len(values)
     starts = rng.integers(0, n - block + 1, (resamples, -(-n // block)))
     taken = (starts[:, :, None] + np.arange(block)).reshape(resamples, -1)[:, :n]
@@ -328,7 +329,7 @@ def moving_blocks(values: Array, block: int, resamples: int, rng: np.random.Gene
 
 
 def kendall_scores(series: Array) -> Array:
-    """Kendall's S of each of some series ``(m, n)``: pairs that rise less pairs that fall."""
+    """Kendall's S of each series ``(m, n)``: number of rising pairs minus number of falling pairs."""
     n = series.shape[1]
     scores = np.zeros(len(series))
     for apart in range(1, n):
@@ -339,7 +340,7 @@ def kendall_scores(series: Array) -> Array:
 def holm(p: Sequence[float]) -> list[float]:
     """Adjust probabilities of chance for their number (Holm 1979); missing ones stay missing and are not counted.
 
-    Holm's is valid however the tests depend on each other, and these share profiles and forces.
+    Holm's method is valid for any dependence between the tests; these share profiles and forces.
     """
     values = np.asarray(p, dtype=np.float64)
     known = np.flatnonzero(np.isfinite(values))

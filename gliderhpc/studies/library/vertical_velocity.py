@@ -1,12 +1,12 @@
 """Vertical velocity of the water along one profile: rise of the glider in excess of its hull's glide in still water.
 
-With the measured depth rate ``z'`` and the still-water one ``z'_m``, both positive down: ``w = z'_m - z'``, upward.
-Its errors are those of the depth sensor (independent from sample to sample), of the attitude's rounding (alike along a
-leg) and of the hull's numbers (alike along a mission).
+With the measured depth rate ``z'`` and the still-water depth rate ``z'_m``, both positive down, the upward velocity is
+``w = z'_m - z'``. Its errors come from the depth sensor (independent from sample to sample), from the rounding of the
+attitude (common to a leg) and from the hull's parameters (common to a mission).
 
-Depth becomes a velocity by the slope of a straight line through the samples of a window. It is a weighted mean of the
-rate with parabolic weights, so that anything whose rate is known can be put through the same filter: what a model sinks
-at, or what the water does.
+The depth rate is the slope of a straight line fitted to the samples in a window. This slope is a weighted mean of the
+rate with parabolic weights. The same filter can therefore be applied to any known rate, such as that of the model or
+of the water.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ Mask = NDArray[np.bool_]
 
 WINDOW = 60.0
 MIN_INTERVALS = 4
-"""Length of the window, s, and how many sample intervals it has at least."""
+"""Length of the window, s, and its least number of sample intervals."""
 
 SLOW = 0.9
-"""Quantile by time of the distances between samples that counts as the sample interval: the rate may change."""
+"""Quantile, by time, of the distances between samples that is used as the sample interval: the rate may change."""
 
 MAX_PAUSE = 2.5
-"""Samples further apart than so many sample intervals do not belong together."""
+"""Longest pause within a stretch of samples, in sample intervals."""
 
 _TOLERANCE = 1e-6
 
@@ -56,16 +56,16 @@ KEYS = (
     "viscous.K_L",
     "viscous.K_beta",
 )
-"""The hull's numbers that its depth rate at a given attitude rests on."""
+"""Hull parameters on which the depth rate at a given attitude depends."""
 
 NAMES = tuple(key.rpartition(".")[2] for key in KEYS)
-"""Their names in the tables."""
+"""Names of these parameters in the tables."""
 
 MIN_DEPTH = 5.0
-"""Shallower samples (m) are left out: waves, and a tail out of the water."""
+"""Least depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
 
 SETTLING_TIME = 20.0
-"""Seconds after the vibration set that are left out: the hull is still approaching its new glide."""
+"""Time after the vibration set that is left out, s: the hull is still approaching its new glide."""
 
 _DIFFERENCE = 0.02
 
@@ -74,19 +74,19 @@ _PITCH_DIFFERENCE = math.radians(0.05)
 
 @dataclass(frozen=True, eq=False)
 class DepthRateFilter:
-    """Slopes at n samples.
+    """Filter that computes slopes at n samples.
 
     Attributes
     ----------
     window : float
         Length of the window, s.
     operator : (n, n) sparse array
-        Makes slopes of values.
+        Matrix that computes slopes from values.
     whole : (n,) of bool
-        Where the window lies within an unbroken stretch of samples; elsewhere the operator's row is that of the part
-        that does, and no slope where that has less than three samples.
+        True where the window lies within an unbroken stretch of samples. Elsewhere the operator uses the part of the
+        window within the stretch; its row is zero if that part has fewer than three samples.
     time : (n,)
-        Of the samples, s.
+        Times of the samples, s.
     """
 
     window: float
@@ -100,32 +100,32 @@ class DepthRateFilter:
         return half_power() / self.window
 
     def of(self, values: Array) -> Array:
-        """Slope a second of values (n,) or (n, k); NaN where the window is cut short."""
+        """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
         slopes = self.operator @ values
         slopes[~self.whole] = np.nan
         return np.asarray(slopes)
 
     def cut_short_too(self, values: Array) -> Array:
-        """The same, from a shorter window near the ends of a stretch."""
+        """Slope per second of values (n,) or (n, k), from a shorter window near the ends of a stretch."""
         return np.asarray(self.operator @ values)
 
     def of_rate(self, rate: Array) -> Array:
-        """Filter a rate that is known at the samples (n,) or (n, k), linear in between."""
+        """Filter a rate that is given at the samples (n,) or (n, k) and linear in between."""
         steps = np.diff(self.time).reshape(-1, *[1] * (rate.ndim - 1))
         risen = np.cumsum(0.5 * steps * (rate[1:] + rate[:-1]), axis=0)
         return self.of(np.concatenate([np.zeros((1, *rate.shape[1:])), risen]))
 
     def noise(self, deviation: float) -> Array:
-        """Standard deviation (n,) of the slope where every sample has an independent error."""
+        """Standard deviation (n,) of the slope if every sample has an independent error."""
         return np.asarray(deviation * np.sqrt((self.operator.power(2)).sum(axis=1)))
 
 
 def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
-    """Lay out the filter for samples at times (s) of which some are not usable.
+    """Construct the filter for samples at times (s), some of which may not be usable.
 
     Notes
     -----
-    The window is `WINDOW` long, or `MIN_INTERVALS` sample intervals where that is longer.
+    The length of the window is `WINDOW`, or `MIN_INTERVALS` sample intervals if that is longer.
     """
     interval = usual_interval(without_gaps(np.diff(time)), SLOW) if len(time) > 1 else WINDOW
     window = max(WINDOW, MIN_INTERVALS * interval)
@@ -149,7 +149,7 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
 
 
 def unbroken(time: Array, usable: Mask, longest: float) -> list[tuple[int, int]]:
-    """Find the stretches of usable samples that no pause longer than `longest` (s) interrupts."""
+    """Find the stretches of usable samples without a pause longer than `longest` (s)."""
     parts: list[tuple[int, int]] = []
     for begin, end in stretches(usable):
         breaks = begin + 1 + np.flatnonzero(np.diff(time[begin:end]) > longest)
@@ -159,19 +159,19 @@ def unbroken(time: Array, usable: Mask, longest: float) -> list[tuple[int, int]]
 
 
 def transfer(cycles: float) -> float:
-    """Share that the filter leaves of a sinusoidal velocity of so many cycles in the window (finely sampled)."""
+    """Response of the filter to a finely sampled sinusoidal velocity with a given number of cycles in the window."""
     x = np.pi * cycles
     return float(3.0 * (np.sin(x) - x * np.cos(x)) / x**3)
 
 
 @cache
 def half_power() -> float:
-    """Cycles in the window at which half the power is left."""
+    """Number of cycles in the window at which half the power passes."""
     return float(scipy.optimize.brentq(lambda cycles: transfer(cycles) - np.sqrt(0.5), 0.1, 1.0))
 
 
 def suspects_of(*, by_density: bool) -> tuple[HullParameter, ...]:
-    """Those of them that count, with their plausible deviations: by depth slope or by measured density."""
+    """Parameters among `KEYS` that act, with their plausible deviations: with depth slope or with measured density."""
     return tuple(p for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS) if p.key in KEYS)
 
 
@@ -182,11 +182,12 @@ class HullErrors:
     Attributes
     ----------
     suspects : tuple of HullParameter
-        The numbers.
+        Parameters.
     covariance : (p, p) array
-        Of these, in their plausible deviations.
+        Covariance of the parameters, in units of their plausible deviations.
     calibrated : bool
-        True for a calibration's; else each number has its plausible deviation, and none goes with another.
+        True if the covariance is that of a calibration; otherwise each parameter has its plausible deviation, and the
+        errors are uncorrelated.
     """
 
     suspects: tuple[HullParameter, ...]
@@ -201,23 +202,23 @@ class VerticalVelocity:
     Attributes
     ----------
     record : (n,) int array
-        Of the archive's records, those nearest to samples.
+        Indices of the archive's records nearest to the samples.
     attitude : MeasuredAttitude
         Roll, pitch, rate of turn and depth of the samples.
     weight : (n,)
         Net weight in water, N, positive heavy.
     measured, model : (n,)
-        Depth rate of the record and of the still-water glide, filtered alike, m/s, positive down.
+        Depth rates of the record and of the still-water glide, filtered alike, m/s, positive down.
     speed : (n,)
-        Of the still-water glide through the water, not filtered, m/s.
+        Speed of the still-water glide through the water, not filtered, m/s.
     noise : (n,)
-        Standard deviation by the depth sensor's noise, m/s.
+        Standard deviation due to the depth sensor's noise, m/s.
     by_pitch : (n,)
-        Change of the water's velocity by the standard deviation of rounded pitch, m/s.
+        Change of the water's velocity for one standard deviation of the pitch's rounding, m/s.
     by_hull : (n, p)
-        The same by the plausible deviation of each of the hull's numbers, m/s.
+        Change of the water's velocity for the plausible deviation of each hull parameter, m/s.
     errors : HullErrors
-        Errors of these parameters.
+        Errors of the hull parameters.
     filter : DepthRateFilter
         Filter from depths to velocities.
     """
@@ -241,27 +242,27 @@ class VerticalVelocity:
 
     @property
     def diving(self) -> Mask:
-        """Samples (n,) with a velocity, of glides downwards."""
+        """Mask (n,) of the samples with a velocity in downward glides."""
         return self.model > 0.0
 
     @property
     def climbing(self) -> Mask:
-        """Samples (n,) with a velocity, of glides upwards."""
+        """Mask (n,) of the samples with a velocity in upward glides."""
         return self.model < 0.0
 
     @property
     def hull_std(self) -> Array:
-        """Standard deviation (n,) by the hull's numbers, m/s."""
+        """Standard deviation (n,) due to the hull's parameters, m/s."""
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", self.by_hull, self.errors.covariance, self.by_hull)))
 
     @property
     def std(self) -> Array:
-        """Standard deviation (n,) in all, m/s."""
+        """Total standard deviation (n,), m/s."""
         return np.asarray(np.sqrt(self.noise**2 + self.by_pitch**2 + self.hull_std**2))
 
 
 def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
-    """Errors of the hull's numbers: what its calibration states, and plausible ones of what that did not look at."""
+    """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters."""
     suspects, stated = suspects_of(by_density=by_density), platform.calibration
     covariance = np.eye(len(suspects))
     if stated is None:
@@ -269,7 +270,7 @@ def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     shared = [
         (i, stated.parameters.index(p.key))
         for i, p in enumerate(suspects)
-        # A factor of nothing, such as a thermal expansion of zero, has no deviation to count in.
+        # A zero parameter that varies by factors, such as thermal expansion, has no deviation to scale by.
         if p.key in stated.parameters and p.slope(platform, 0.0) != 0.0
     ]
     ours, theirs = [i for i, _ in shared], [j for _, j in shared]
@@ -284,14 +285,14 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     Parameters
     ----------
     data : ProfileData
-        The profile; its measurements and controls are used, never what was estimated from them.
+        The profile; only measurements, controls and flags are used.
     platform : Platform
         The hull.
 
     Notes
     -----
-    Only samples count, not values interpolated between them, outside the vibration set and `SETTLING_TIME` after it,
-    deeper than `MIN_DEPTH`, where the hull has a steady glide.
+    Values interpolated between samples are not used. Samples are used if they lie outside the vibration set and
+    `SETTLING_TIME` after it, deeper than `MIN_DEPTH`, and if the hull has a steady glide there.
     """
     record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
     time, measured = data.record_time[record], data.measured[record]
@@ -302,7 +303,7 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     errors = hull_errors(platform, by_density=water is not None)
     hull = _Hull(platform, data.controls[record], attitude, water)
     glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.suspects)
-    # A glide that a small change of pitch or drag would end is not used.
+    # A glide that would end after a small change of pitch or of a parameter is not used.
     glides = np.isfinite(glide.depth_rate + by_pitch + by_hull.sum(axis=1))
     usable = _undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH) & glides
     rates = depth_rate_filter(time, usable)
@@ -322,23 +323,23 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
 
 
 class _Hull:
-    """A hull at the samples of a profile, and the sensitivity of its depth rate to pitch and parameters."""
+    """Hull at the samples of a profile, and sensitivity of its depth rate to pitch and parameters."""
 
     def __init__(self, platform: Platform, controls: Array, attitude: MeasuredAttitude, water: Array | None) -> None:
         self._platform, self._attitude, self._water = platform, attitude, water
         self._actuators = controls * CONTROLS_SI
 
     def glide(self) -> StillWaterGlide:
-        """Its glide in still water."""
+        """Glide in still water."""
         return self._glide(self._platform, self._attitude)
 
     def weight(self) -> Array:
-        """Its weight in water (n,), N."""
+        """Net weight in water (n,), N."""
         glider = Glider(self._platform)
         return glider.net_weight(self._bodies(glider), self._attitude.depth)
 
     def by_pitch(self) -> Array:
-        """Change (n,) of the depth rate by the standard deviation of rounded pitch, m/s."""
+        """Change (n,) of the depth rate for one standard deviation of the pitch's rounding, m/s."""
         rates = [
             self._glide(
                 self._platform,
@@ -352,7 +353,7 @@ class _Hull:
         return np.asarray(rounding * (rates[0] - rates[1]) / (2.0 * _PITCH_DIFFERENCE))
 
     def by_numbers(self, suspects: Sequence[HullParameter]) -> Array:
-        """Change (n, p) of the depth rate by the plausible deviation of each number, m/s."""
+        """Change (n, p) of the depth rate for the plausible deviation of each parameter, m/s."""
         return np.column_stack([self._by_number(suspect) for suspect in suspects])
 
     def _by_number(self, suspect: HullParameter) -> Array:
@@ -373,7 +374,7 @@ class _Hull:
 
 
 def _undisturbed(data: ProfileData) -> Mask:
-    """Records (m,) of steady glide, settled after the vibration set."""
+    """Mask (m,) of the records in steady glide, settled after the vibration set."""
     steady = data.steady.copy()
     for _, end in stretches(data.flagged("vibration")):
         steady[end : end + round(SETTLING_TIME / data.step)] = False

@@ -1,8 +1,8 @@
 """``twin currents``: coverage of the current's ellipses, and the response of the retrieved current to shear.
 
-Twins of the scenario ``paper`` at its own depth, each with its own current, coefficients, offsets, trim and errors of
-the fixes, are inverted with the platform file's hull; constants fitted to half of them are tested on the other half.
-Twins in shear and gusts of realistic and of larger strength, with exact coefficients, give gain, phase and coherence of
+Twins of the scenario ``paper`` at its own depth have different currents, coefficients, offsets, trims and errors of the
+fixes. They are inverted with the platform file's hull. Constants fitted to half of them are tested on the other half.
+Twins with exact coefficients, in shear and gusts of realistic and larger strength, give gain, phase and coherence of
 the depth-resolved current by vertical scale.
 """
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 _UNITS = {"axial_error": "m/s", "relative_error": "1", "heading_error": "degree", "cross_track_error": "m/s"}
 
 MIN_CORRELATION = 0.1
-"""Smallest correlation of a retrieved signal."""
+"""Correlation above which a retrieved signal is regarded as visible."""
 
 
 def compare_averaged(results: CurrentsResults) -> list[Comparison]:
@@ -130,7 +130,7 @@ def _summary_comparisons(line: Row) -> list[Comparison]:
 
 
 def describe_results(results: CurrentsResults) -> tuple[str, ...]:
-    """Describe ellipses and scales in sentences."""
+    """Describe the results on ellipses and scales in sentences."""
     return (
         *(_describe_coverage(line) for line in select(results.coverage, speed=ALL)),
         _describe_over_coverage(results),
@@ -309,9 +309,9 @@ QUICK = CurrentsSize(depth=100.0, water_depth=100.0, water_seeds=3, lagless_seed
 
 
 def currents_study(budget: Budget | None) -> TwinStudy[CurrentsSize]:
-    """Make the study, which compares a budget's constants (of ``twin recoverability``) with its own and updates them.
+    """Make the study, which compares its constants with those of a budget (``twin recoverability``), and updates these.
 
-    Without a budget the identification noise and the detection floor are unknown, and none is written.
+    Without a budget, identification noise and detection floor are unknown, and no budget is written.
     """
     return TwinStudy(
         NAME, FULL, QUICK, currents_runs, partial(conclude, budget=budget), job=currents_rows, min_seeds=4 * MIN_TWINS

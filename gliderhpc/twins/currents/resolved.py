@@ -1,7 +1,7 @@
-"""The depth-resolved current of a twin compared with the water's: in time, and by vertical scale.
+"""Depth-resolved current of a twin compared with that of the water, in time and by vertical scale.
 
-The water's acceleration across the hull, ``y . dU/dt`` along the path, is the force that pushes a hull sideways against
-the water (model.md 11); over the vertical speed it is the shear dU/dZ across the hull.
+The water's acceleration across the hull along the path, ``y . dU/dt``, is the forcing: it pushes the hull sideways
+through the water (docs/theory/model.md). Divided by the vertical speed, it is the shear dU/dZ across the hull.
 """
 
 from collections.abc import Sequence
@@ -34,14 +34,14 @@ SEGMENT = 200.0
 """Length of the spectral segments, s: longer than any period that passes the baseline."""
 
 MIN_PERIOD = 4.0
-"""Shortest period, s: the water is known at the records alone."""
+"""Shortest period, s; the water is known only at the records."""
 
 BINS_PER_OCTAVE = 3
 SCALES = 2.0 ** (np.arange(-1 * BINS_PER_OCTAVE, 5 * BINS_PER_OCTAVE + 1) / BINS_PER_OCTAVE)
 """Edges of the bins of vertical scale, m: 0.5 to 32."""
 
 MIN_TERMS = 20
-"""Smallest number of terms of a spectral sum: the coherence of fewer would be chance."""
+"""Smallest number of terms of a spectral sum; with fewer terms the coherence would be random."""
 
 MEDIANS = (
     "lateral_rms", "forcing_rms", "shear_rms", "depth_rate", "correlation_current", "correlation_shear_dive",
@@ -54,7 +54,7 @@ _MIN_DEPTH_RATE = 0.02
 """Vertical speed (m/s) below which a rate of change determines no shear."""
 
 _ROUNDING_RMS = 1e-9
-"""Largest root mean square that rounding gives a forcing of zero, m/s2."""
+"""Largest root mean square of a zero forcing due to rounding, m/s2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,9 @@ class LateralSeries:
     Attributes
     ----------
     retrieved : (m,)
-        Current by eq. 41, m/s to starboard.
+        Current from eq. 41, m/s to starboard.
     water : (m, 2)
-        Current of the water, north and east, m/s.
+        True current, north and east, m/s.
     across : (m, 2)
         North and east components of the hull's y axis.
     rate : (m,)
@@ -112,7 +112,7 @@ def resolved_row(inversion: TwinInversion, platform: Platform, settings: DepthRe
 
 
 def lateral_series(inversion: TwinInversion, platform: Platform, settings: DepthResolvedSettings) -> LateralSeries:
-    """Retrieve the current across the hull as ``analyze currents`` does, with the water's on the same records.
+    """Retrieve the current across the hull as in ``analyze currents``, with the true current on the same records.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def lateral_series(inversion: TwinInversion, platform: Platform, settings: Depth
 
 
 def slope(x: Array, y: Array) -> float:
-    """Slope of y on x through the origin over the samples where both are known; NaN where x is zero throughout."""
+    """Slope of y on x through the origin over the samples where both are known; NaN if x is zero at all of them."""
     known = np.isfinite(x) & np.isfinite(y)
     if rms(x[known]) <= _ROUNDING_RMS or not known.any():
         return float("nan")
@@ -175,7 +175,7 @@ def spectral_sums(series: LateralSeries) -> Array:
     for first, stop in stretches(np.isfinite(series.retrieved)):
         for begin in range(first, stop - length + 1, length // 2):
             now = slice(begin, begin + length)
-            # Relative to the segment's own mean, so that turning in a steady current counts as none.
+            # The segment's mean is subtracted: turning in a steady current is no change of the water.
             lateral = ((series.water[now] - series.water[now].mean(axis=0)) * series.across[now]).sum(axis=1)
             water, retrieved = (
                 np.fft.rfft(taper * scipy.signal.detrend(values))[used] for values in (lateral, series.retrieved[now])
@@ -221,7 +221,7 @@ def seen_band(lines: Sequence[Row]) -> tuple[float, float]:
     Raises
     ------
     InputError
-        No line: no stretch of steady glide was as long as a segment.
+        There are no lines, because no stretch of steady glide was as long as a segment.
     """
     if not lines:
         raise InputError(
@@ -240,7 +240,7 @@ def _by_scale(sums: Any) -> list[Row]:
     for low, high, (terms, water, rate, retrieved, real, imaginary) in zip(
         SCALES[:-1], SCALES[1:], sums.T, strict=True
     ):
-        # The spectrum of still water is rounding.
+        # The spectrum of still water consists of rounding errors.
         if terms < MIN_TERMS or water <= 1e-12 * retrieved:
             continue
         cross = complex(real, imaginary)

@@ -39,12 +39,12 @@ SPEEDS = (0.0, 0.1, 0.2, 0.3, np.inf)
 ALL = "all"
 COVERS, OVER, UNDER = "covers", "over-covers", "under-covers"
 FACTORS = np.geomspace(0.5, 2.0, 141)
-"""Factors by which fitted constants may be multiplied so that their ellipses cover."""
+"""Trial factors of fitted constants, of which the one with the best coverage is chosen."""
 
 PUBLISHED, RECOVERABILITY = "published", "recoverability"
 FITTED_FORM, FITTED, CENTRED = "fitted, published form", "fitted", "fitted, mean error taken out"
-"""Names of the constants: of section 5.5, of a given budget, and of this study: with three terms, with four, and with
-four to errors whose mean along the track was removed."""
+"""Names of the sets of constants: that of section 5.5, that of a given budget, and those of this study: with three
+terms, with four terms, and with four terms fitted to errors without their mean along the track."""
 
 RESOLVING = PRESETS[1]
 """Preset that determines the limits of the transfer function; it starts the lateral channels from zero."""
@@ -63,7 +63,7 @@ class UncertaintyModel:
 
 
 def ellipse_of(row: Row, errors: CurrentErrors) -> CurrentUncertainty:
-    """Compute the ellipse of one twin as a run does: from the estimates, not from the truth."""
+    """Compute the ellipse of one twin from the estimates alone, as in a run."""
     drift = Drift(
         np.array([row["estimate_north"], row["estimate_east"]]),
         np.array([row["track_north"], row["track_east"]]),
@@ -100,8 +100,8 @@ def as_current_error(row: Row) -> CurrentError:
 def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentErrors:
     """Fit constants by maximum likelihood, and multiply them by the factor whose ellipses cover these twins best.
 
-    The likelihood assumes normal errors about zero. Errors with a mean or with tails make its ellipses too narrow or
-    too wide; the shares inside at the chosen factor are nearest to the nominal ones, in binomial standard errors.
+    The likelihood assumes normal errors about zero. If errors have a mean or heavy tails, its ellipses are too narrow
+    or too wide. With the chosen factor, the shares inside are nearest to the nominal ones, in binomial standard errors.
     """
     fitted = fit_budget([as_current_error(row) for row in rows], names).settings
     ellipses = [ellipse_of(row, fitted) for row in rows]
@@ -117,7 +117,7 @@ def fitted_to_cover(rows: Sequence[Row], names: Sequence[str]) -> CurrentErrors:
 
 
 def track_offset(rows: Sequence[Row]) -> tuple[float, float]:
-    """Mean error of the current along and across the track, m/s; NaN of no twins."""
+    """Mean error of the current along and across the track, m/s; NaN without twins."""
     if not rows:
         return float("nan"), float("nan")
     turned = [(error_of(row) @ unit, error_of(row) @ _starboard(unit)) for row, unit in _tracks(rows)]
@@ -151,7 +151,7 @@ def along_the_current(rows: Sequence[Row]) -> list[Row]:
 
 
 def coverage_lines(model: UncertaintyModel) -> list[Row]:
-    """One line for all twins and one per bin of speed (`SPEEDS`) that has twins."""
+    """Coverage of a set of constants: one line for all twins, and one per bin of speed (`SPEEDS`) with twins."""
     distances = _distances(model.rows, model.settings)
     areas = np.array([ellipse_of(row, model.settings).area for row in model.rows])
     errors = np.array([float(np.linalg.norm(error_of(row))) for row in model.rows])
@@ -173,9 +173,9 @@ def _speed_bins(speeds: Array) -> list[tuple[str, Mask]]:
 
 
 def verdict(shares: dict[int, float], twins: int) -> str:
-    """Judge whether shares inside (by sigma) agree with the nominal ones within two binomial standard errors.
+    """Compare shares inside (by sigma) with the nominal ones, within two binomial standard errors.
 
-    One ellipse too wide or too narrow suffices to fail.
+    The constants fail if a single ellipse is too wide or too narrow.
     """
     excess = _excess(shares, twins).values()
     if max(excess) > _MAX_EXCESS:
@@ -215,7 +215,7 @@ def _excess(shares: dict[int, float], twins: int) -> dict[int, float]:
 
 
 def _tracks(rows: Sequence[Row]) -> list[tuple[Row, Array]]:
-    """Twins with the directions ``(2,)`` of their tracks."""
+    """Return the twins with the directions ``(2,)`` of their tracks."""
     tracks = [np.array([row["track_north"], row["track_east"]]) for row in rows]
     return [(row, track / np.linalg.norm(track)) for row, track in zip(rows, tracks, strict=True)]
 
@@ -243,17 +243,17 @@ class CurrentsResults:
     bias : (float, float)
         Mean error along and across the track, m/s.
     lagless_bias : (float, float)
-        The same for the twins whose actuators do not lag.
+        Mean error along and across the track of the twins whose actuators do not lag, m/s.
     motion_bias : float
         Mean error of the modelled motion through the water along the track, m/s.
     summary, transfer : list of dict
-        Medians; gain, phase and coherence by vertical scale.
+        Medians over the twins; gain, phase and coherence by vertical scale.
     band : Passband
         Limits by formula, at the twins' median vertical speed.
     seen : dict of str to (float, float)
         Vertical scales resolved by each preset in the strongest broadband water, m.
     noise : dict of str to float
-        Lateral current that noise alone produces with each preset, rms, m/s.
+        Lateral current due to noise alone with each preset, rms, m/s.
     """
 
     averaged: list[Row]
@@ -273,15 +273,15 @@ class CurrentsResults:
 
 
 def currents_results(plan: TwinPlan[CurrentsSize], rows: Sequence[Row], budget: Budget | None) -> CurrentsResults:
-    """Count coverage and compute transfer functions.
+    """Compute coverage and transfer functions.
 
-    The constants of this study are fitted to the twins of odd seeds and tested on those of even seeds; the published
-    ones and the given budget's are tested on all.
+    The constants of this study are fitted to the twins of odd seeds and tested on those of even seeds. The published
+    constants and those of the given budget are tested on all twins.
 
     Raises
     ------
     InputError
-        Too many twins were refused to fit or to test constants.
+        So many twins were refused that constants cannot be fitted or tested.
     """
     known = [row for row in rows if "refused" not in row]
     averaged, resolved = (select(known, kind=kind) for kind in (AVERAGED, RESOLVED))
@@ -309,7 +309,7 @@ def currents_results(plan: TwinPlan[CurrentsSize], rows: Sequence[Row], budget: 
 
 
 def strongest(transfer: Sequence[Row], preset: str) -> list[Row]:
-    """Lines of the strongest broadband water."""
+    """Lines of a preset in the strongest broadband water."""
     factor = WORLDS[GUSTS][0][-1]
     return select(transfer, preset=preset, world=GUSTS, factor=factor)
 

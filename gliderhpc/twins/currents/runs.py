@@ -46,12 +46,12 @@ _OFFSETS = ("roll_offset", "pitch_offset", "heading_offset")
 
 @dataclass(frozen=True)
 class Spreads:
-    """Spread of a twin about what the estimator assumes of it; the coverage depends on it.
+    """Spread of the twins' properties about those that the estimator assumes; the coverage depends on it.
 
     Attributes
     ----------
     coefficients : float
-        Every viscous and added-mass coefficient is uniform within this share, independently.
+        Relative range within which every viscous and added-mass coefficient is drawn, uniformly and independently.
     roll_offset, pitch_offset, heading_offset : float
         Standard deviations of constant errors of the attitude sensor, degree.
     neutral_volume : float
@@ -84,9 +84,9 @@ class CurrentsSize(TwinSize):
     water_depth : float
         Depth of the twins in shear and gusts, m.
     water_seeds : int
-        Twins per water, strength and preset.
+        Number of twins per water, strength and preset.
     lagless_seeds : int
-        Drawn twins that are also flown with actuators that do not lag.
+        Number of drawn twins that are also flown with actuators that do not lag.
     spreads : Spreads
         Spread of hull, sensors and trim.
     """
@@ -168,9 +168,9 @@ def _water(dive: Scenario, world: str, factor: float) -> Scenario:
 def drawn_case(
     platform: Platform, scenario: Scenario, spreads: Spreads, settings: EstimationSettings, seed: int
 ) -> TwinCase:
-    """Draw a twin of a scenario: hull and sensors are in error, and the estimator assumes the platform file.
+    """Draw a twin of a scenario whose hull and sensors have errors, while the estimator assumes the platform file.
 
-    The course is uniform; current, shear, gusts and the fixes' errors are drawn from the seed by the simulator.
+    The course is drawn uniformly. The simulator draws current, shear, gusts and errors of the fixes from the seed.
     """
     rng = np.random.default_rng([seed, _DRAWS_STREAM])
     offsets = {name: float(rng.normal(0.0, getattr(spreads, name))) for name in _OFFSETS}

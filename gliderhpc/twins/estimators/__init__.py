@@ -1,7 +1,7 @@
-"""``twin estimators``: filter, smoother, heavy-tailed smoother and adjoint on the same records, and which for what.
+"""``twin estimators``: filter, smoother, heavy-tailed smoother and adjoint on the same records, and their best uses.
 
-Every twin is simulated once for all estimators; each estimate is compared with the truth channel by channel, with the
-intervals where there are any.
+Every twin is simulated once for all estimators. Each estimate is compared with the truth channel by channel, including
+the coverage of intervals if the estimator gives any.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,10 +36,10 @@ FULL = EstimatorsSize(depth=200.0, intervals=(2.0, 4.0, 10.0, 20.0), seeds=40, c
 QUICK = EstimatorsSize(depth=50.0, intervals=(4.0, 20.0), seeds=4, case_seeds=2)
 
 NEGLIGIBLE_EXCESS = 0.05
-"""Relative excess over the best median that does not matter for the choice of an estimator."""
+"""Relative excess over the best median that is negligible for the choice of an estimator."""
 
 PAPER_YAW_ERROR = 0.15
-"""The paper's yaw error with windows of 30 s, N m (section 5.1.2)."""
+"""Yaw error of the paper with windows of 30 s, N m (section 5.1.2)."""
 
 
 def conclude(plan: TwinPlan[EstimatorsSize], rows: list[Row]) -> Findings:
@@ -65,7 +65,7 @@ STUDY = TwinStudy(NAME, FULL, QUICK, estimator_runs, conclude, job=run_rows)
 
 
 def compare_estimators(summary: Sequence[Row], kind: str) -> list[Comparison]:
-    """List every estimator's RMSE on one kind of twin; the paper has a figure for its own yaw moment."""
+    """List every estimator's RMSE on one kind of twin; the paper gives a value only for its own yaw moment."""
     rows = []
     for channel in ("B_cr", "B_cu", "B_cw", "B_cq"):
         for estimator in ESTIMATORS:
@@ -97,7 +97,7 @@ class Purpose:
 
 
 def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
-    """Every purpose; the longest of the sample intervals (s) represents slow records."""
+    """Return every purpose; the longest of the sample intervals (s) represents slow records."""
     longest = max(intervals)
     return (
         Purpose("slow forces and moments in calm water", CALM, "overall", "prior deviations"),
@@ -116,14 +116,14 @@ def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
 def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
     """Find the estimator with the smallest median for a purpose, and those not distinguishable from it.
 
-    An estimator is not distinguishable where its median lies within `NEGLIGIBLE_EXCESS` of the best one's, or where it
-    is at least as good in a quarter of the twins.
+    An estimator is not distinguishable if its median lies within `NEGLIGIBLE_EXCESS` of the best one's, or if it is at
+    least as good in a quarter of the twins.
 
     Returns
     -------
     dict
         ``name``, ``kind``, ``score``, ``unit``, ``best``, ``as_good`` (names), ``medians`` (by name) and ``twins``;
-        ``best`` is None where no twin has a score of every estimator.
+        ``best`` is None if no twin has a score for every estimator.
     """
     table = paired(rows, purpose.kind, purpose.score)
     found: Row = {**vars(purpose), "twins": len(table), "best": None, "as_good": [], "medians": {}}
@@ -145,7 +145,7 @@ def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
 
 
 def describe_tally(found: Sequence[Row]) -> str:
-    """Describe for how many purposes each estimator is the best or not distinguishable from it."""
+    """Describe the number of purposes for which each estimator is the best or not distinguishable from it."""
     decided = [line for line in found if line["best"] is not None]
     counts = {name: sum(name in (line["best"], *line["as_good"]) for line in decided) for name in LABELS}
     ranked = sorted(counts.items(), key=itemgetter(1), reverse=True)
@@ -172,7 +172,7 @@ def describe_recommendation(found: Row) -> str:
 
 
 def describe_intervals(summary: Sequence[Row]) -> Iterator[str]:
-    """Describe the coverage of the intervals: impulsive twins, inside and outside the events, and for wrong hulls."""
+    """Describe the coverage of the intervals on impulsive twins, inside and outside the events, and for wrong hulls."""
     for estimator in (SMOOTHER, HEAVY_TAILED):
         line = first(summary, kind=IMPULSIVE, arm=estimator.name)
         if "coverage_68_inside" not in line:

@@ -1,4 +1,4 @@
-"""The estimators that are compared, one entry each, and the estimate of a twin by each of them."""
+"""Estimators that are compared, one entry each, and their estimates of a twin."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from gliderhpc.twins.inversion import TwinInversion, invert_twin
 Array = NDArray[np.float64]
 
 DEGREES_OF_FREEDOM = 4.0
-"""Of the heavy-tailed smoother's yaw noise (Student-t)."""
+"""Degrees of freedom of the heavy-tailed smoother's yaw noise (Student's t)."""
 
 _TRACK = slice(3, 5)
 
@@ -31,9 +31,9 @@ class EstimatorResult:
     Attributes
     ----------
     disturbances : (n, 6) array
-        N and N m.
+        Estimated disturbances, N and N m.
     displacement : (2,) array
-        North and east through the water over the profile, m.
+        Displacement through the water over the profile, north and east, m.
     seconds : float
         Computing time from the record on the steps to the estimate, s.
     rounds : float
@@ -41,13 +41,13 @@ class EstimatorResult:
     converged : float
         Share of the windows, or of the dive, that converged; NaN for the filter.
     outcome : str
-        The worst of them.
+        Worst outcome of the windows, or outcome of the dive; empty for the filter.
     deviations : (n, 6) array, optional
-        Standard deviations of the disturbances; None where the estimator gives none.
+        Standard deviations of the disturbances; None if the estimator gives none.
     displacement_covariance : (2, 2) array, optional
-        m2; None likewise.
+        Covariance of the displacement, m2; None if the estimator gives none.
     source : (n,) array, optional
-        Number of the window whose solution is selected at each step; None where there are no windows.
+        Number of the window whose solution is selected at each step; None if there are no windows.
     """
 
     disturbances: Array
@@ -62,14 +62,14 @@ class EstimatorResult:
 
 
 class TwinCache:
-    """One twin and its usual inversion, which is computed when the first estimator needs it."""
+    """One twin and its usual inversion, which is computed on first use."""
 
     def __init__(self, case: TwinCase) -> None:
         self.case = case
 
     @cached_property
     def usual(self) -> TwinInversion:
-        """Inversion by the case's own settings but for the start: filter, and adjoint started from it."""
+        """Inversion with the case's settings, except that the adjoint always starts from the filter."""
         return self.invert(start="prior")
 
     @property
@@ -78,11 +78,11 @@ class TwinCache:
         return self.usual.estimate.seconds - self.usual.estimate.solution.seconds
 
     def invert(self, **changes: Any) -> TwinInversion:
-        """Invert by changed settings."""
+        """Invert the twin with changed settings."""
         return invert_twin(replace(self.case, settings=self.settings(**changes)))
 
     def settings(self, **changes: Any) -> EstimationSettings:
-        """Return the case's settings with some replaced, validated."""
+        """Return the case's settings with some replaced, after validation."""
         return EstimationSettings.model_validate({**self.case.settings.model_dump(), **changes})
 
 

@@ -36,7 +36,7 @@ _COLOURS = {estimator.name: colour for estimator, colour in zip(ESTIMATORS, COLO
 
 
 def page_text(content: Content, figure: str) -> str:
-    """Render the page; `figure` is the path of the figure from it."""
+    """Render the page; `figure` is the path of the figure relative to it."""
     summary = content["summary"]
     kinds = dict.fromkeys(line["kind"] for line in summary)
     return _render(
@@ -51,14 +51,14 @@ def page_text(content: Content, figure: str) -> str:
 
 
 def claim(content: Content) -> str:
-    """Render the accuracy on the impulsive twins, which the README quotes too."""
+    """Render the accuracy on the impulsive twins, which is also quoted in the README."""
     return _render("claim.md", content).rstrip()
 
 
 def _render(template: str, content: Content, **values: Any) -> str:
     environment = Environment(
         loader=PackageLoader("gliderhpc.twins.estimators"),
-        # Markdown, not HTML: what is inserted comes from the study's own JSON.
+        # The output is Markdown rather than HTML, and inserted values come from the study's own JSON.
         autoescape=False,
         trim_blocks=True,
         undefined=StrictUndefined,
@@ -77,14 +77,14 @@ def _fill(text: str) -> str:
 
 
 def _command(content: Content) -> str:
-    """Command that makes the same study, with its size where that is not the full one."""
+    """Command that reproduces the study, with its size if that is not the full one."""
     size, seeds = content["size"], len(content["seeds"])
     quick = " --quick" if content["quick"] else ""
     return f"`gliderhpc twin estimators{quick}" + ("`" if seeds == size["seeds"] else f" --seeds {seeds}`")
 
 
 def accuracy_table(lines: Sequence[Row]) -> str:
-    """RMSE, yaw correlation and coverage, and computing time, a line per estimator."""
+    """RMSE, yaw correlation and coverage, and computing time, one line per estimator."""
     headings = (
         "estimator",
         "surge, N",
@@ -109,7 +109,7 @@ def accuracy_table(lines: Sequence[Row]) -> str:
 
 
 def error_table(lines: Sequence[Row]) -> str:
-    """RMSE and correlation of one kind of twin, a line per estimator, the truth's root mean square first."""
+    """RMSE and correlation for one kind of twin, one line per estimator, after the truth's root mean square."""
     correlations = [f"corr. {name}" for name in LONGITUDINAL_AND_YAW]
     truth = [
         "*truth, RMS*",
@@ -132,7 +132,7 @@ def error_table(lines: Sequence[Row]) -> str:
 
 
 def interval_table(summary: Iterable[Row]) -> str:
-    """Coverage and width of every channel, a line per kind of twin and estimator that has intervals."""
+    """Coverage and width of every channel, one line per kind of twin and estimator with intervals."""
     rows = [
         [
             line["kind"],
@@ -146,7 +146,7 @@ def interval_table(summary: Iterable[Row]) -> str:
 
 
 def impulse_table(lines: Iterable[Row]) -> str:
-    """Height, time, and error and coverage inside and outside the events."""
+    """Height and time of impulses, and error and coverage inside and outside the events."""
     rows = [
         [
             LABELS[line["arm"]],
@@ -169,7 +169,7 @@ def impulse_table(lines: Iterable[Row]) -> str:
 
 
 def offset_table(lines: Iterable[Row]) -> str:
-    """Offset and width of every channel."""
+    """Offset and interval width of every channel."""
     rows = [
         [
             LABELS[line["arm"]],
@@ -181,7 +181,7 @@ def offset_table(lines: Iterable[Row]) -> str:
 
 
 def cost_table(lines: Iterable[Row], kind: str) -> str:
-    """Seams, displacement and cost of one kind of twin."""
+    """Seams, displacement and cost for one kind of twin."""
     headings = (
         kind,
         "seam ratio",
@@ -240,7 +240,7 @@ def draw_estimators(summary: Sequence[Row], interval: float, intervals: Sequence
 
 
 def _draw_errors(axes: Axes, summary: Sequence[Row], channel: str) -> None:
-    """RMSE with quartiles by kind of twin; the truth's own root mean square as a dash."""
+    """RMSE with quartiles by kind of twin, and the truth's root mean square as a dash."""
     width = 0.8 / len(ESTIMATORS)
     for index, estimator in enumerate(ESTIMATORS):
         lines = [first(summary, kind=kind, arm=estimator.name) for kind in _KINDS]
@@ -290,7 +290,7 @@ def _draw_coverage(axes: Axes, summary: Sequence[Row]) -> None:
 
 
 def _draw_offsets(axes: Axes, summary: Sequence[Row]) -> None:
-    """Offset that wrong coefficients cause, with the mean standard deviation."""
+    """Offset due to wrong coefficients, with the mean standard deviation."""
     width = 0.8 / len(ESTIMATORS)
     for index, estimator in enumerate(ESTIMATORS):
         line = first(summary, kind=COEFFICIENTS, arm=estimator.name)

@@ -51,7 +51,7 @@ COEFFICIENTS = "coefficients within 15%"
 PRIOR = "drawn from the prior"
 
 EVENT_WIDTHS = 3.0
-"""Widths of an impulse on either side of its peak that count as inside the event."""
+"""Largest distance from the peak of an impulse that is inside the event, in widths of the impulse."""
 
 _COEFFICIENT_STREAM = 4_000
 _LABELS = ("kind", "arm", "seed", "outcome", "refused")
@@ -59,7 +59,7 @@ _LABELS = ("kind", "arm", "seed", "outcome", "refused")
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorsSize(TwinSize):
-    """Size of the study; `seeds` are the twins drawn from the prior.
+    """Size of the study; `seeds` is the number of twins drawn from the prior.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class EstimatorsSize(TwinSize):
     intervals : tuple of float
         Sample intervals of the slow records, s.
     case_seeds : int
-        Twins of every other kind.
+        Number of twins of every other kind.
     """
 
     depth: float
@@ -88,7 +88,7 @@ def estimator_runs(plan: TwinPlan[EstimatorsSize]) -> list[TwinRun]:
 
 
 def usual_cases(platform: Platform, size: EstimatorsSize, seed: int) -> dict[str, TwinCase]:
-    """Twins of a seed by kind, except that drawn from the prior."""
+    """Twins of a seed by kind, except the one drawn from the prior."""
     impulsive = world(size.depth)
     calm = without_impulses(impulsive)
     harsh = load_scenario("harsh").replaced({"profiles": 1, "depth": size.depth, "depth_spread": 0.0})
@@ -113,12 +113,12 @@ def usual_cases(platform: Platform, size: EstimatorsSize, seed: int) -> dict[str
 
 
 def prior_case(platform: Platform, depth: float, seed: int) -> TwinCase:
-    """Twin of the disturbances and the sensors that filter and smoother assume."""
+    """Twin with the disturbances and sensors that filter and smoother assume."""
     return _case(platform, with_white_errors(world(depth, disturbances=drawn_from(default_prior(platform)))), seed)
 
 
 def interval_name(interval: float) -> str:
-    """Kind of the calm twin with a sample interval, s."""
+    """Name of the calm twins with a given sample interval, s."""
     return f"calm, {interval:g} s"
 
 
@@ -132,7 +132,7 @@ def run_rows(run: TwinRun) -> list[Row]:
 
 
 def estimator_rows(case: TwinCase, estimators: Sequence[Estimator] = ESTIMATORS) -> list[Row]:
-    """Apply estimators to one twin: a row each, or a row with the reason where the record is refused."""
+    """Apply estimators to one twin: one row each, which gives the reason if the record is refused."""
     twin = TwinCache(case)
     return [{"seed": case.seed, "arm": estimator.name} | _row(twin, estimator) for estimator in estimators]
 
@@ -151,21 +151,21 @@ def result_scores(twin: TwinInversion, result: EstimatorResult, scale: Array) ->
     Parameters
     ----------
     twin, result : TwinInversion, EstimatorResult
-        The truth, and the estimate that is compared with it.
+        Truth, and estimate that is compared with it.
     scale : (6,) array
         Units of the overall error, N and N m.
 
     Returns
     -------
     dict
-        A channel: ``rmse_B_cu`` ..., ``truth_...`` (root mean square of the truth), ``correlation_...``, ``bias_...``
-        (mean error), ``bias_dive_...``, ``bias_climb_...``, and where there are intervals ``width_...`` (mean standard
-        deviation), ``coverage_68_...``, ``coverage_95_...``; all together: ``overall``, the
-        root mean square of the six RMSE, each over its scale. Yaw: ``rmse_inside``, ``rmse_outside`` of the events,
-        ``coverage_68_inside`` ...; ``impulses`` (isolated ones), ``impulse_gain`` (identified over true height),
-        ``impulse_gain_error``, ``impulse_delay`` and ``impulse_delay_size`` (s), medians; ``seam_ratio`` at the
-        boundaries of the adjoint's windows. ``displacement_error`` (m) and ``displacement_deviations`` (over its
-        standard deviation, two components); ``seconds``, ``rounds``, ``converged``, ``outcome``.
+        By channel: ``rmse_B_cu`` ..., ``truth_...`` (root mean square of the truth), ``correlation_...``, ``bias_...``
+        (mean error), ``bias_dive_...``, ``bias_climb_...``, and, if the estimate has intervals, ``width_...`` (mean
+        standard deviation), ``coverage_68_...``, ``coverage_95_...``. For all channels: ``overall``, the root mean
+        square of the six RMSE, each over its scale. For yaw: ``rmse_inside`` and ``rmse_outside`` the events,
+        ``coverage_68_inside`` ...; ``impulses`` (number of isolated ones), and the medians ``impulse_gain`` (identified
+        over true height), ``impulse_gain_error``, ``impulse_delay`` and ``impulse_delay_size`` (s); ``seam_ratio`` at
+        the boundaries of the adjoint's windows. Others: ``displacement_error`` (m) and ``displacement_deviations``
+        (over its standard deviation, two components); ``seconds``, ``rounds``, ``converged``, ``outcome``.
     """
     return {
         **_channel_scores(twin, result, scale),
@@ -213,7 +213,7 @@ def _event_scores(twin: TwinInversion, result: EstimatorResult) -> Row:
 
 
 def in_events(twin: TwinInversion) -> Mask:
-    """Steps ``(n,)`` within `EVENT_WIDTHS` widths of the peak of an impulse."""
+    """Mask ``(n,)`` of the steps within `EVENT_WIDTHS` widths of the peak of an impulse."""
     time = twin.estimate.series.time[:-1]
     inside = np.zeros(len(time), dtype=np.bool_)
     for impulse in twin.profile_truth.impulses:
@@ -246,7 +246,7 @@ def _displacement_scores(twin: TwinInversion, result: EstimatorResult) -> Row:
 
 
 def _seam_ratio(twin: TwinInversion, result: EstimatorResult) -> float:
-    """Seam ratio at the windows' boundaries, of an estimator without windows at those of the usual adjoint."""
+    """Seam ratio at the windows' boundaries; for an estimator without windows, at those of the usual adjoint."""
     source = twin.estimate.solution.source if result.source is None else result.source
     error = result.disturbances[:, YAW] - twin.truth[:, YAW]
     return seam_ratio(error, boundaries_of(source), twin.steady, twin.step)
@@ -258,10 +258,10 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     Returns
     -------
     list of dict
-        ``kind``, ``arm`` (name of the estimator), ``twins`` (that were estimated), ``refused``, ``outcomes`` (counts).
-        Every score of the rows: its median, and ``..._low`` and ``..._high``, the quartiles; for ``coverage_...`` and
-        ``converged`` the mean instead of the median, so that twins have equal weight. ``offset_B_cu`` ...: root mean
-        square of the mean error of every dive and every climb.
+        ``kind``, ``arm`` (name of the estimator), ``twins`` (number estimated), ``refused``, ``outcomes`` (counts). For
+        every score of the rows: its median, and the quartiles ``..._low`` and ``..._high``; for ``coverage_...`` and
+        ``converged`` the mean instead of the median, which gives twins equal weight. ``offset_B_cu`` ...: root mean
+        square of the mean errors of all dives and climbs.
     """
     table = tidy_table(rows)
     scores = [name for name in table.columns if name not in _LABELS]
@@ -284,7 +284,7 @@ def _summary(group: pd.DataFrame, scores: Sequence[str]) -> Row:
 
 
 def paired(rows: Sequence[Row], kind: str, score: str, estimators: Sequence[Estimator] = ESTIMATORS) -> pd.DataFrame:
-    """One score of a kind of twin, a row per seed and a column per estimator; only twins for which all have it."""
+    """One score of a kind of twin, one row per seed and one column per estimator; only twins for which all have it."""
     seeds = dict.fromkeys(row["seed"] for row in rows if row["kind"] == kind)
     table = pd.DataFrame(np.nan, index=list(seeds), columns=[estimator.name for estimator in estimators])
     for row in rows:

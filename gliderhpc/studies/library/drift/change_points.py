@@ -1,4 +1,4 @@
-"""Change points: steps, ramps and episodes of the axial force and the drag, on dives, climbs and both together."""
+"""Change points: steps, ramps and episodes of axial force and drag, on dives, on climbs and on both together."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,25 +27,25 @@ Mask = NDArray[np.bool_]
 
 TOGETHER = "together"
 PARTS = (*PHASES, TOGETHER)
-"""Parts of a dive that a series may be of: the dive, the climb, or both together."""
+"""Parts of a profile from which a series may be: the dive, the climb, or both together."""
 
 AXIAL = "B_cu"
 QUANTITIES = (AXIAL, DRAG)
 
 MIN_VALUES_SEARCHED = 4 * MIN_WINDOW
-"""Values that a series is searched with, at least."""
+"""Least number of values of a series that is searched."""
 
 SPIKE_DEVIATIONS = 4.0
-"""Robust deviations by which a single profile that differs from both neighbours is left out."""
+"""Robust standard deviations from its neighbours beyond which a single profile is left out."""
 
 PHASE_SHARE = 1.0 / 3.0
-"""Part of the larger change from which on a phase counts as changed."""
+"""Ratio to the larger change above which a phase is regarded as changed."""
 
 EARLY_STOP_SHARE = 0.2
-"""Share of the first null series at least as strong, from which on no more are drawn."""
+"""Share of the first null series that are at least as strong, above which no more are drawn."""
 
 _NULLS_PER_DRAW = 100
-"""Null series drawn at a time."""
+"""Number of null series drawn at a time."""
 
 SizeKey = tuple[str, str, str]
 """Quantity, part and estimate."""
@@ -61,7 +61,7 @@ class Size:
 
     @property
     def leaves_out_zero(self) -> bool:
-        """True where the interval lies on one side of zero."""
+        """Return whether the interval lies on one side of zero."""
         return self.low > 0.0 or self.high < 0.0
 
 
@@ -72,23 +72,23 @@ class Change:
     Attributes
     ----------
     kind, form : str
-        Of `change_shapes`.
+        Kind and form, as defined in `change_shapes`.
     phases : tuple of str
-        Those that changed.
+        Phases that changed.
     estimates : tuple of str
-        Estimates whose intervals leave zero out.
+        Estimates whose intervals exclude zero.
     first, last : int
-        Profiles changed, the first and the last; the record's last where it is not back.
+        First and last profile changed; without a return, `last` is the last of the record.
     back : int or None
-        The first profile that is back; None where none is.
+        First profile after the return; None if the change lasts.
     days : (float, float)
-        Of `first` and `last`, since the first observation.
+        Days of `first` and `last` since the first observation.
     back_day : float
-        Of `back`; NaN where none is.
+        Day of `back`; NaN if the change lasts.
     p : float
-        Probability of a gain as large by chance, all series and positions counted.
+        Probability of a gain as large by chance, over all series and positions.
     mean : float
-        Mean of the change over its profiles, in parts of the largest.
+        Mean of the change over its profiles, as a fraction of the largest change.
     sizes : dict
         Largest change (N or kg/m) by quantity, part and estimate.
     """
@@ -107,9 +107,9 @@ class Change:
     sizes: dict[SizeKey, Size]
 
     def size(self, quantity: str, part: str) -> Size:
-        """Largest change of a quantity: the first primary estimate's, within what all of them leave open.
+        """Largest change of a quantity by the first primary estimate, with an interval that spans those of all.
 
-        That is the adjoint's, the method of record for disturbances, where it is there.
+        The first is the adjoint's, the method of record for disturbances, if available.
         """
         every = [self.sizes.get((quantity, part, estimate)) for estimate in PRIMARY]
         own = [size for size in every if size is not None and np.isfinite(size.value)]
@@ -118,7 +118,7 @@ class Change:
         return Size(own[0].value, min(one.low for one in own), max(one.high for one in own))
 
     def holds(self, numbers: Array) -> Mask:
-        """Profiles of the change, by number."""
+        """Mask of the profile numbers that belong to the change."""
         return np.asarray((numbers >= self.first) & (numbers <= self.last), dtype=np.bool_)
 
 
@@ -129,10 +129,10 @@ class Changes:
     Attributes
     ----------
     found : tuple of Change
-        In the order of their days.
+        Changes in order of their days.
     p : float
-        Probability of chance of the strongest that does not count; NaN where too few profiles could be searched, or as
-        many changes count as are looked for.
+        Probability of chance of the strongest change that is not significant; NaN if too few profiles could be
+        searched, or if the search ended at the largest number of changes.
     """
 
     found: tuple[Change, ...] = ()
@@ -140,29 +140,32 @@ class Changes:
 
     @property
     def episodes(self) -> tuple[Change, ...]:
-        """Changes that are over."""
+        """Changes that have ended."""
         return tuple(one for one in self.found if one.kind == EPISODE)
 
     def outside(self, numbers: Array) -> Mask:
-        """Profiles outside every episode, by number."""
+        """Mask of the profile numbers outside every episode."""
         inside = [one.holds(numbers) for one in self.episodes]
         return ~np.any(inside, axis=0) if inside else np.ones(len(numbers), dtype=np.bool_)
 
     @property
     def leave_a_line(self) -> bool:
-        """True where a line may still describe the series outside the episodes: no step and no ramp was found."""
+        """Return whether a line may still describe the series outside the episodes: no step and no ramp was found."""
         return len(self.episodes) == len(self.found)
 
     @property
     def leave_an_onset(self) -> bool:
-        """True where a level that turns into a line may: apart from episodes there is at most a ramp that goes on."""
+        """Return whether a level that turns into a line may describe the series outside the episodes.
+
+        This is the case if there is no other change, or only one ramp that continues to the end of the record.
+        """
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
 
 
 @dataclass(eq=False)
 class _Series:
-    """A series of the mission, and the shapes found in it."""
+    """A series of the mission, with the mask of the values used."""
 
     key: SizeKey
     days: Array
@@ -172,7 +175,7 @@ class _Series:
 
 @dataclass(frozen=True, eq=False)
 class _FoundShape:
-    """A shape that counts: its probability of chance, and the index of the series that it was found in."""
+    """A significant shape, its probability of chance, and the index of the series in which it was found."""
 
     shape: Shape
     p: float
@@ -185,21 +188,21 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile, all of them.
+        Table of medians, one row for every profile.
     reference : float
         K_D0 of the hull, kg/m.
     settings : ChangeSettings
         Level, draws, smallest change.
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
 
     Notes
     -----
-    All windows of all series are one hypothesis: the largest gain is compared with the largest of null series, built
-    of moving blocks of the independent errors that line and window leave, drawn at the same places in all series,
-    and coloured with the noise that the line alone would need. A change that counts is fitted and joins the line, until
-    the next one does not count. One that is smaller than those that are named joins it too. Episodes that overlap
-    are one, whose course is that of both together.
+    All windows of all series are one hypothesis. The largest gain is compared with the largest gain of null series.
+    These are built from moving blocks of the independent residuals from line and window, drawn at the same places in
+    all series, and coloured with the noise model of the line alone. A significant change is fitted and added to the
+    line. The search ends when the next change is not significant. Significant changes below the smallest size are also
+    added to the line, but not reported. Overlapping episodes are combined into one, whose course is the sum of both.
     """
     series = [one for one in mission_series(table) if one.known.sum() >= MIN_VALUES_SEARCHED]
     found: list[_FoundShape] = []
@@ -218,7 +221,7 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
 
 
 def mission_series(table: pd.DataFrame) -> list[_Series]:
-    """Return the series to search: both quantities of both primary estimates, on dives, climbs and together."""
+    """Return the series to search: both quantities, by both primary estimates, on dives, climbs and both together."""
     days = days_of(table)
     return [
         _Series(key, days, values, np.isfinite(values) & ~spikes(values))
@@ -229,7 +232,7 @@ def mission_series(table: pd.DataFrame) -> list[_Series]:
 
 
 def spikes(values: Array) -> Mask:
-    """Single values ``(n,)`` that lie far from both neighbours, by the scatter of the differences of neighbours."""
+    """Mask ``(n,)`` of single values far from both neighbours, relative to the scatter of neighbours' differences."""
     known = np.flatnonzero(np.isfinite(values))
     found = np.zeros(len(values), dtype=np.bool_)
     if len(known) < MIN_VALUES_SEARCHED:
@@ -252,7 +255,7 @@ def _of_estimate(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, 
 
 
 def _searches(series: Sequence[_Series], shapes: Sequence[Shape]) -> list[WindowSearch]:
-    """Return the search of each series about the shapes found; series known on the same profiles share one."""
+    """Return the search of each series with the shapes found so far; series with the same profiles share a search."""
     made: dict[bytes, WindowSearch] = {}
     for one in series:
         mask = one.known.tobytes()
@@ -265,7 +268,7 @@ def _searches(series: Sequence[_Series], shapes: Sequence[Shape]) -> list[Window
 def _strongest(
     series: Sequence[_Series], searches: Sequence[WindowSearch], settings: ChangeSettings, rng: np.random.Generator
 ) -> tuple[float, int, Strongest]:
-    """Probability of chance of the strongest window of all series, which series that is, and the window."""
+    """Find the strongest window of all series; returns its probability of chance, the series' index and the window."""
     found = [search.strongest(one.values[one.known]) for one, search in zip(series, searches, strict=True)]
     gains = np.array([one.gain for one in found])
     errors = [_errors(*of, rng) for of in zip(series, searches, found, strict=True)]
@@ -282,7 +285,7 @@ def _strongest(
 
 
 def _errors(one: _Series, search: WindowSearch, best: Strongest, rng: np.random.Generator) -> Array:
-    """Independent errors of a series along the whole mission; a missing one is drawn among the others."""
+    """Independent errors of a series along the whole mission; missing ones are drawn from the others."""
     own = search.innovations(one.values[one.known], best)
     row = rng.choice(own, len(one.known))
     row[one.known] = own
@@ -290,7 +293,7 @@ def _errors(one: _Series, search: WindowSearch, best: Strongest, rng: np.random.
 
 
 def _shape(lead: _Series, search: WindowSearch, window: Strongest) -> Shape:
-    """Fit the shape of a window in the series that leads, at all profiles of the mission."""
+    """Fit the shape of a window in the leading series, and interpolate it to all profiles of the mission."""
     values, known = lead.values[lead.known], np.flatnonzero(lead.known)
     baseline = WeightedBaseline(window.noise, search.positions, search.baseline)
     shape = fitted_shape(search.days, values, (window.first, window.stop), baseline)
@@ -319,9 +322,10 @@ def _overlap(one: Shape, other: Shape) -> bool:
 
 
 def _joined(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
-    """One episode of two, fitted in the series that shows what the first one leaves.
+    """Combine two episodes into one, fitted in the series in which the second was found.
 
-    Where that is of another phase, the larger of the two changes decides: the other is what it shows of itself there.
+    If the two were found in different phases, the one with the larger change of drag determines the series, because the
+    other may be its trace in the other phase.
     """
     parts = {series[found.lead].key[1] for found in (one, other)} - {TOGETHER}
     if len(parts) > 1:
@@ -339,13 +343,13 @@ def _joined(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, oth
 
 
 def _drags(series: Sequence[_Series], found: Sequence[_FoundShape], place: int) -> list[float]:
-    """Largest changes of the drag, by estimate and part, without their signs."""
+    """Magnitudes of the largest changes of drag, by estimate and part."""
     sizes = _sizes(series, found, place)
     return [0.0, *(abs(size.value) for key, size in sizes.items() if key[0] == DRAG and np.isfinite(size.value))]
 
 
 def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_FoundShape], place: int) -> Change:
-    """Size a change in all series, the others fitted together with it."""
+    """Determine the size of a change in all series, in a joint fit with the other changes."""
     shape, p, sizes = found[place].shape, found[place].p, _sizes(series, found, place)
     numbers, days = values_of(table, "profile"), days_of(table)
     over = shape.stop < len(numbers)
@@ -381,7 +385,7 @@ def _size(one: _Series, search: WindowSearch, shape: Shape) -> Size:
 
 
 def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Phases that changed, by the drag or else by the axial force, and the estimates that show it."""
+    """Phases that changed according to the drag, or else to the axial force, and the estimates that show the change."""
     estimates = [name for name in PRIMARY if any(key[2] == name for key in sizes)]
     for quantity in (DRAG, AXIAL):
         own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
@@ -394,5 +398,5 @@ def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ..
 
 
 def _relative(change: Change, reference: float) -> float:
-    """Largest change of drag on the phases that changed, in parts of the hull's."""
+    """Largest change of drag in the phases that changed, relative to the hull's K_D0."""
     return float(np.nanmax([0.0, *(abs(change.size(DRAG, phase).value) for phase in change.phases)])) / reference

@@ -28,10 +28,10 @@ FORMS = {
 _KINDS = {"lasts": STEP, "continues": RAMP, "levels off": RAMP}
 
 _PEAKS, _PLACES, _REACH = 8, 6, 4
-"""Places of a peak tried in an episode; places tried either side of an edge, within this part of the length."""
+"""Number of trial peaks in an episode; number of trial edges on each side, within 1 / `_REACH` of its length."""
 
 _HALF, _EDGE = 0.5, 0.2
-"""Parts of the largest change: an end with less than the one is gradual, with less than the other no part of it."""
+"""Fractions of the largest change: an end below the first is gradual, values below the second are not included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +41,12 @@ class Shape:
     Attributes
     ----------
     form : str
-        Of `FORMS`.
+        Key of `FORMS`.
     first, stop : int
-        First value changed, and the first one that is back; the number of values where none is.
+        Index of the first value changed, and of the first value after the return; without a return, the number of
+        values.
     unit : (n,)
-        The change at every value, 1 where it is largest.
+        Change at every value, with a largest value of 1.
     """
 
     form: str
@@ -60,13 +61,13 @@ class Shape:
 
     @property
     def mean(self) -> float:
-        """Mean over the values changed, in parts of the largest."""
+        """Mean over the values changed, as a fraction of the largest."""
         return float(self.unit[self.first : self.stop].mean())
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """Columns of a shape, with the number of edges and coefficients that it takes."""
+    """Columns of a shape, with its number of edges and coefficients."""
 
     form: str
     first: int
@@ -76,21 +77,21 @@ class _Candidate:
 
 
 def fitted_shape(days: Array, values: Array, window: tuple[int, int], baseline: WeightedBaseline) -> Shape:
-    """Fit the shape of the change that a search found a window of.
+    """Fit the shape of a change whose window was found by the search.
 
     Parameters
     ----------
     days, values : (n,)
         The series.
     window : (int, int)
-        First value and stop.
+        Indices of the first value and of the first value after the window.
     baseline : WeightedBaseline
-        Columns of every fit, and the noise.
+        Columns included in every fit, and the noise.
 
     Notes
     -----
-    Weighted least squares over all shapes with edges near those of the window, coarsely and then value by value; each
-    coefficient and each edge costs the logarithm of the number of values.
+    All shapes with edges near those of the window are fitted by weighted least squares, first coarsely and then value
+    by value. The penalty of each coefficient and each edge is the logarithm of the number of values.
     """
     first, stop = window
     step = max(1, (stop - first) // (_REACH * _PLACES))
@@ -104,16 +105,16 @@ def fitted_shape(days: Array, values: Array, window: tuple[int, int], baseline: 
 def joined_shape(
     one: Shape, other: Shape, known: NDArray[np.bool_], values: Array, baseline: WeightedBaseline
 ) -> Shape:
-    """Fit one episode whose course is that of two together.
+    """Fit one episode whose course is a combination of two.
 
     Parameters
     ----------
     one, other : Shape
-        Episodes that overlap, over n profiles.
+        Overlapping episodes, over n profiles.
     known : (n,)
-        Where the series has values.
+        Mask of the profiles with values.
     values : (m,)
-        These.
+        Values of the series.
     baseline : WeightedBaseline
         Further columns of the fit, and the noise.
     """
@@ -192,7 +193,7 @@ def _unit_shape(one: _Candidate, values: Array, baseline: WeightedBaseline) -> S
 
 
 def _unit(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:
-    """Course of columns (n, p) fitted to a series, 1 where it is largest."""
+    """Course of columns (n, p) fitted to a series, with a largest value of 1."""
     course = columns @ _fitted(columns, values, baseline)
     largest = float(course[np.argmax(np.abs(course))])
     return np.asarray(course / largest if largest else columns[:, 0])
@@ -204,7 +205,7 @@ def _fitted(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:
 
 
 def _form_of(start: float, end: float) -> str:
-    """Name the course of an episode by its ends, in parts of the largest change: gradual where less than half of it."""
+    """Return an episode's form from its ends, as fractions of the largest change; an end below half is gradual."""
     if start < _HALF:
         return "peaks" if end < _HALF else "grows"
     return "decays" if end < _HALF else "stays"

@@ -35,18 +35,18 @@ _NEARLY = 0.95
 
 
 def stored_changes(changes: Changes) -> dict[str, Any]:
-    """Variables of the group, an entry a change; empty where there is none."""
+    """Variables of the group, with one entry for each change; empty if there are none."""
     rows = [_row(one) for one in changes.found]
     return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
 def read_changes(archive: Archive) -> Changes:
-    """Read the change points that an archive's group keeps.
+    """Read the change points stored in an archive's group.
 
     Raises
     ------
     InputError
-        The study was left by a version of this program that looked for none.
+        The study was written by a version of this program that did not search for change points.
     """
     p = stored_attribute(archive, _GROUP, "p_of_next_change")
     group = archive[_GROUP].to_dataset()
@@ -107,12 +107,12 @@ def _keys() -> list[SizeKey]:
 
 
 def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
-    """Describe the change points of a mission, a line each; one line where none is found.
+    """Describe the change points of a mission, one per line; a single line if there are none.
 
     Parameters
     ----------
     changes : Changes
-        Of the mission.
+        Change points of the mission.
     reference : float
         K_D0 of the hull, kg/m.
     """
@@ -124,7 +124,7 @@ def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
 
 
 def describe_change(change: Change, reference: float) -> str:
-    """Describe a change point: kind, profiles, phases, size, form, and since when the glider is back."""
+    """Describe a change point: kind, profiles, phases, size, form, and return to the former state."""
     first, last = change.days
     when = f"day {first:.1f} to {last:.1f}" if change.kind == EPISODE else f"day {first:.1f}"
     back = f"; back since profile {change.back}, day {change.back_day:.1f}" if change.back is not None else ""
@@ -137,7 +137,7 @@ def describe_change(change: Change, reference: float) -> str:
 
 
 def kinds_text(changes: Changes) -> str:
-    """Name the change points in short, to begin the verdict with; empty where there is none."""
+    """Name the change points briefly, for the beginning of the verdict; empty if there are none."""
     named = "; ".join(
         f"{_ARTICLES.get(one.kind, f'a {one.kind}')} ({_profiles_text(one)}, {phases_text(one)})"
         for one in changes.found
@@ -152,12 +152,12 @@ def _profiles_text(change: Change) -> str:
 
 
 def phases_text(change: Change) -> str:
-    """Phases that changed: ``dives``, ``climbs`` or both."""
+    """Return the phases that changed: ``dives``, ``climbs`` or both."""
     return " and ".join(f"{phase}s" for phase in change.phases)
 
 
 def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
-    """Rows of the table of change points: a row a change and part of the dive, sizes in kg/m, percent and N."""
+    """Rows of the table of change points, one for each change and part of a profile; sizes in kg/m, percent and N."""
     return [
         {
             "kind": one.kind,
@@ -180,7 +180,7 @@ def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
 
 
 def changes_as_json(changes: Changes, reference: float) -> dict[str, Any]:
-    """Plain values."""
+    """Return the change points as plain values."""
     return {"p_of_next": changes.p, "found": change_rows(changes, reference)}
 
 
@@ -210,7 +210,7 @@ def _size_text(change: Change, phase: str, reference: float) -> str:
 
 
 def _apart(change: Change) -> str:
-    """Remark on dive and climb that change in opposite directions, which drag does not do."""
+    """Return a remark if dive and climb change in opposite directions, which a change of drag cannot explain."""
     signs = [change.size(DRAG, phase).value > 0.0 for phase in change.phases]
     if len(set(signs)) < len(PHASES):
         return ""
@@ -218,7 +218,7 @@ def _apart(change: Change) -> str:
 
 
 def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, str]]:
-    """First and last day and a name of every change, for a figure that ends on a day."""
+    """Return first day, last day and name of every change, for a figure that ends on a given day."""
     return [
         (one.days[0], one.days[1] if one.kind == EPISODE else end, f"{one.kind}, {phases_text(one)}") for one in changes
     ]

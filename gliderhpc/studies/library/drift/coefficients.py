@@ -1,6 +1,6 @@
-"""The Monte-Carlo of the hull's coefficients: steady segments inverted again with drawn hulls (Table 6).
+"""Monte Carlo of the hull's coefficients: steady segments inverted again with drawn hulls (Table 6).
 
-Every draw goes through the filter and the windows, as the mission did, several segments side by side in the lanes.
+Every draw is inverted like the mission, by filter and windows, with several segments side by side in the lanes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ Segment = tuple[int, int]
 NOMINAL, PITCHED_UP, PITCHED_DOWN = "nominal", "pitch up", "pitch down"
 
 OWN = (NOMINAL, PITCHED_UP, PITCHED_DOWN)
-"""Variants inverted with the archive's own hull: the records as they are, and with a constant error of the pitch."""
+"""Variants inverted with the archive's own hull: unchanged records, and records with a constant error of the pitch."""
 
 _PITCH = 1
 
@@ -47,20 +47,20 @@ _GROUP = "drift"
 
 
 def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: float, count: int) -> list[Segment]:
-    """Choose segments of a phase, evenly among all that fit into its stretches of counted records.
+    """Choose segments of a phase, evenly among all that fit into its stretches of usable records.
 
     Parameters
     ----------
     data : ProfileData
         The profile.
     band : DepthBand
-        Depths that count.
+        Depths that are used.
     phase : str
         ``dive`` or ``climb``.
     length : float
-        Of a segment, s.
+        Length of a segment, s.
     count : int
-        Number of segments; fewer where no more fit.
+        Number of segments; fewer are returned if not so many fit.
     """
     records = round(length / float(data.attributes["output_interval"]))
     fitting = [
@@ -75,7 +75,7 @@ def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: floa
 
 
 def segment_series(data: ProfileData, platform: Platform, segment: Segment, step: float) -> ProfileSeries:
-    """Return a segment's records, interpolated to a step as the mission's own were.
+    """Return a segment's records, interpolated to a step like those of the mission.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def segment_series(data: ProfileData, platform: Platform, segment: Segment, step
     segment : (int, int)
         First and last record.
     step : float
-        s.
+        Step, s.
     """
     whole = series_of(data, platform)
     first, last = segment
@@ -92,7 +92,7 @@ def segment_series(data: ProfileData, platform: Platform, segment: Segment, step
     time = whole.time[known]
     fine = time[0] + step * np.arange(round((time[-1] - time[0]) / step) + 1)
     middles = fine[:-1] + 0.5 * step
-    # Archives of before `sampled` do not distinguish samples from values interpolated between them.
+    # Archives without `sampled` do not distinguish samples from values interpolated between them.
     own = data.sampled[known] if data.sampled.any() else np.ones(len(time), dtype=np.bool_)
     sampled = np.flatnonzero(own & (whole.weights[known] > 0.0))
     return replace(
@@ -128,9 +128,10 @@ class SegmentMedians:
     number : int
         Number of the profile.
     medians : (variants, phases, quantities) array
-        Medians by `UNITS` of `OWN`, then of every drawn hull; NaN where a phase has no segment or no estimate.
+        Medians of the quantities of `UNITS`, for the variants of `OWN` and then for every drawn hull; NaN where a phase
+        has no segment or no estimate.
     segments : int
-        That were inverted.
+        Number of segments inverted.
     """
 
     number: int
@@ -146,20 +147,20 @@ def segment_medians(
     settings: CoefficientSettings,
     seed: int,
 ) -> SegmentMedians:
-    """Invert a profile's segments with its own hull and with every drawn one.
+    """Invert a profile's segments with its own hull and with every drawn hull.
 
     Parameters
     ----------
     data, platform : ProfileData, Platform
         The profile and its hull.
     mission : MissionSettings
-        That the mission was inverted with.
+        Settings that the mission was inverted with.
     band : DepthBand
-        Depths that count.
+        Depths that are used.
     settings : CoefficientSettings
         Segments and draws.
     seed : int
-        Of the draws.
+        Seed of the draws.
     """
     chosen = segments_by_phase(data, band, settings.length, settings.segments)
     pieces = {
@@ -172,7 +173,7 @@ def segment_medians(
 
 @lru_cache(maxsize=2)
 def drawn_hulls(platform: Platform, error: float, draws: int, seed: int) -> tuple[Platform, ...]:
-    """Draw hulls whose every viscous and added-mass coefficient is off by up to `error`, and that glide stably."""
+    """Draw stable hulls whose viscous and added-mass coefficients each have a relative error of up to `error`."""
     return tuple(with_errors(platform, error, seed + draw) for draw in range(draws))
 
 
@@ -183,7 +184,7 @@ def _medians(
     chosen: CoefficientSettings,
     settings: MissionSettings,
 ) -> Array:
-    """Medians over the segments of each phase, of every variant."""
+    """Medians over the segments of each phase, for every variant."""
     found: dict[tuple[int, int], list[dict[str, float]]] = {}
     tasks = _tasks(pieces, platform, hulls, np.radians(chosen.pitch_offset))
     estimation = settings.model_copy(update={"start": "prior", "engine": "lanes"})
@@ -199,7 +200,7 @@ def _medians(
 def _tasks(
     pieces: dict[str, list[ProfileSeries]], platform: Platform, hulls: Sequence[Platform], offset: float
 ) -> Iterator[tuple[tuple[int, int], PreparedProfile]]:
-    """Every variant of every segment, keyed by variant and phase."""
+    """Yield every variant of every segment, keyed by variant and phase."""
     own = Glider(platform)
     drawn = [Glider(hull) for hull in hulls]
     for phase, name in enumerate(PHASES):
@@ -225,20 +226,20 @@ def _of_segment(estimate: ProfileEstimate, settling: float) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class CoefficientSlopes:
-    """Slope of a series over the segments, by hull.
+    """Slopes of a series over the segments, by hull.
 
     Attributes
     ----------
     quantity, phase : str
-        Which series.
+        Quantity and phase of the series.
     nominal : float
-        With the hull's own coefficients.
+        Slope with the hull's own coefficients.
     draws : (draws,) array
-        With every drawn hull; NaN where it could not follow the records.
+        Slopes with every drawn hull; NaN if too few profiles could be inverted.
     pitched : (2,) array
-        With the hull's own, and a constant error of the pitch, up and down.
+        Slopes with the hull's own coefficients and a constant error of the pitch, up and down.
     shift : (2,) array
-        By which that error moves the series itself, medians.
+        Median changes of the series due to these errors of the pitch.
     """
 
     quantity: str
@@ -255,20 +256,20 @@ class CoefficientSlopes:
 
     @property
     def same_sign(self) -> float:
-        """Part of the draws whose slope has the sign of the hull's own."""
+        """Share of the draws whose slope has the same sign as the nominal one."""
         known = self.draws[np.isfinite(self.draws)]
         return float(np.mean(np.sign(known) == np.sign(self.nominal))) if known.size else float("nan")
 
 
 def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> list[CoefficientSlopes]:
-    """Find the slopes of the longitudinal series and of the drag under every hull.
+    """Find the slopes of the longitudinal series and of the drag for every hull.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile, with ``profile`` and ``elapsed_days``.
+        Table with one row for each profile, with ``profile`` and ``elapsed_days``.
     found : sequence of SegmentMedians
-        Of the same profiles.
+        Medians over the segments of the same profiles.
     """
     by_number = {one.number: one.medians for one in found}
     medians = np.stack([by_number[int(number)] for number in table["profile"]])
@@ -281,7 +282,7 @@ def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> 
 
 
 def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
-    """Read the slopes stored in an archive's group; none where no coefficients were drawn."""
+    """Read the slopes stored in an archive's group; none if no coefficients were drawn."""
     group = archive[_GROUP].to_dataset()
     own, series = len(OWN), [str(name) for name in group["series"].values]
     stored = zip((name.split() for name in series if name), group["slope"].values, group["shift"].values, strict=False)
@@ -292,7 +293,7 @@ def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
 
 
 def stored_slopes(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
-    """Slopes as the group stores them, a row a series: hull's own, with either error of the pitch, of every draw."""
+    """Slopes as stored in the group, one row for each series: nominal, with each error of the pitch, of every draw."""
     return {
         "slope": np.array([[one.nominal, *one.pitched, *one.draws] for one in slopes]),
         "shift": np.array([one.shift for one in slopes]),
@@ -300,7 +301,7 @@ def stored_slopes(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
 
 
 def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
-    """Names along the dimensions of the stored slopes; without draws there is one series without a name."""
+    """Names along the dimensions of the stored slopes; without draws there is one unnamed series."""
     draws = len(slopes[0].draws) if slopes else 0
     return {
         "series": [f"{one.quantity} {one.phase}" for one in slopes] or [""],

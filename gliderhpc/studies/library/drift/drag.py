@@ -1,9 +1,9 @@
-"""The drag that a drift is equivalent to: the part that dive and climb share, and their difference.
+"""Change of drag equivalent to a drift: the part common to dive and climb, and their difference.
 
-Drag acts against the motion on dive and climb alike; weight pulls down, so it drives the dive and holds the climb. What
-a change of weight does to the equivalent K_D0 therefore has opposite signs on the two phases. Weighted so that it
-cancels, dive and climb give the change of drag that they share; their difference is either a drag that changes
-unevenly, or a change of weight, or one of the pitch sensor's offset, which dives and climbs alone cannot distinguish.
+Drag acts against the motion on both dive and climb. Weight acts downwards: it drives the dive and opposes the climb. A
+change of weight therefore changes the equivalent K_D0 with opposite signs on the two phases. A weighted mean of dive
+and climb in which the weight cancels gives their common change of drag. Their difference may be an uneven change of
+drag, a change of weight, or a change of the pitch sensor's offset; dives and climbs alone cannot distinguish these.
 """
 
 from collections.abc import Sequence
@@ -27,18 +27,18 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_VALUES_OF_SLOPE = 3
-"""Values that the slope is left with, at least."""
+"""Least number of values for the slope after an onset."""
 
 _CANDIDATES, _RESAMPLES = 101, 400
 
 NORMAL_95 = 1.96
-"""Half a 95 % interval, in standard deviations."""
+"""Half width of a 95 % interval, in standard deviations."""
 
 HEAVE = 2
 """Position of B_cw among the disturbances."""
 
 EXTRA = " and more"
-"""Ending of a cause where dive and climb also drift apart."""
+"""Ending of a cause if dive and climb also drift apart."""
 
 CAUSES = {
     "none": "no drift of the drag is shown",
@@ -58,7 +58,7 @@ CAUSES = {
         "of the pitch sensor's offset"
     ),
 }
-"""Interpretations of the trends of drag; none is proof, the data being observational."""
+"""Interpretations of the trends of drag; none is a proof, because the data are observational."""
 
 OTHER_CAUSES = (
     "these records prove no cause: apart from fouling, a changed payload or trim, water in a fairing, air in the oil "
@@ -68,7 +68,7 @@ OTHER_CAUSES = (
 
 @dataclass(frozen=True)
 class Onset:
-    """The day of the change.
+    """Day on which a change begins.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Onset:
 
     @property
     def from_the_start(self) -> bool:
-        """True where the series may have changed from its first day on."""
+        """Return whether the series may have changed from its first day on."""
         return bool(self.low <= self.first)
 
 
@@ -95,13 +95,13 @@ def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: i
     Parameters
     ----------
     days, values, epoch : (n,)
-        The series, missing values left out, and the epoch of each.
+        Days, values (missing ones are left out) and epochs of the series.
     resamples, seed : int
-        Of the bootstrap by epochs.
+        Number of series of the bootstrap by epochs, and seed.
 
     Notes
     -----
-    Candidates are evenly over the series except its end, which would leave the slope to a single value.
+    Candidates are evenly spaced over the series except for its last values, which determine the slope.
     """
     known = np.isfinite(values) & np.isfinite(days)
     t, y, own = days[known], values[known], epoch[known]
@@ -115,7 +115,7 @@ def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: i
 
 
 def _best_onset(t: Array, y: Array, candidates: Array) -> float:
-    """Candidate of the least sum of squares: that whose hinge correlates most with the series."""
+    """Candidate with the least sum of squares, which is the one whose hinge correlates most with the series."""
     hinges = np.maximum(0.0, t[None] - candidates[:, None])
     hinges = hinges - hinges.mean(axis=1, keepdims=True)
     power = (hinges**2).sum(axis=1)
@@ -134,18 +134,18 @@ class DragDrift:
     phases : dict of str to SeriesTrend
         Equivalent K_D0 on dive and climb, kg/m.
     shared : SeriesTrend
-        Change that both share, weight cancelled, kg/m.
+        Change common to both, without the effect of weight, kg/m.
     apart : SeriesTrend
-        Climb less dive, as the weight in water that it would take were drag not to blame, N.
+        Climb minus dive, expressed as the change of weight in water that would explain it, N.
     onset : Onset
-        Since when the shared drag grows.
+        Day from which the shared drag changes.
     reference : float
         K_D0 of the hull, kg/m.
     scale : (low, high)
-        By which the hull's coefficients may scale the shared slope; (1, 1) where they were not drawn.
+        Range of factors of the shared slope for drawn coefficients of the hull; (1, 1) if none were drawn.
     unresolved : (float, float)
-        Standard deviations of shared change (kg/m) and weight (N) by other changes that the records do not distinguish
-        from them (`unresolved_changes`).
+        Standard deviations of shared change (kg/m) and weight (N) due to other changes that the records cannot
+        distinguish from them (`unresolved_changes`).
     """
 
     estimate: str
@@ -159,7 +159,7 @@ class DragDrift:
 
     @property
     def slope_interval(self) -> Interval:
-        """Return the 95 % interval of the shared slope, coefficients and heave included, kg/m a day."""
+        """Return the 95 % interval of the shared slope, including errors of coefficients and heave, kg/m per day."""
         one = self.shared.trend
         return combined(one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span)
 
@@ -170,20 +170,20 @@ class DragDrift:
 
     @property
     def change_interval(self) -> Interval:
-        """Return its 95 % interval."""
+        """Return the 95 % interval of the shared change, kg/m."""
         low, high = self.slope_interval
         return low * self.shared.span, high * self.shared.span
 
     @property
     def weight_interval(self) -> Interval:
-        """Return the 95 % interval of the weight (N) that dive and climb apart would take, heave included."""
+        """Return the 95 % interval of the weight (N) equivalent to `apart`, including the error of heave."""
         one, span = self.apart.trend, self.apart.span
         low, high = combined(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
         return low * span, high * span
 
     @property
     def cause(self) -> str:
-        """Key of `CAUSES`: a change counts where the robust test and its whole interval agree."""
+        """Key of `CAUSES`; a change is significant if the robust test and its full interval both show it."""
         together = self.shared.shown and _leaves_out_zero(self.change_interval)
         apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
         if not together:
@@ -192,9 +192,9 @@ class DragDrift:
         return name + EXTRA if apart else name
 
     def days_until(self, increase: float) -> tuple[float, Interval]:
-        """Days from the first observation until K_D0 has grown by a part of itself, with the interval; inf for never.
+        """Days from the first observation until a given relative increase of K_D0, with the interval; inf for never.
 
-        The growth is taken to go on as over the mission, from the hull as it was at the mission's start.
+        The growth over the mission is extrapolated from the state of the hull at the start of the mission.
         """
         low, high = self.slope_interval
         growth = increase * self.reference
@@ -215,17 +215,17 @@ def drag_drift(
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile.
+        Table of medians, one row for each profile.
     estimate : str
-        Of those that the medians were taken of.
+        Name of an estimate with medians.
     hull : Platform
-        The mission's.
+        Hull of the mission.
     scale : (low, high)
-        By which the coefficients may scale the shared slope.
+        Range of factors of the shared slope due to the coefficients.
     resamples, seed : int
-        Of the bootstraps.
+        Number of bootstrap series, and seed.
     outside : (n,) mask, optional
-        Profiles that count; all by default. Those of episodes do not.
+        Profiles that are used, which are those outside episodes; all by default.
     """
     days, epoch = days_of(table), epochs_of(table)
     counted = np.ones(len(table), dtype=np.bool_) if outside is None else outside
@@ -251,40 +251,40 @@ def drag_drift(
 
 
 def unresolved_changes(table: pd.DataFrame, hull: Platform) -> tuple[float, float]:
-    """Standard deviations of shared drag (kg/m) and weight (N) by a heave force that changes as its prior allows.
+    """Standard deviations of shared drag (kg/m) and weight (N) due to a heave force that changes as its prior allows.
 
-    Depth and pitch do not distinguish a change of lift, or of another force across the path, from one of drag. The
-    estimates attribute all of it to the latter; the size of the former is a matter of the disturbance prior.
+    Depth and pitch cannot distinguish a change of lift, or of another force across the path, from a change of drag. The
+    estimates attribute all of it to drag; the size of the force across the path is given by the disturbance prior.
     """
     effects = [float(np.nanmedian(values_of(table, phase_column("heave_effect", phase)))) for phase in PHASES]
     weight, deviation = weight_effects(table), default_prior(hull).deviation[HEAVE]
     shared = shared_drag(np.array(effects[:1]), np.array(effects[1:]), weight)
-    # A lift that changes shifts both phases alike, a force of one direction shifts them apart.
+    # A change of lift shifts both phases alike, a force in a fixed direction shifts them apart.
     apart = sum(abs(effect) for effect in effects) / (weight[1] - weight[0])
     return float(abs(shared[0]) * deviation), apart * deviation
 
 
 def weight_effects(table: pd.DataFrame) -> Interval:
-    """Change of the equivalent K_D0 by one newton of weight on dive and climb (kg/m/N), medians over the mission."""
+    """Change of the equivalent K_D0 per newton of weight on dive and climb (kg/m/N), medians over the mission."""
     dive, climb = (values_of(table, phase_column("weight_effect", phase)) for phase in PHASES)
     return float(np.nanmedian(dive)), float(np.nanmedian(climb))
 
 
 def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
-    """Weighted mean of the drag on dive and climb that a change of weight leaves as it is.
+    """Weighted mean of the drag on dive and climb that does not depend on a change of weight.
 
     Parameters
     ----------
     dive, climb : array
-        Equivalent change of K_D0, kg/m.
+        Equivalent changes of K_D0, kg/m.
     weight : (float, float)
-        Change of either by one newton of weight, of opposite signs.
+        Changes of both per newton of weight, with opposite signs.
     """
     return np.asarray((weight[1] * dive - weight[0] * climb) / (weight[1] - weight[0]))
 
 
 def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
-    """By what the drawn hulls scale the shared slope: its 95 % interval over the hull's own; (1, 1) without draws."""
+    """Range of factors of the shared slope for drawn hulls: 95 % interval over nominal slope; (1, 1) without draws."""
     dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
     nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])
     low, high = interval(shared_drag(dive.draws, climb.draws, weight) / nominal)
@@ -292,18 +292,18 @@ def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> 
 
 
 def combined(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
-    """Interval of a slope by sampling, by the coefficients and by what is not resolved, independent of each other.
+    """Combine the independent errors of a slope due to sampling, coefficients and unresolved changes into an interval.
 
     Parameters
     ----------
     slope : float
         The slope.
     sampling : (float, float)
-        Its interval by sampling.
+        Interval due to sampling.
     scale : (float, float)
-        By which the coefficients may scale it.
+        Range of factors due to the coefficients.
     unresolved : float
-        Half-width of the interval by what is not resolved.
+        Half width of the interval due to unresolved changes.
     """
     scaled = sorted((slope * scale[0], slope * scale[1]))
     below = np.linalg.norm([slope - sampling[0], max(slope - scaled[0], 0.0), unresolved])

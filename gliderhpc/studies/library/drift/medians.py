@@ -1,4 +1,4 @@
-"""Settings of study ``drift``, and medians of every channel over a profile's steady glide, dive and climb apart."""
+"""Settings of study ``drift``, and medians of every channel over a profile's steady glide, for dive and climb."""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -20,46 +20,47 @@ USUAL_BAND = (150.0, 500.0)
 """Depth band of section 5.6, m."""
 
 SHALLOW_BAND = (0.3, 0.95)
-"""Band of a mission that does not reach it, in parts of the depth that nine of ten profiles reach."""
+"""Depth band of missions too shallow for the usual one, as fractions of the depth that nine of ten profiles reach."""
 
 _REACHED_QUANTILE = 0.1
 
 PRIOR = "prior"
 
 PRIMARY = (ADJOINT, SMOOTHED)
-"""Estimates that count in any case."""
+"""Estimates that the verdict always uses."""
 
 
 def counted_estimates(windows_start: str) -> tuple[str, ...]:
-    """Estimates that count where the windows started from the filter's path (``prior``) or the smoothed one.
+    """Return the estimates used for the verdict, for windows that started from the filter's path or the smoothed one.
 
-    The adjoint's medians hardly differ from those of the estimate that its windows started from, so that the filter's
-    adds nothing to the former, and is what the smoother's are compared with in the latter.
+    The adjoint's medians hardly differ from those of the estimate that its windows started from. If that is the
+    filter's (``prior``), the filter adds no information; if it is the smoother's, the filter is used as well, for an
+    independent comparison.
     """
     return (PRIOR, *PRIMARY) if windows_start == SMOOTHED else PRIMARY
 
 
 DRAG = "K_D0"
-"""Name of the change of K_D0 that a disturbance is equivalent to, among the medians."""
+"""Name, among the medians, of the change of K_D0 that is equivalent to a disturbance."""
 
 UNITS = {name: unit for name, (unit, _) in CHANNELS.items()} | {DRAG: "kg/m"}
 """Unit of every median."""
 
 MIN_RECORDS = 30
-"""Records that a median needs."""
+"""Least number of records for a median."""
 
 NOT_COUNTED = ("window_not_converged", "prior_used_because_the_window_failed", "implausible_self_motion")
-"""Quality bits that a median leaves out, in addition to vibration, gaps and a rotated battery."""
+"""Quality bits of samples that medians exclude, in addition to vibration, gaps and a rotated battery."""
 
 ROTATED_SHARE = 0.5
-"""Part of the steady glide with the battery rotated beyond which that is how the hull glides, and counts."""
+"""Share of the steady glide with the battery rotated, above which rotation is the hull's usual state and included."""
 
 VELOCITY = slice(2, 5)
 """Columns u, v, w of the motion."""
 
 
 class CoefficientSettings(Settings):
-    """The Monte-Carlo of the hull's coefficients: draws of them, and the segments that are inverted again."""
+    """Settings of the Monte Carlo of the hull's coefficients: draws, and segments that are inverted again."""
 
     error: float = Field(0.15, ge=0, lt=1, description="relative error of every viscous and added-mass coefficient")
     draws: int = Field(300, ge=0, description="hulls drawn; 0 for none")
@@ -76,7 +77,7 @@ class CoefficientSettings(Settings):
 
 
 class ChangeSettings(Settings):
-    """The search for steps, ramps and episodes."""
+    """Settings of the search for steps, ramps and episodes."""
 
     level: float = Field(
         0.02, gt=0, lt=1, description="probability of chance below which a change counts; rates in docs/drift.md"
@@ -87,7 +88,7 @@ class ChangeSettings(Settings):
 
 
 class DriftSettings(Settings):
-    """Medians of each profile, tests of their trends, and the question asked (section 5.6, model.md 9)."""
+    """Settings of the medians, the tests of their trends, and the verdict (section 5.6, docs/drift.md)."""
 
     depth_band: tuple[float, float] | None = Field(
         None, description="depths that count, m; default 150 to 500, or the like part of shallower dives"
@@ -109,19 +110,19 @@ class DriftSettings(Settings):
 
 @dataclass(frozen=True)
 class DepthBand:
-    """Depths that count (m), and a remark on them."""
+    """Depths that are used (m), and a remark on them."""
 
     low: float
     high: float
     remark: str = ""
 
     def holds(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Samples inside."""
+        """Mask of the depths inside the band."""
         return np.asarray((depth >= self.low) & (depth <= self.high), dtype=np.bool_)
 
 
 def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | None) -> DepthBand:
-    """Return the band asked for, the usual one, or the corresponding part of dives too shallow for it."""
+    """Return the requested band, by default the usual one, or a corresponding one for dives too shallow for it."""
     if wanted is not None:
         return DepthBand(*wanted)
     reached = float(np.nanquantile(max_depths, _REACHED_QUANTILE))
@@ -138,22 +139,22 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
 
 
 def profile_row(data: ProfileData, smoothed: ProfileData | None, band: DepthBand, platform: Platform) -> dict[str, Any]:
-    """Medians of one profile.
+    """Compute the medians of one profile.
 
     Parameters
     ----------
     data, smoothed : ProfileData
-        With the adjoint's and, where there is one, the smoother's estimate.
+        Profile with the adjoint's estimate and, if there is one, with the smoother's.
     band : DepthBand
-        Depths that count.
+        Depths that are used.
     platform : Platform
         The hull.
 
     Notes
     -----
-    All estimates are taken over the same records, so that they can be compared. The change of K_D0 that
-    a disturbance is equivalent to is what it takes from the motion along the path, over the squared speed:
-    ``-(B . v) / |v|^3`` with the force B and the velocity v through the water (eq. 11: drag is ``V^2 (K_D0 + ...)``).
+    All estimates are evaluated on the same records, which makes them comparable. The equivalent change of K_D0 is the
+    component of a disturbance against the motion, over the squared speed: ``-(B . v) / |v|^3`` with the force B and the
+    velocity v through the water (eq. 11: drag is ``V^2 (K_D0 + ...)``).
     """
     masks = {phase: counted(data, band, phase) for phase in PHASES}
     row: dict[str, Any] = {phase_column("count", phase): int(mask.sum()) for phase, mask in masks.items()}
@@ -174,9 +175,10 @@ def profile_row(data: ProfileData, smoothed: ProfileData | None, band: DepthBand
 
 
 def counted(data: ProfileData, band: DepthBand, phase: str) -> Mask:
-    """Records ``(m,)`` of a phase that count: steady glide in the band, windows converged, no turn.
+    """Mask ``(m,)`` of the records used in a phase: steady glide in the band, windows converged, no turn.
 
-    A turn is a rotated battery, unless the hull mostly glides so, as some steer all the time.
+    Records with a rotated battery are turns, unless the battery is rotated in most of the steady glide, as on hulls
+    that steer all the time.
     """
     climbing, turning = data.flagged("climbing"), data.flagged("battery_rotated")
     samples = data.steady & ~data.flagged(*NOT_COUNTED) & (climbing if phase == "climb" else ~climbing)
@@ -187,7 +189,7 @@ def counted(data: ProfileData, band: DepthBand, phase: str) -> Mask:
 
 
 def medians_of(forces: Array, velocity: Array) -> dict[str, float]:
-    """Medians of disturbances ``(m, 6)`` and of the change of K_D0 that they are equivalent to, by name."""
+    """Medians of disturbances ``(m, 6)`` and of the equivalent change of K_D0, by name."""
     speed = np.linalg.norm(velocity, axis=1)
     drag = -np.einsum("ni,ni->n", forces[:, :3], velocity) / speed**3
     named = zip(UNITS, [*forces.T, drag], strict=True)
@@ -204,13 +206,14 @@ def _estimates(data: ProfileData, smoothed: ProfileData | None) -> list[tuple[st
 
 
 def _glide_row(motion: Array, attitude: Array, platform: Platform, phase: str) -> dict[str, float]:
-    """Speed, and what one newton of weight or of heave would change of the equivalent K_D0, medians over a phase.
+    """Speed, and change of the equivalent K_D0 per newton of weight or of heave force, medians over a phase.
 
     Notes
     -----
-    Steady at the measured pitch and depth rate, drag over squared speed is ``K = W sin^3(xi) / Z'^2`` with the path's
-    angle ``xi = theta - alpha``. A heave force that is not known puts alpha, and so xi, wrong by ``1 / (K_L V^2)`` a
-    newton: K then by ``3 K cot(xi)``, of which the known part ``K_D alpha^2`` takes up ``2 K_D alpha``.
+    In a steady glide at the measured pitch and depth rate, drag over squared speed is ``K = W sin^3(xi) / Z'^2`` with
+    the path's angle ``xi = theta - alpha``. An unknown heave force changes alpha, and hence xi, by ``1 / (K_L V^2)``
+    per newton. This changes K by ``3 K cot(xi)`` per radian, of which the known part ``K_D alpha^2`` accounts for
+    ``2 K_D alpha``.
     """
     velocity, viscous = motion[:, VELOCITY], platform.viscous
     speed = np.linalg.norm(velocity, axis=1)

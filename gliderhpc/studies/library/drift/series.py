@@ -1,7 +1,7 @@
-"""The twelve series of an estimate, six disturbances on dive and climb: epochs, trends and the paper's grades.
+"""Twelve series of an estimate, six disturbances on dive and climb: epochs, trends and the paper's grades.
 
-An epoch is a run of consecutive profiles; the scatter within it is the repeatability of a profile before anything can
-have drifted.
+An epoch is a run of consecutive profiles. It is too short for a drift, so the scatter within it is the repeatability of
+a profile.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ LONGITUDINAL = ("B_cu", "B_cw", "B_cq")
 LATERAL = ("B_cv", "B_cp", "B_cr")
 
 NEGLIGIBLE = 0.1
-"""A lateral drift below this part of the largest longitudinal one of its unit is negligible (section 5.6)."""
+"""Ratio to the largest longitudinal drift of the same unit below which a lateral drift is negligible (section 5.6)."""
 
 Key = tuple[str, str]
 """Channel and phase."""
@@ -51,9 +51,9 @@ def choose_epochs(numbers: Sequence[int], count: int | None, size: int) -> list[
     numbers : sequence of int
         Numbers of the profiles that can be studied, in order.
     count : int, optional
-        Epochs to spread evenly over them; None takes all profiles, as does a mission too short for so many.
+        Number of epochs, spread evenly; all profiles are used if None, or if the mission is too short for this number.
     size : int
-        Consecutive profiles an epoch; the last one of all profiles may be smaller.
+        Number of consecutive profiles in an epoch; if all profiles are used, the last epoch may be smaller.
     """
     if count is None or len(numbers) <= count * size:
         return [tuple(numbers[start : start + size]) for start in range(0, len(numbers), size)]
@@ -62,12 +62,12 @@ def choose_epochs(numbers: Sequence[int], count: int | None, size: int) -> list[
 
 
 def epoch_of_profiles(epochs: Sequence[Sequence[int]]) -> Index:
-    """Return the epoch (from 0) of each profile, one epoch after the other."""
+    """Return the number (from 0) of each profile's epoch, one epoch after the other."""
     return np.repeat(np.arange(len(epochs)), [len(epoch) for epoch in epochs]).astype(np.int64)
 
 
 def noise_floor(values: Array, epoch: Index) -> float:
-    """Pooled standard deviation of a series (n,) within its epochs (n,); NaN where no epoch has two values."""
+    """Pooled standard deviation of a series (n,) within its epochs (n,); NaN if no epoch has two values."""
     known = np.isfinite(values)
     squares, freedom = 0.0, 0
     for number in np.unique(epoch[known]):
@@ -84,9 +84,9 @@ class SeriesTrend:
     Attributes
     ----------
     trend : Trend
-        Plain test and slope; its interval is the bootstrap's.
+        Plain test and slope, with the bootstrap's interval.
     robust : RobustTest
-        The test that allows for serial correlation.
+        Test that accounts for serial correlation.
     floor : float
         Standard deviation within epochs.
     span : float
@@ -94,7 +94,7 @@ class SeriesTrend:
     draws : (resamples,) array
         Slopes of the bootstrap series.
     corrected : float
-        The robust p, adjusted for the number of series tested together; its own where it was tested alone.
+        Robust p, adjusted for the number of series tested together, if there are several.
     """
 
     trend: Trend
@@ -106,31 +106,31 @@ class SeriesTrend:
 
     @property
     def drift(self) -> float:
-        """Change over the span."""
+        """Change over the span of the series."""
         return self.trend.slope * self.span
 
     @property
     def ratio(self) -> float:
-        """Change over the noise floor."""
+        """Ratio of the change's magnitude to the noise floor."""
         return abs(self.drift) / self.floor if self.floor > 0.0 else float("nan")
 
     @property
     def excludes_zero(self) -> bool:
-        """True where the slope's interval lies on one side of zero."""
+        """Return whether the slope's interval lies on one side of zero."""
         return bool(self.trend.low > 0.0 or self.trend.high < 0.0)
 
     @property
     def primary(self) -> bool:
-        """True where plain test and slope's interval agree on a trend, as the paper grades it."""
+        """Return whether plain test and slope's interval both show a trend: the paper's grade ``primary``."""
         return bool(self.trend.p < SIGNIFICANCE) and self.excludes_zero
 
     @property
     def shown(self) -> bool:
-        """True where the robust verdict is a drift: its p, adjusted, and the slope's interval agree."""
+        """Return whether the robust test, with its adjusted p, and the slope's interval both show a drift."""
         return bool(self.corrected < SIGNIFICANCE) and self.excludes_zero
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return the trend as plain values."""
         return {
             **self.trend.as_json(),
             "robust": asdict(self.robust),
@@ -143,21 +143,21 @@ class SeriesTrend:
 
 
 def series_trend(time: Array, values: Array, epoch: Index, resamples: int, seed: int) -> SeriesTrend:
-    """Find the trend of a series; missing values are left out.
+    """Find the trend of a series, without its missing values.
 
     Parameters
     ----------
     time, values : (n,)
         Days and medians.
     epoch : (n,)
-        Epoch of each.
+        Epochs of the values.
     resamples, seed : int
-        Of the bootstraps.
+        Number of bootstrap series, and seed.
 
     Notes
     -----
-    The slope's interval is that of Theil-Sen slopes of whole epochs drawn with replacement, several to a block where
-    values are correlated over more than one.
+    The slope's interval is that of Theil-Sen slopes of series of whole epochs drawn with replacement. If values are
+    correlated over more than one epoch, blocks of several epochs are drawn.
     """
     known = np.isfinite(values) & np.isfinite(time)
     t, y, own = time[known], values[known], epoch[known]
@@ -188,14 +188,14 @@ class EstimateTrends:
     estimate : str
         Estimate of the medians.
     trends : mapping of (channel, phase) to SeriesTrend
-        In the order of the paper's table.
+        Trends in the order of the paper's table.
     """
 
     estimate: str
     trends: Mapping[Key, SeriesTrend]
 
     def tier(self, key: Key) -> str:
-        """Grade a series as the paper does: primary, supporting, negligible or none."""
+        """Return the paper's grade of a series: primary, supporting, negligible or none."""
         one = self.trends[key]
         if not one.trend.p < SIGNIFICANCE:
             return "none"
@@ -205,7 +205,7 @@ class EstimateTrends:
 
     @property
     def shown(self) -> tuple[Key, ...]:
-        """Series that drift by the robust verdict."""
+        """Series that drift according to the robust test."""
         return tuple(key for key, one in self.trends.items() if one.shown)
 
     def _largest_longitudinal(self, unit: str) -> float:
@@ -221,11 +221,11 @@ def estimate_trends(table: pd.DataFrame, estimate: str, resamples: int, seed: in
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile, with ``elapsed_days`` and ``epoch``.
+        Table of medians, one row for each profile, with ``elapsed_days`` and ``epoch``.
     estimate : str
-        Of those that the medians were taken of.
+        Name of an estimate with medians.
     resamples, seed : int
-        Of the bootstraps.
+        Number of bootstrap series, and seed.
     """
     keys = [(channel, phase) for channel in (*LONGITUDINAL, *LATERAL) for phase in PHASES]
     found = [trend_of(table, median_column(*key, estimate), resamples, seed) for key in keys]
@@ -233,24 +233,24 @@ def estimate_trends(table: pd.DataFrame, estimate: str, resamples: int, seed: in
 
 
 def trend_of(table: pd.DataFrame, name: str, resamples: int, seed: int) -> SeriesTrend:
-    """Find the trend of a column over the days; a column that is not there has none."""
+    """Find the trend of a column over the days; NaN if the table lacks the column."""
     return series_trend(days_of(table), values_of(table, name), epochs_of(table), resamples, seed)
 
 
 def values_of(table: pd.DataFrame, name: str) -> Array:
-    """Return a column as an array; NaN where it is missing."""
+    """Return a column as an array; NaN if the table lacks it."""
     if name not in table:
         return np.full(len(table), np.nan)
     return table[name].to_numpy(np.float64)
 
 
 def of_epochs(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the profiles that are in an epoch: those that trends are tested on."""
+    """Rows of the profiles in an epoch, which are those used for trends."""
     return table[table["epoch"].notna()].reset_index(drop=True)
 
 
 def days_of(table: pd.DataFrame) -> Array:
-    """Days since the first observation."""
+    """Days from the first observation to each profile."""
     return values_of(table, "elapsed_days")
 
 

@@ -1,4 +1,4 @@
-"""The verdict of study ``drift``: trends, drag, change points and an independent check, in words and as JSON."""
+"""Verdict of study ``drift``: trends, drag, change points and an independent check, in words and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ from gliderhpc.studies.library.trends import MIN_VALUES, known_pairs
 VALIDATION_GROUP, FORWARD_ERROR = "validation", "longitudinal_rmse"
 
 CURVED = 3.0
-"""Standard deviations by which a curvature differs from none."""
+"""Standard deviations above which a curvature is significant."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Correlation:
 
 @dataclass(frozen=True, eq=False)
 class ForwardModelCheck:
-    """Trend of the forward model's error, and how it goes with the days and with the axial force on the climb."""
+    """Trend of the forward model's error, and its correlations with the days and with the axial force on the climb."""
 
     trend: SeriesTrend
     with_day: Correlation
@@ -67,7 +67,7 @@ class ForwardModelCheck:
 
 
 def forward_errors(archive: Archive, numbers: list[int]) -> dict[int, float] | None:
-    """Longitudinal error of the forward model by number of profile; None where the archive was not validated."""
+    """Longitudinal error of the forward model by profile number; None if the archive was not validated."""
     if VALIDATION_GROUP not in archive.children or FORWARD_ERROR not in archive[VALIDATION_GROUP].to_dataset():
         return None
     errors = archive[VALIDATION_GROUP].to_dataset()[FORWARD_ERROR].sel(profile=numbers).values
@@ -75,7 +75,7 @@ def forward_errors(archive: Archive, numbers: list[int]) -> dict[int, float] | N
 
 
 def forward_model_check(table: pd.DataFrame, resamples: int, seed: int) -> ForwardModelCheck | None:
-    """Check by the forward model, which no estimate enters; None where the table has no such errors."""
+    """Check the drift with the forward model, which is independent of the estimates; None without its errors."""
     if FORWARD_ERROR_COLUMN not in table:
         return None
     error = values_of(table, FORWARD_ERROR_COLUMN)
@@ -97,16 +97,16 @@ def _correlation_with(one: object, other: object) -> Correlation:
 
 @dataclass(frozen=True, eq=False)
 class DriftVerdict:
-    """Joint verdict of the estimates that count.
+    """Joint verdict of the estimates used.
 
     Attributes
     ----------
     drags : tuple of DragDrift
-        Of the estimates that count and are there, outside the episodes.
+        Changes of drag outside the episodes, by each available estimate used for the verdict.
     changes : Changes
         Steps, ramps and episodes.
     straight : bool
-        True where a line describes the drag outside the episodes.
+        True if a line describes the drag outside the episodes.
     """
 
     drags: tuple[DragDrift, ...]
@@ -115,41 +115,41 @@ class DriftVerdict:
 
     @property
     def cause(self) -> str:
-        """Key of `CAUSES` where the estimates agree, else ``ambiguous``; the more careful of two that nearly do."""
+        """Key of `CAUSES` if the estimates agree, else ``ambiguous``; if they differ only by `EXTRA`, with `EXTRA`."""
         causes = sorted({drag.cause for drag in self.drags}, key=len)
         agree = all(cause.removesuffix(EXTRA) == causes[0] for cause in causes)
         return causes[-1] if agree or len(causes) == 1 else "ambiguous"
 
     @property
     def change(self) -> float:
-        """Change of K_D0 that dive and climb share, kg/m, mean of the estimates."""
+        """Change of K_D0 common to dive and climb, kg/m, mean of the estimates."""
         return sum(drag.change for drag in self.drags) / len(self.drags)
 
     @property
     def interval(self) -> Interval:
-        """Return its 95 % interval: from the lowest to the highest end of the estimates' own."""
+        """Return the 95 % interval of the change, from the lowest to the highest end of the estimates' intervals."""
         ends = [drag.change_interval for drag in self.drags]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     @property
     def grows(self) -> bool:
-        """True where the drag that dive and climb share grows."""
+        """Return whether the drag common to dive and climb grows."""
         return self.cause.startswith("drag")
 
     @property
     def has_onset(self) -> bool:
-        """True where the drag grows as a level that turns into a line does."""
+        """Return whether the drag grows like a level that turns into a line."""
         return self.grows and self.changes.leave_an_onset
 
     @property
     def extrapolates(self) -> bool:
-        """True where the drag grows along a straight line, so that it can be extrapolated."""
+        """Return whether the drag grows along a straight line and can therefore be extrapolated."""
         return self.grows and self.straight
 
     def days_until(self, increase: float) -> tuple[float, Interval]:
-        """Days from the first observation until K_D0 has grown by a part of itself.
+        """Days from the first observation until a given relative increase of K_D0.
 
-        By the mean growth of the estimates; the interval is from the earliest to the latest end of their own.
+        The growth is the mean of the estimates; the interval is from the earliest to the latest end of their intervals.
         """
         grown = self.change / self.drags[0].reference
         day = increase / grown * self.drags[0].shared.span if grown > 0.0 else float("inf")
@@ -157,7 +157,7 @@ class DriftVerdict:
         return day, (min(early for early, _ in spans), max(late for _, late in spans))
 
     def as_json(self, increase: float) -> dict[str, Any]:
-        """Plain values."""
+        """Return the verdict as plain values."""
         days, span = self.days_until(increase) if self.extrapolates else (None, None)
         return {
             "cause": self.cause,
@@ -175,7 +175,7 @@ class DriftVerdict:
 
     @property
     def meaning(self) -> str:
-        """The cause in words."""
+        """Cause in words."""
         if self.cause == "ambiguous":
             each = "; ".join(f"{drag.estimate}: {CAUSES[drag.cause]}" for drag in self.drags)
             return f"ambiguous, since the estimates do not agree ({each})"
@@ -183,7 +183,7 @@ class DriftVerdict:
 
 
 def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increase: float) -> tuple[str, ...]:
-    """Describe the findings, a line each."""
+    """Describe the findings, one per line."""
     reference = verdict.drags[0].reference
     low, high = (100.0 * end / reference for end in verdict.interval)
     where = " outside the episodes" if verdict.changes.episodes else ""
@@ -253,21 +253,21 @@ def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
 
 
 def is_straight(table: pd.DataFrame, estimate: str, outside: NDArray[np.bool_]) -> bool:
-    """Test whether the shared drag of an estimate leaves a straight line over the days by a curvature.
+    """Return whether the drag common to dive and climb follows a straight line over the days, without curvature.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile.
+        Table of medians, one row for each profile.
     estimate : str
-        Of those that the medians were taken of.
+        Name of an estimate with medians.
     outside : (n,) mask
-        Profiles that count.
+        Profiles that are used.
 
     Notes
     -----
-    A parabola is fitted together with the line by generalised least squares under the noise model that then fits best.
-    Too few values show no curvature.
+    A parabola is fitted together with the line by generalised least squares, with the noise model that fits best. With
+    too few values no curvature is significant, and the result is true.
     """
     dive, climb = (values_of(table, median_column(DRAG, phase, estimate)) for phase in PHASES)
     values, days = shared_drag(dive, climb, weight_effects(table)), days_of(table)
@@ -282,7 +282,7 @@ def is_straight(table: pd.DataFrame, estimate: str, outside: NDArray[np.bool_]) 
 
 @dataclass(frozen=True, eq=False)
 class DriftFindings:
-    """Findings from a table of medians."""
+    """Trends, drag, slopes, check and change points found in a table of medians."""
 
     trends: list[EstimateTrends]
     drags: list[DragDrift]
@@ -294,12 +294,12 @@ class DriftFindings:
 
     @property
     def primary(self) -> list[EstimateTrends]:
-        """Trends of the estimates that count."""
+        """Trends of the estimates used for the verdict."""
         return [own for own in self.trends if own.estimate in self.counted]
 
     @property
     def verdict(self) -> DriftVerdict:
-        """Joint verdict of the estimates that count."""
+        """Joint verdict of the estimates used."""
         drags = tuple(drag for drag in self.drags if drag.estimate in self.counted)
         return DriftVerdict(drags, self.changes, self.straight)
 
@@ -312,22 +312,22 @@ def find_drift(
     changes: Changes | None = None,
     counted: tuple[str, ...] = PRIMARY,
 ) -> DriftFindings:
-    """Find trends, drag and their meaning in a table of medians.
+    """Find trends and drag in a table of medians, and interpret them.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a profile: ``profile``, ``elapsed_days``, ``epoch`` and what `profile_row` gives.
+        Table with one row for each profile: ``profile``, ``elapsed_days``, ``epoch`` and the values of `profile_row`.
     hull : Platform
-        The mission's.
+        Hull of the mission.
     settings : DriftSettings
-        How.
+        Settings of the study.
     slopes : sequence of CoefficientSlopes
-        Over segments of the same profiles, where coefficients were drawn.
+        Slopes over segments of the same profiles, if coefficients were drawn.
     changes : Changes, optional
-        Change points of the mission; none by default. Trends of drag are those outside its episodes.
+        Change points of the mission; none by default. Trends of drag are those outside the episodes.
     counted : tuple of str
-        Estimates on which the verdict rests (`counted_estimates`).
+        Estimates used for the verdict (`counted_estimates`).
     """
     changes = Changes() if changes is None else changes
     table = of_epochs(table)
@@ -346,13 +346,13 @@ def find_drift(
 
 
 def _outside(table: pd.DataFrame, changes: Changes) -> NDArray[np.bool_]:
-    """Rows outside the episodes; all of them where these leave fewer than a trend takes."""
+    """Mask of the rows outside the episodes; all rows if too few lie outside."""
     outside = changes.outside(values_of(table, "profile"))
     return outside if outside.sum() >= MIN_VALUES_SEARCHED else np.ones(len(table), dtype=np.bool_)
 
 
 def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:
-    """The adjoint's slopes over all samples that count, by quantity and phase; those over segments approximate them."""
+    """Slopes of the adjoint over all samples used, by quantity and phase; those over segments approximate them."""
     trends = next(own for own in found.trends if own.estimate == ADJOINT).trends
     drag = next(own for own in found.drags if own.estimate == ADJOINT).phases
     slopes = {key: one.trend.slope for key, one in trends.items() if key[0] in LONGITUDINAL}

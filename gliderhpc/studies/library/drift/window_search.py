@@ -1,4 +1,4 @@
-"""Search of a series for the window in which it leaves the mission's line, over all positions and lengths."""
+"""Search of a series for the window in which it departs from the mission's line, over all positions and lengths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,46 +13,46 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_WINDOW = 3
-"""Profiles of a window, and before and after it, at least; a window may also last until the end."""
+"""Least number of profiles in a window, and before and after it; a window may also last until the end."""
 
 OWN_SLOPE = 4
-"""Profiles from which on a window may have a slope of its own."""
+"""Least number of profiles in a window with its own slope."""
 
 MODEL_MARGIN = 2.0
-"""Loss by which a more persistent noise may be the worse one and is still taken for the null series."""
+"""Largest excess loss of a more persistent noise model that is preferred for the null series."""
 
 LARGEST_ERROR = 4.0
 """Robust standard deviations to which errors are limited."""
 
 _FINE, _GROWTH = 6, 1.2
-"""Places a window length, and ratio of one length to the next, of the candidates."""
+"""Number of candidate places in a window's length, and ratio of one candidate length to the next."""
 
 _ALL = 100
-"""Values up to which all windows are candidates."""
+"""Largest number of values for which all windows are candidates."""
 
 _TABLE = 2**17
-"""Entries of a table of windows and series, which go into a core's cache."""
+"""Number of entries in a table of windows and series that fit into a core's cache."""
 
 _MIN_POWER = 1e-9
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """First-order autoregression and independent scatter.
+    """First-order autoregression with independent scatter.
 
     Attributes
     ----------
     correlation : float
-        Of the wander from one profile to the next.
+        Correlation of the autoregression from one profile to the next.
     part : float
-        Of the variance that wanders; the rest is independent.
+        Share of the autoregression in the variance; the rest is independent.
     """
 
     correlation: float
     part: float
 
     def covariance(self, positions: Index) -> Array:
-        """Covariance ``(n, n)`` at unit variance of profiles at some positions ``(n,)`` along the mission."""
+        """Covariance ``(n, n)``, at unit variance, of profiles at positions ``(n,)`` along the mission."""
         apart = np.abs(positions[:, None] - positions[None])
         return np.asarray(self.part * self.correlation**apart + (1.0 - self.part) * (apart == 0))
 
@@ -66,7 +66,7 @@ NOISE_MODELS = (
     NoiseModel(0.97, 0.5),
     NoiseModel(0.97, 1.0),
 )
-"""Candidates, the more persistent the later."""
+"""Candidate noise models, from less to more persistent."""
 
 
 class WeightedBaseline:
@@ -75,22 +75,23 @@ class WeightedBaseline:
     Parameters
     ----------
     model : NoiseModel
-        The noise.
+        Noise model.
     positions : (n,)
-        Of the values along the mission, in profiles.
+        Positions of the values along the mission, in profiles.
     baseline : (n, p)
-        Columns that every fit holds, a level and a line among them.
+        Columns included in every fit, among them a level and a line.
 
     Attributes
     ----------
     model : NoiseModel
-        The noise.
+        Noise model.
     projected : (n, n)
-        Inverse covariance without what the baseline explains: ``y' projected y`` is what the baseline leaves of `y`.
+        Inverse covariance with the baseline projected out: ``y' projected y`` is the weighted sum of squares of `y`
+        that the baseline does not explain.
     constant : float
         Part of the restricted loss that does not depend on the values.
     freedom : int
-        Values less columns.
+        Number of values minus number of columns.
     """
 
     def __init__(self, model: NoiseModel, positions: Index, baseline: Array) -> None:
@@ -103,35 +104,35 @@ class WeightedBaseline:
         self.freedom = baseline.shape[0] - baseline.shape[1]
 
     def loss(self, left: Array) -> Array:
-        """Minus twice the restricted log likelihood, its scale fitted, of weighted sums of squares ``(m,)``."""
+        """Minus twice the restricted log-likelihood of weighted sums of squares ``(m,)``, with fitted scale."""
         return np.asarray(self.constant + self.freedom * np.log(left))
 
     def left(self, values: Array) -> Array:
-        """Weighted sums of squares ``(m,)`` that the baseline leaves of series ``(n, m)``."""
+        """Weighted sums of squares ``(m,)`` of series ``(n, m)`` that the baseline does not explain."""
         return np.asarray(np.einsum("nm,nm->m", values, self.projected @ values))
 
 
 def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedBaseline:
-    """Return the baseline under the noise model of the least loss for a series ``(n,)``."""
+    """Return the baseline under the noise model with the least loss for a series ``(n,)``."""
     fits = [WeightedBaseline(model, positions, baseline) for model in NOISE_MODELS]
     return min(fits, key=lambda one: float(one.loss(one.left(values[:, None]))[0]))
 
 
 @dataclass(frozen=True)
 class Strongest:
-    """The strongest window of a series.
+    """Strongest window of a series.
 
     Attributes
     ----------
     gain : float
-        Drop of minus twice the restricted log likelihood, less the logarithm of the number of values for each
-        coefficient, from the mission's line alone.
+        Decrease of minus twice the restricted log-likelihood relative to the mission's line alone, minus the logarithm
+        of the number of values for each coefficient.
     first, stop : int
-        The first value of the window, and the first one after it.
+        Indices of the first value in the window, and of the first value after it.
     null : NoiseModel
-        Noise of null series: the most persistent of those with which the line alone fits about as well as with any.
+        Noise of null series: the most persistent model with which the line alone fits about as well as with the best.
     noise : NoiseModel
-        Noise with the window.
+        Noise that fits best with the window.
     """
 
     gain: float
@@ -142,23 +143,24 @@ class Strongest:
 
 
 class WindowSearch:
-    """Candidate windows of a series, and what they explain under every noise model.
+    """Candidate windows of a series, and the variance that they explain under every noise model.
 
     Parameters
     ----------
     days : (n,)
         Days of the values.
     positions : (n,)
-        Their positions along the mission, in profiles.
+        Positions of the values along the mission, in profiles.
     shapes : sequence of (n,)
-        Changes that are already known, in addition to a level and a line.
+        Changes already found, added to the level and the line.
 
     Notes
     -----
-    In a window the series may have another level, and from `OWN_SLOPE` values on another slope. With the inverse
-    covariance P of the noise, baseline projected out, what a window explains of a series y takes the sums of ``P y``
-    and of ``t P y`` over the window alone, so all windows are searched by cumulative sums. Both hypotheses choose their
-    noise model: a wander that explains a window as well takes its gain away.
+    In a window the series may have another level and, with `OWN_SLOPE` values or more, another slope. Let P be the
+    inverse covariance of the noise with the baseline projected out. The sum of squares of a series y that a window
+    explains depends only on the sums of ``P y`` and ``t P y`` over the window, so all windows are searched by
+    cumulative sums. The noise model is chosen separately with and without the window: if persistent noise explains the
+    series as well, the window has no gain.
     """
 
     def __init__(self, days: Array, positions: Index, shapes: Sequence[Array] = ()) -> None:
@@ -172,7 +174,7 @@ class WindowSearch:
         return [_Scan(model, self, self.windows) for model in NOISE_MODELS]
 
     def strongest(self, values: Array) -> Strongest:
-        """Find the strongest window of a series ``(n,)``, its edges value by value."""
+        """Find the strongest window of a series ``(n,)``, with its edges refined value by value."""
         series = values[:, None]
         found = [scan.losses(series) for scan in self._scans]
         line = np.array([float(one[0][0]) for one in found])
@@ -203,7 +205,7 @@ class WindowSearch:
         return np.asarray(line.min(axis=0) - window.min(axis=0))
 
     def innovations(self, values: Array, best: Strongest) -> Array:
-        """Independent errors ``(n,)`` of a series ``(n,)`` that line and window leave, of unit variance."""
+        """Independent residuals ``(n,)`` of a series ``(n,)`` from line and window, with unit variance."""
         inside = np.zeros(len(values))
         inside[best.first : best.stop] = 1.0
         own = [inside, inside * self.time] if best.stop - best.first >= OWN_SLOPE else [inside]
@@ -211,17 +213,17 @@ class WindowSearch:
         columns = np.linalg.solve(root, np.column_stack([self.baseline, *own, values]))
         fitted = np.linalg.lstsq(columns[:, :-1], columns[:, -1], rcond=None)[0]
         rest = columns[:, -1] - columns[:, :-1] @ fitted
-        # Jumps of further changes, which the next search is for, are no part of the noise.
+        # Jumps due to further changes, which later searches will find, are not noise.
         limit = LARGEST_ERROR * MAD * float(np.median(np.abs(rest)))
         rest = np.clip(rest, -limit, limit)
         return np.asarray((rest - rest.mean()) / max(float(rest.std()), _MIN_POWER))
 
 
 def candidate_windows(n: int) -> Index:
-    """Return first value and stop ``(w, 2)`` of the windows to search in series of n values.
+    """Return first index and stop ``(w, 2)`` of the windows to search in series of n values.
 
-    All of them in short series. In long ones lengths grow by a fifth and places are a sixth of the length apart, but
-    every window that lasts until the end is among them.
+    In short series these are all windows. In long series, lengths increase by a fifth and places are a sixth of the
+    length apart, and every window that lasts until the end is included.
     """
     found = {(first, n) for first in range(MIN_WINDOW, n - MIN_WINDOW + 1)}
     length, every = MIN_WINDOW, n <= _ALL
@@ -233,7 +235,7 @@ def candidate_windows(n: int) -> Index:
 
 
 def windows_near(n: int, first: int, stop: int) -> Index:
-    """Return all windows ``(w, 2)`` whose edges lie within a step of the candidates from those of a window."""
+    """Return all windows ``(w, 2)`` whose edges lie within one candidate step of those of a window."""
     reach = max(1, (stop - first) // _FINE)
     found = [
         (begin, end)
@@ -255,7 +257,7 @@ class _Scan:
         level = self._blocks(projected)
         mixed = self._blocks(projected * self.time)
         slope = self._blocks(projected * self.time * self.time.T)
-        # A slope in addition to the level, made orthogonal to it.
+        # The slope is made orthogonal to the level.
         own = slope - mixed**2 / np.maximum(level, _MIN_POWER)
         usable = (self.stop - self.first >= OWN_SLOPE) & (own > _MIN_POWER * np.maximum(slope, _MIN_POWER))
         scale = np.where(usable, 1.0 / np.sqrt(np.where(usable, own, 1.0)), 0.0)
@@ -265,7 +267,7 @@ class _Scan:
         self.penalty = float(np.log(len(search.days)))
 
     def losses(self, values: Array) -> tuple[Array, Array, Index]:
-        """Loss of the line alone and with the best window, and that window, of each series ``(n, m)``."""
+        """Loss of each series ``(n, m)`` with the line alone and with the best window, and that window's index."""
         weighted = self.baseline.projected @ values
         left = np.einsum("nm,nm->m", values, weighted)
         floor = _MIN_POWER * left
@@ -306,7 +308,7 @@ class _Scan:
 
 
 def amplitude(positions: NDArray[np.int64], baseline: Array, unit: Array, values: Array) -> tuple[float, float]:
-    """Size of a shape ``(n,)`` in a series ``(n,)`` about a baseline ``(n, p)``, and its standard deviation."""
+    """Size of a shape ``(n,)`` in a series ``(n,)`` with a baseline ``(n, p)``, and its standard deviation."""
     noise = best_baseline(positions, np.column_stack([baseline, unit]), values)
     own = WeightedBaseline(noise.model, positions, baseline)
     power = float(unit @ own.projected @ unit)

@@ -1,6 +1,6 @@
 """Statistics of a disturbance's fast part, on plain arrays, for the studies of turbulence (section 5.3).
 
-`series` takes a channel from an archive or an estimate, high-passes it and leaves out the samples that do not count.
-`statistics` has spectra and structure functions, `surrogates` the rank test among surrogates. `verdict` compares
-measured profiles with nulls. The studies are `gliderhpc.studies.spectra`, `intermittency`, `nulls` and `events`.
+`series` reads a channel from an archive or an estimate, high-passes it and excludes unusable samples. `statistics` has
+spectra and structure functions, `surrogates` the rank test among surrogates. `verdict` compares measured profiles with
+nulls. The studies are `gliderhpc.studies.spectra`, `intermittency`, `nulls` and `events`.
 """

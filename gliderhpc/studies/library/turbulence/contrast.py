@@ -1,10 +1,10 @@
-"""A test of intermittency that has its nominal level: measured profiles against Gaussian nulls of the same pipeline.
+"""Test of intermittency with the nominal level: measured profiles against Gaussian nulls of the same pipeline.
 
-The rank test of the publication compares a profile with surrogates of its own series. What the pipeline itself makes
-impulsive counts against the surrogates as intermittency does, so that records without any disturbance pass it. Nulls
-with a Gaussian disturbance of the measured spectrum go through the same instrument and the same inversion; if the
-measured disturbance is Gaussian too, profiles and nulls are draws of one distribution, whatever the pipeline makes of
-it, and a rank-sum test over the whole mission has its level.
+The rank test of the publication compares a profile with surrogates of its own series. It cannot distinguish impulses
+that the pipeline itself makes from intermittency, and even records without any disturbance pass it. Nulls with a
+Gaussian disturbance of the measured spectrum go through the same instrument and the same inversion. If the measured
+disturbance is Gaussian too, profiles and nulls are draws from one distribution, whatever the pipeline does to them, and
+a rank-sum test over the whole mission has its nominal level.
 """
 
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.05
 POWER = 0.9
-"""Level and power for which the profiles that are needed are counted."""
+"""Level and power for which the number of profiles needed is computed."""
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """Flatness of measured profiles against that of Gaussian nulls.
+    """Comparison of the flatness of measured profiles with that of Gaussian nulls.
 
     Attributes
     ----------
     profiles, nulls : int
-        Values compared.
+        Numbers of values compared.
     larger : float
-        Share of pairs in which the profile's is the larger; one half where nothing distinguishes them.
+        Share of pairs in which the profile's value is the larger; one half if the distributions are the same.
     p_value : float
-        One-sided, of the rank-sum test (Mann and Whitney 1947).
+        One-sided p of the rank-sum test (Mann and Whitney 1947).
     """
 
     profiles: int
@@ -42,19 +42,19 @@ class Contrast:
 
     @property
     def can_decide(self) -> bool:
-        """Whether these numbers could reach the level at all."""
+        """Return whether a test with these numbers of values could reach the level at all."""
         return 1.0 / comb(self.profiles + self.nulls, self.profiles) <= LEVEL
 
     @property
     def profiles_needed(self) -> float:
-        """Profiles, with as many nulls, among which this share of pairs is found at `LEVEL` with `POWER`.
+        """Number of profiles, with as many nulls, for which this share of pairs is significant at `LEVEL` with `POWER`.
 
-        Infinite where the profiles' flatness is not the larger in more than half of the pairs.
+        Infinite unless the profiles' flatness is the larger in more than half of the pairs.
 
         Notes
         -----
-        Noether (1987): ``N = (z_level + z_power)^2 / (12 c (1 - c) (larger - 1/2)^2)`` in all, a part c of them
-        profiles; here c is one half.
+        Noether (1987): the total number is ``N = (z_level + z_power)^2 / (12 c (1 - c) (larger - 1/2)^2)``, of which a
+        share c are profiles; here c is one half.
         """
         if not self.larger > 0.5:
             return float("inf")
@@ -63,7 +63,7 @@ class Contrast:
 
 
 def contrast_of(measured: Array, nulls: Array) -> Contrast | None:
-    """Compare a statistic of profiles ``(n,)`` with that of nulls ``(m,)``; None where either has no value."""
+    """Compare a statistic of profiles ``(n,)`` with that of nulls ``(m,)``; None if either has no values."""
     measured, nulls = measured[np.isfinite(measured)], nulls[np.isfinite(nulls)]
     if not len(measured) or not len(nulls):
         return None
@@ -74,7 +74,7 @@ def contrast_of(measured: Array, nulls: Array) -> Contrast | None:
 
 @dataclass(frozen=True)
 class NullPasses:
-    """How many nulls without any disturbance pass a test, of how many, and the share that its level allows."""
+    """Number of nulls without any disturbance that pass a test, number of such nulls, and level of the test."""
 
     passed: int
     count: int
@@ -82,5 +82,5 @@ class NullPasses:
 
     @property
     def holds(self) -> bool:
-        """Whether so many are expected of a test that has its level (binomial, one-sided, 5 %)."""
+        """Return whether this number is compatible with the test's level (one-sided binomial test at 5 %)."""
         return bool(scipy.stats.binomtest(self.passed, self.count, self.level, "greater").pvalue > LEVEL)

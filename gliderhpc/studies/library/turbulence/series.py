@@ -1,4 +1,4 @@
-"""Disturbance series of a profile for the studies of turbulence, high-passed, in the stretches that count; settings."""
+"""Disturbance series of a profile for the studies of turbulence: high-pass, usable stretches, and settings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CUTOFF = 0.05
-"""Cutoff of the high-pass, Hz: slower disturbances are the model's bias."""
+"""Cutoff of the high-pass, Hz; slower disturbances are regarded as the model's bias."""
 
 
 HIGH_PASS_ORDER = 4
@@ -36,16 +36,16 @@ NOT_MEASURED = ("gap_in_the_record", "prior_used_because_the_window_failed")
 """Quality bits of samples without information on the water."""
 
 ACTUATED = ("vibration", "battery_rotated")
-"""Quality bits of samples that the paper leaves out: actuators that move, and a battery that is rotated."""
+"""Quality bits of samples that the paper excludes: moving actuators, and a rotated battery."""
 
 MIN_RMS = 1e-9
-"""Root mean square of a fast part (N or N m) below which it is zero to rounding, as in a null without a turn."""
+"""Root mean square of a fast part (N or N m) below which it is zero to rounding, as in nulls that do not turn."""
 
 MIN_DURATION = 300.0
-"""Time that must count for a profile to have statistics, s."""
+"""Least duration of usable samples for the statistics of a profile, s."""
 
 EXAMINED_PROFILES = 5
-"""Profiles, spread over those chosen, whose sample interval is compared with the band."""
+"""Number of profiles, spread over those chosen, whose sample interval is compared with the band."""
 
 
 class FastSettings(Settings):
@@ -97,12 +97,12 @@ class IntermittencySettings(SpectraSettings):
 
     @property
     def every_lag(self) -> tuple[float, ...]:
-        """Lags with that of the test, in ascending order, s."""
+        """Lags including that of the test, in ascending order, s."""
         return tuple(sorted({*self.lags, self.lag}))
 
     @property
     def scaling_ranges(self) -> tuple[Range, ...]:
-        """Ranges of lags that exponents are fitted over, `scaling` first, s."""
+        """Ranges of lags over which exponents are fitted, `scaling` first, s."""
         return (self.scaling, *self.scaling_varied)
 
     @model_validator(mode="after")
@@ -119,7 +119,7 @@ class IntermittencySettings(SpectraSettings):
 
 
 def bridged(signal: Array, usable: Mask) -> Array:
-    """Interpolate a signal ``(n,)`` linearly where it is not usable; without any usable sample it becomes zero."""
+    """Interpolate a signal ``(n,)`` linearly where it is not usable; without any usable sample return zeros."""
     if not usable.any():
         return np.zeros_like(signal)
     index = np.arange(len(signal))
@@ -127,18 +127,18 @@ def bridged(signal: Array, usable: Mask) -> Array:
 
 
 def high_passed(signal: Array, step: float, cutoff: float = CUTOFF, *, pad: int | None = None) -> Array:
-    """High-pass a signal by a Butterworth filter that is run both ways, so that nothing is shifted (model.md 8).
+    """High-pass a signal by a Butterworth filter run forward and backward, without phase shift (docs/turbulence.md).
 
     Parameters
     ----------
     signal : (n,) array
-        Without missing values.
+        Signal without missing values.
     step : float
         Time between samples, s.
     cutoff : float
-        Hz.
+        Cutoff frequency, Hz.
     pad : int, optional
-        Samples of odd extension at either end; a period of the cutoff where not given.
+        Samples of odd extension at each end; by default a period of the cutoff.
     """
     sections = scipy.signal.butter(HIGH_PASS_ORDER, cutoff, "highpass", fs=1.0 / step, output="sos")
     extension = round(1.0 / (cutoff * step)) if pad is None else pad
@@ -157,7 +157,7 @@ class GappySeries:
     values : (n,) array
         The whole series.
     label : (n,) int array
-        Number of the unbroken stretch that a sample belongs to, -1 where it does not count.
+        Number of the unbroken stretch that a sample belongs to, -1 if the sample is not used.
     step : float
         Time between samples, s.
     """
@@ -168,12 +168,12 @@ class GappySeries:
 
     @property
     def counted(self) -> Mask:
-        """Samples ``(n,)`` that count."""
+        """Mask ``(n,)`` of the samples used."""
         return np.asarray(self.label >= 0, dtype=np.bool_)
 
     @property
     def duration(self) -> float:
-        """Time that counts, s."""
+        """Total duration of the samples used, s."""
         return float(np.count_nonzero(self.counted)) * self.step
 
     @property
@@ -182,17 +182,17 @@ class GappySeries:
         return int(self.label.max(initial=-1)) + 1
 
     def increments(self, lag: int) -> tuple[Array, NDArray[np.int64]]:
-        """Differences ``x[i + lag] - x[i]`` within a stretch, and the samples i at which they begin."""
+        """Differences ``x[i + lag] - x[i]`` within a stretch, and the indices i at which they begin."""
         begin, end = self.label[:-lag], self.label[lag:]
         first = np.flatnonzero((begin == end) & (begin >= 0))
         return self.values[first + lag] - self.values[first], first
 
     def with_values(self, values: Array) -> "GappySeries":
-        """Put other values ``(n,)`` into the same stretches."""
+        """Return a series of other values ``(n,)`` with the same stretches."""
         return replace(self, values=values)
 
     def block_averaged(self, count: int) -> "GappySeries":
-        """Average blocks of `count` samples; one that is not all of one stretch does not count, the rest is dropped."""
+        """Average blocks of `count` samples; blocks not within one stretch are unused, an incomplete one is dropped."""
         if count == 1:
             return self
         blocks = len(self.values) // count
@@ -212,12 +212,12 @@ def gappy_series(values: Array, mask: Mask, step: float, min_duration: float = 0
 
 
 def averaged_over(series: GappySeries, interval: float) -> GappySeries:
-    """Average a series over `interval` (s), or the next whole number of steps below."""
+    """Average a series over `interval` (s), rounded down to whole steps."""
     return series.block_averaged(steps_within(interval, series.step))
 
 
 def steps_within(interval: float, step: float) -> int:
-    """Whole steps that an interval holds, at least one."""
+    """Number of whole steps in an interval, at least one."""
     return max(1, int(interval / step + 1e-9))
 
 
@@ -231,13 +231,13 @@ class ChannelSeries:
     Attributes
     ----------
     time : (n,) array
-        s from the profile's first sample.
+        Time from the profile's first sample, s.
     values : (n,) array
-        N or N m; NaN is missing.
+        Disturbance, N or N m; NaN where missing.
     depth : (n,) array
-        m.
+        Depth, m.
     quality : (n,) array of uint8
-        The archive's flag masks.
+        Flag masks of the archive.
     step : float
         Time between the values, s: the integration step, or the output interval for the smoother, whose estimate is
         stored on the records alone.
@@ -258,14 +258,14 @@ class ChannelSeries:
         return 0.5 / max(self.sample_interval, self.step)
 
     def counted(self, *, actuated: bool) -> Mask:
-        """Samples ``(n,)`` that count: settled, measured, and, without `actuated`, with actuators at rest."""
+        """Mask ``(n,)`` of usable samples: settled, measured and, unless `actuated`, with actuators at rest."""
         meanings = NOT_MEASURED if actuated else (*NOT_MEASURED, *ACTUATED)
         bits = np.uint8(sum(QUALITY.meanings[meaning] for meaning in meanings))
         return np.asarray(((self.quality & bits) == 0) & (self.time >= SETTLING) & np.isfinite(self.values))
 
 
 def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSeries:
-    """Take a channel of an archive's profile; the smoother's is on the records."""
+    """Return a channel of an archive's profile; the smoother's is on the records."""
     values = data.disturbance(channel)
     depth = np.interp(data.time, data.record_time, bridged_depth(data))
     interval = sample_interval(data, platform)
@@ -277,7 +277,7 @@ def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSe
 
 
 def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
-    """Take a channel of an estimate that no archive holds; records are `every` steps apart."""
+    """Return a channel of an estimate that is not in an archive; records are `every` steps apart."""
     series, column = estimate.series, list(CHANNELS).index(channel)
     time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
     if which != SMOOTHED or estimate.smoothed is None:
@@ -289,7 +289,7 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
 
 
 def bridged_depth(data: ProfileData) -> Array:
-    """Measured depth on the records ``(m,)`` with its gaps bridged, m."""
+    """Measured depth on the records ``(m,)``, with interpolated gaps, m."""
     depth = data.measured[:, 3]
     known = np.isfinite(depth)
     return np.interp(data.record_time, data.record_time[known], depth[known])
@@ -301,7 +301,7 @@ def series_step(archive: Archive, estimate: str) -> float:
 
 
 def _padded(values: Array, count: int) -> Array:
-    """Pad values to ``(count,)`` by missing ones at the end: no disturbance acts after the last sample."""
+    """Pad values to ``(count,)`` with NaN at the end: there is no disturbance after the last sample."""
     return np.concatenate([values[:count], np.full(max(0, count - len(values)), np.nan)])
 
 
@@ -310,17 +310,17 @@ def _padded(values: Array, count: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FastPart:
-    """High-passed series of a channel in the stretches that count, with the reason where it has no statistics."""
+    """High-passed series of a channel in its usable stretches, and the reason if it has no statistics."""
 
     series: GappySeries
     message: str = ""
 
 
 def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool) -> FastPart:
-    """High-pass a channel; samples that do not count are bridged first, so that the filter does not ring at them.
+    """High-pass a channel, after bridging unusable samples to avoid ringing of the filter.
 
-    A record that resolves nothing of the band, or too little of which counts, gets a message: values between samples
-    are interpolated, and their statistics would be the interpolation's.
+    The result has a message if the record does not resolve the band, if too little of it is usable, or if the fast part
+    is zero. A record that does not resolve the band would give statistics of the interpolation between samples.
     """
     counted, lowest = channel.counted(actuated=actuated), settings.band[0]
     values = high_passed(bridged(channel.values, counted), channel.step, settings.cutoff)
@@ -335,24 +335,24 @@ def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool)
 
 
 def rms(series: GappySeries) -> float:
-    """Root mean square of the samples that count."""
+    """Root mean square of the samples used."""
     return float(np.sqrt(float(np.mean(series.values[series.counted] ** 2))))
 
 
 def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
-    """Part of a band (Hz) that lies below the Nyquist frequency."""
+    """Return the part of a band (Hz) that lies below the Nyquist frequency."""
     return band[0], min(band[1], nyquist)
 
 
 def describe_missing_band(request: Request, settings: FastSettings) -> str | None:
-    """Say why the profiles of a request resolve nothing of the band, None where at least one of those examined does.
+    """Return the reason why no examined profile of a request resolves any of the band, or None if at least one does.
 
     Parameters
     ----------
     request : Request
         Archive, profiles and estimate.
     settings : FastSettings
-        The study's, with the band in Hz.
+        Settings of the study, with the band in Hz.
 
     Raises
     ------
@@ -381,7 +381,7 @@ def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:
 
 
 def _describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
-    """Explain that samples `interval` s apart resolve up to `nyquist` Hz, and nothing of a band from `lowest` Hz on."""
+    """Explain that samples `interval` s apart resolve up to `nyquist` Hz, and nothing of a band above `lowest` Hz."""
     return (
         f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
         f"{lowest:g} Hz on"

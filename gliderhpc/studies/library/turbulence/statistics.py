@@ -1,9 +1,9 @@
 """Spectra with power laws, structure functions with scaling exponents, and the set of statistics of a fast part.
 
-Spectra are Welch's, of segments that never span two stretches. Increments ``dx(tau) = x(t + tau) - x(t)`` have the
-structure functions ``S_p = <|dx|^p>`` and the flatness ``F = S_4 / S_2^2``. In extended self-similarity (Benzi et al.
-1993) ``zeta_p / zeta_3`` is the slope of ``log S_p`` on ``log S_3`` over a range of tau. Measured series and nulls get
-the same set of statistics.
+Spectra are computed by Welch's method, from segments that never span two stretches. Increments
+``dx(tau) = x(t + tau) - x(t)`` have the structure functions ``S_p = <|dx|^p>`` and the flatness ``F = S_4 / S_2^2``. In
+extended self-similarity (Benzi et al. 1993), ``zeta_p / zeta_3`` is the slope of ``log S_p`` against ``log S_3`` over a
+range of tau. The same statistics are computed for measured series and nulls.
 """
 
 from collections.abc import Sequence
@@ -28,16 +28,16 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 MIN_FREQUENCIES = 6
-"""Frequencies that a power law is fitted to at least."""
+"""Least number of frequencies for the fit of a power law."""
 
 MIN_LAGS = 4
-"""Lags that an exponent is fitted to at least."""
+"""Least number of lags for the fit of an exponent."""
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Orders of the structure functions."""
 
 _SEGMENTS_PER_DRAW = 2
-"""Neighbouring segments share half their samples, so the bootstrap draws them in pairs."""
+"""Number of segments in a bootstrap draw: neighbours share half their samples, so they are drawn in pairs."""
 
 
 # Spectra
@@ -50,7 +50,7 @@ class Periodograms:
     Attributes
     ----------
     frequency : (m,) array
-        Hz.
+        Frequencies, Hz.
     density : (k, m) array
         One-sided power spectral density of each segment, the series' unit squared per Hz; their mean is Welch's.
     """
@@ -60,13 +60,13 @@ class Periodograms:
 
     @property
     def mean(self) -> Array:
-        """Welch's spectrum ``(m,)``; NaN without a segment."""
+        """Welch's spectrum ``(m,)``; NaN without segments."""
         return self.density.mean(axis=0) if len(self.density) else np.full(len(self.frequency), np.nan)
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """Exponent of ``S(f) ~ f^-beta``, ends of its 95 % interval, and coefficient of determination; NaN where none."""
+    """Exponent of ``S(f) ~ f^-beta``, ends of its 95 % interval, and coefficient of determination; NaN if undefined."""
 
     exponent: float = float("nan")
     low: float = float("nan")
@@ -75,9 +75,9 @@ class PowerLaw:
 
 
 def periodograms(series: GappySeries, segment: float) -> Periodograms:
-    """Compute the spectra of half overlapping, Hann-windowed segments, their mean removed (Welch 1967).
+    """Compute the spectra of half overlapping, Hann-windowed segments without their means (Welch 1967).
 
-    A stretch shorter than a segment (s) has none.
+    Stretches shorter than a segment (s) are not used.
     """
     count = max(2, round(segment / series.step))
     label = series.label
@@ -105,18 +105,18 @@ def power_law(
     Parameters
     ----------
     spectra : Periodograms
-        Of the segments.
+        Spectra of the segments.
     band : (float, float)
-        Hz; every frequency within counts alike, as in the paper.
+        Band, Hz; all frequencies in it have the same weight, as in the paper.
     draws : int
-        Of the interval's bootstrap, which draws pairs of neighbouring segments; 0 for none.
+        Number of bootstrap draws for the interval, made of pairs of neighbouring segments; 0 for no interval.
     rng : numpy.random.Generator, optional
-        Of these draws.
+        Generator of these draws.
 
     Returns
     -------
     PowerLaw
-        NaN where the band holds fewer than `MIN_FREQUENCIES` or there is no segment.
+        Fitted power law; NaN if the band has fewer than `MIN_FREQUENCIES` frequencies or there are no segments.
     """
     chosen = (spectra.frequency >= band[0]) & (spectra.frequency <= band[1]) & (spectra.frequency > 0.0)
     mean = spectra.mean[chosen]
@@ -140,20 +140,20 @@ def band_power_law(
     draws: int = 0,
     rng: np.random.Generator | None = None,
 ) -> PowerLaw:
-    """Fit a power law over the settings' band; none where the series, `step` (s) a sample, ends within the band."""
+    """Fit a power law over the settings' band; NaN if a series sampled every `step` (s) does not resolve all of it."""
     if settings.band[1] > 0.5 / step + 1e-9:
         return PowerLaw()
     return power_law(spectra, settings.band, draws, rng)
 
 
 def _slopes(x: Array, y: Array) -> Array:
-    """Slopes ``(d,)`` of rows ``(d, m)`` on ``(m,)``."""
+    """Slopes ``(d,)`` of the regressions of rows ``(d, m)`` on ``(m,)``."""
     lever = x - x.mean()
     return np.asarray(y @ lever / (lever @ lever))
 
 
 def _drawn_means(density: Array, draws: int, rng: np.random.Generator) -> Array:
-    """Mean spectra ``(draws, m)`` of as many pairs of neighbours as there are, drawn with replacement."""
+    """Mean spectra ``(draws, m)`` of pairs of neighbours drawn with replacement, half as many as there are segments."""
     pairs = 0.5 * (density[:-1] + density[1:])
     count = len(density) // _SEGMENTS_PER_DRAW
     weights = rng.multinomial(count, np.full(len(pairs), 1.0 / len(pairs)), draws)
@@ -170,9 +170,9 @@ class StructureFunctions:
     Attributes
     ----------
     lags : (m,) array
-        s; multiples of the sample's step.
+        Lags, s; multiples of the step between samples.
     functions : (..., m, 6) array
-        ``S_1`` to ``S_6``; NaN where no two samples of a stretch lie so far apart.
+        ``S_1`` to ``S_6``; NaN where all stretches are shorter than the lag.
     """
 
     lags: Array
@@ -184,11 +184,11 @@ class StructureFunctions:
         return np.asarray(self.functions[..., 3] / self.functions[..., 1] ** 2)
 
     def flatness_at(self, lag: float) -> Array:
-        """Flatness ``(...)`` at one of the lags (s)."""
+        """Flatness ``(...)`` at the lag (s) nearest to a given one."""
         return np.asarray(self.flatness[..., int(np.argmin(np.abs(self.lags - lag)))])
 
     def exponents(self, scaling: tuple[float, float]) -> Array:
-        """Relative exponents ``zeta_p / zeta_3 (..., 6)`` over a range of lags (s); NaN over too few of them."""
+        """Relative exponents ``zeta_p / zeta_3 (..., 6)`` over a range of lags (s); NaN if it has too few lags."""
         inside = (self.lags >= scaling[0] - 1e-9) & (self.lags <= scaling[1] + 1e-9)
         logs = np.log(self.functions[..., inside, :])
         if np.count_nonzero(inside) < MIN_LAGS:
@@ -202,7 +202,7 @@ class StructureFunctions:
 
 
 def lag_samples(lags: Sequence[float], step: float) -> NDArray[np.int64]:
-    """Lags (s) as numbers of samples, each once and at least one."""
+    """Convert lags (s) to distinct numbers of samples, at least one."""
     return np.unique(np.maximum(1, np.rint(np.asarray(lags) / step).astype(np.int64)))
 
 
@@ -224,7 +224,7 @@ def bootstrap_structure_functions(
 
 
 def _block_sums(series: GappySeries, lags: NDArray[np.int64], block: int) -> tuple[Array, Array]:
-    """Sums ``(b, m, 6)`` of the increments' powers by the block of `block` samples they begin in, and their numbers."""
+    """Sums ``(b, m, 6)`` of powers of the increments that begin in each block of `block` samples, and their numbers."""
     blocks = -(-len(series.values) // block)
     sums, counts = np.zeros((blocks, len(lags), len(ORDERS))), np.zeros((blocks, len(lags)))
     for at, lag in enumerate(lags):
@@ -244,7 +244,7 @@ def _averages(series: GappySeries, lags: NDArray[np.int64], sums: Array, counts:
 
 
 def without_unresolved_lags(found: StructureFunctions, sample_interval: float) -> StructureFunctions:
-    """Mark the lags shorter than the records' sample interval (s) as missing."""
+    """Set the structure functions at lags shorter than the records' sample interval (s) to NaN."""
     functions = found.functions.copy()
     functions[..., found.lags < sample_interval - 1e-6, :] = np.nan
     return StructureFunctions(found.lags, functions)
@@ -253,7 +253,7 @@ def without_unresolved_lags(found: StructureFunctions, sample_interval: float) -
 def resolved_structure_functions(
     series: GappySeries, settings: IntermittencySettings, sample_interval: float
 ) -> StructureFunctions:
-    """Compute structure functions at the settings' lags; those shorter than a sample interval (s) are missing."""
+    """Compute structure functions at the settings' lags; NaN at lags shorter than a sample interval (s)."""
     lags = lag_samples(settings.every_lag, series.step)
     return without_unresolved_lags(structure_functions(series, lags), sample_interval)
 
@@ -262,7 +262,7 @@ def resolved_structure_functions(
 
 
 def moments(series: GappySeries) -> Row:
-    """Kurtosis (3 for Gaussian), largest magnitude and root mean square of the samples that count."""
+    """Kurtosis (3 for a Gaussian series), largest magnitude and root mean square of the samples used."""
     values = series.values[series.counted]
     square = float(np.mean(values**2))
     return {
@@ -275,7 +275,7 @@ def moments(series: GappySeries) -> Row:
 def statistics_row(
     fast: GappySeries, found: StructureFunctions, channel: ChannelSeries, settings: IntermittencySettings
 ) -> Row:
-    """Compute the statistics of a fast part and its structure functions, by the names that the archive's groups have.
+    """Compute the statistics of a fast part and its structure functions, under the names used in the archive's groups.
 
     See group `intermittency` in ``gliderhpc/store_schema/studies.txt``.
     """

@@ -1,7 +1,7 @@
 """Surrogates with a series' values and spectrum but random phases (Schreiber & Schmitz 1996), and the rank test.
 
-The iterated amplitude-adjusted Fourier transform restores the spectrum and then the values, in turn. It ends with the
-values, so these are exactly the series' own and the spectrum is as near as the iteration came.
+The iterated amplitude-adjusted Fourier transform restores the spectrum and the values in turn. It ends with the values:
+these are exactly those of the series, and the spectrum is approximate.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from gliderhpc.studies.library.turbulence.statistics import StructureFunctions, 
 Array = NDArray[np.float64]
 
 BANDS_PER_OCTAVE = 2
-"""Bands over which the spectrum's deviation is taken."""
+"""Number of bands in an octave over which the spectrum's deviation is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +26,11 @@ class Surrogate:
     Attributes
     ----------
     values : (n,) array
-        A reordering of the series.
+        Values of the series in another order.
     iterations : int
-        Taken.
+        Number of iterations.
     converged : bool
-        True where the order settled, or the spectrum stopped coming nearer, before the cap.
+        True if the order or the distance of the spectrum stopped changing before the largest number of iterations.
     """
 
     values: Array
@@ -39,18 +39,18 @@ class Surrogate:
 
 
 def iaaft(values: Array, rng: np.random.Generator, *, max_iterations: int = 200, tolerance: float = 1e-2) -> Surrogate:
-    """Make a surrogate of a series ``(n,)``, which counts as periodic.
+    """Make a surrogate of a series ``(n,)``, which is assumed to be periodic.
 
     Parameters
     ----------
     values : (n,) array
-        The series; its ends should meet, see `joined`.
+        Series, whose ends should meet (see `joined`).
     rng : numpy.random.Generator
-        Of the order that the iteration starts from.
+        Generator of the order from which the iteration starts.
     max_iterations : int
-        Cap of the iterations.
+        Largest number of iterations.
     tolerance : float
-        Relative gain of an iteration in the distance of the amplitudes below which it has converged.
+        Relative decrease of the amplitudes' distance in an iteration, below which the iteration has converged.
     """
     ordered, amplitudes = np.sort(values), np.abs(scipy.fft.rfft(values))
     surrogate = rng.permutation(values)
@@ -72,7 +72,7 @@ def iaaft(values: Array, rng: np.random.Generator, *, max_iterations: int = 200,
 def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple[float, float]) -> tuple[float, float]:
     """Root mean square and largest relative difference of power over half-octave bands between two frequencies (Hz).
 
-    NaN where the series has no power there.
+    NaN if the series has no power there.
     """
     frequency = np.fft.rfftfreq(len(values), step)
     octave = np.floor(BANDS_PER_OCTAVE * np.log2(np.maximum(frequency, 1e-12) / band[0])).astype(np.int64)
@@ -86,9 +86,9 @@ def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple
 
 
 def rank_p_value(measured: float, surrogates: Array) -> float:
-    """One-sided p of the exact rank test: the share of measured and surrogates together that are as large.
+    """One-sided p of the exact rank test: share of the measured value and the surrogates that are at least as large.
 
-    NaN where there is nothing to rank.
+    NaN if the measured value is not finite.
     """
     if not np.isfinite(measured):
         return float("nan")
@@ -96,11 +96,11 @@ def rank_p_value(measured: float, surrogates: Array) -> float:
 
 
 def joined(series: GappySeries, fade: float) -> GappySeries:
-    """Put the stretches of a series on end for surrogates, each faded in and out over `fade` (s).
+    """Join the stretches of a series end to end for surrogates, each faded in and out over `fade` (s).
 
-    Each stretch fades to nothing at both ends, so that no jump is where two meet, nor where the end meets the
-    beginning; faded samples do not count. The last stretch is cut by a few samples, to a length whose Fourier transform
-    is fast. A stretch too short to have an unfaded sample is left out.
+    Each stretch fades to zero at both ends, which avoids jumps where two stretches meet and where the end meets the
+    beginning. Faded samples are not used in statistics. The last stretch is cut by a few samples to a total length with
+    a fast Fourier transform. A stretch too short to have an unfaded sample is left out.
     """
     width = max(1, round(fade / series.step))
     numbers = np.flatnonzero(np.bincount(series.label[series.counted]) > 2 * width)
@@ -130,15 +130,15 @@ class SurrogateTest:
     Attributes
     ----------
     p_value : float
-        Of the rank test of the flatness, the series' taken after its stretches were faded as the surrogates' were.
+        p of the rank test of the flatness; that of the series is computed after fading, as for the surrogates.
     structures : StructureFunctions
-        Of the surrogates, ``functions (s, m, 6)``.
+        Structure functions of the surrogates, ``functions (s, m, 6)``.
     iterations : (s,) int array
-        Taken.
+        Numbers of iterations.
     converged : (s,) mask
-        True where the order settled, or the spectrum stopped coming nearer.
+        True for surrogates whose iteration converged.
     deviation : (s, 2) array
-        Root mean square and largest deviation of their spectra in half-octave bands.
+        Root mean square and largest deviation of the surrogates' spectra in half-octave bands.
     """
 
     p_value: float
@@ -149,7 +149,7 @@ class SurrogateTest:
 
 
 def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
-    """Make a series' surrogates and rank its flatness among theirs; one-sided, at the lag fixed beforehand."""
+    """Make surrogates of a series, and rank its flatness among theirs: one-sided, at the lag of the settings."""
     source = joined(series, settings.fade)
     lags = lag_samples(settings.every_lag, source.step)
     band = (settings.cutoff, min(settings.band[1], 0.5 / source.step))

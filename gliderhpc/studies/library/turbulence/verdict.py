@@ -1,9 +1,8 @@
 """Measured profiles compared with nulls: the ensembles, the nulls' ceiling, and the verdict on turbulence.
 
-The paper asks for three features together, each passed, failed or not tested. A feature passes only where every profile
-shows it, a statistic that the records do not give is not tested rather than passed, and one feature that is not passed
-refutes the claim. A test that has its level on nulls (`contrast`) is added to these, and a conclusion in three
-sentences.
+The paper requires three features together. Each is passed, failed or not tested. A feature is passed only if every
+profile shows it; a statistic that the records do not resolve is not tested. One feature that is not passed refutes the
+claim. A test that has its nominal level on nulls (`contrast`), and a conclusion in three sentences, are added.
 """
 
 from dataclasses import asdict, dataclass
@@ -25,11 +24,11 @@ from gliderhpc.vocabulary import she_leveque
 Array = NDArray[np.float64]
 
 ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
-"""Families of the ceiling: what the pipeline invents without any disturbance. A Gaussian null has a disturbance."""
+"""Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
 
 SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
-"""Distance of an exponent from She and Leveque's that the paper calls turbulence-valued."""
+"""Largest distance of an exponent from She and Leveque's that the paper regards as turbulence."""
 
 PASSED, FAILED, NOT_TESTED = "passed", "failed", "not tested"
 
@@ -53,16 +52,16 @@ ASSUMPTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Ensembles:
-    """The measured profiles and the nulls of a mission.
+    """Measured profiles and nulls of a mission.
 
     Attributes
     ----------
     measured : pandas.DataFrame
-        A row a profile, as group ``intermittency`` has them.
+        Table of group ``intermittency``, one row for each profile.
     nulls : pandas.DataFrame
-        A row a realisation, as group ``nulls`` has them; empty where there are none.
+        Table of group ``nulls``, one row for each realisation; empty if there are none.
     settings : IntermittencySettings
-        That both were made with.
+        Settings of both.
     """
 
     measured: pd.DataFrame
@@ -82,7 +81,7 @@ class Ensembles:
 
     @property
     def ceiling(self) -> float:
-        """Largest magnitude that any artefact reaches, in the channel's unit; NaN without nulls."""
+        """Largest magnitude in the nulls without any disturbance, in the channel's unit; NaN without nulls."""
         return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
 
     def measured_values(self, name: str) -> Array:
@@ -93,7 +92,7 @@ class Ensembles:
 
 
 def null_table(archive: Archive) -> pd.DataFrame:
-    """Return the table of an archive's nulls, a row a realisation."""
+    """Return the table of an archive's nulls, one row for each realisation."""
     group = archive["nulls"].to_dataset()
     columns = [variable.name for variable in REALISATIONS if variable.name in group]
     return pd.DataFrame({name: as_cells(group[name].values) for name in columns})
@@ -102,7 +101,7 @@ def null_table(archive: Archive) -> pd.DataFrame:
 def stored_nulls(
     archive: Archive, estimate: str, settings: IntermittencySettings
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return the nulls that an archive holds for an estimate and settings, and a remark where it holds none."""
+    """Return an archive's nulls for an estimate and settings, and a remark if there are none."""
     attributes = _attributes(archive, "nulls")
     if not attributes.get(COMPLETE, False):
         return pd.DataFrame(), ("there are no nulls to compare the amplitudes with; run the study nulls",)
@@ -116,7 +115,7 @@ def stored_nulls(
 
 
 def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
-    """Return the measured profiles that an archive holds for an estimate, and their settings; None without them."""
+    """Return an archive's measured profiles for an estimate, and their settings, which are None if there are none."""
     attributes = _attributes(archive, "intermittency")
     if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
         return pd.DataFrame(), None
@@ -125,7 +124,7 @@ def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, Inte
 
 
 def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
-    """Return whether stored settings give the same statistics as these: all but seeds and sizes of draws agree."""
+    """Return whether stored settings give the same statistics: all must agree except seeds and numbers of draws."""
     own = settings.model_dump(mode="json")
     free = {"seed", "draws", "block_draws", "surrogates", "groups"}
     return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
@@ -140,14 +139,14 @@ def _attributes(archive: Archive, name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class NullFloor:
-    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square that sensor noise alone leaves."""
+    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square due to sensor noise alone."""
 
     ceiling: float
     noise: float
 
 
 def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
-    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and a remark why."""
+    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and the reason."""
     own_noise = "events are ranked by each profile's own noise floor"
     attributes = _attributes(archive, "nulls")
     if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
@@ -168,7 +167,7 @@ def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple
 
 @dataclass(frozen=True)
 class Feature:
-    """One of the paper's three features: its name, its outcome, and the figures that the outcome follows from."""
+    """One of the paper's three features: name, outcome, and the figures from which the outcome follows."""
 
     name: str
     outcome: str
@@ -177,23 +176,23 @@ class Feature:
 
 @dataclass(frozen=True)
 class TurbulenceVerdict:
-    """The features, and the joint statement.
+    """Features and joint statement.
 
     Attributes
     ----------
     features : tuple of Feature
         Exponents, amplitudes, rank test.
     inside : float
-        Share of the nulls' exponents inside the cluster, with one added to both numbers as is due of so few; NaN
+        Share of the nulls' exponents inside the cluster, with one added to both numbers because they are small; NaN
         without nulls.
     joint : float
-        Chance that as many profiles drawn from the nulls would all lie in it; NaN without nulls.
+        Probability that as many profiles drawn from the nulls would all lie inside the cluster; NaN without nulls.
     profiles : int
-        Profiles with statistics.
+        Number of profiles with statistics.
     contrast : Contrast, optional
-        Of the profiles' flatness with the Gaussian nulls'; None without either.
+        Comparison of the profiles' flatness with that of the Gaussian nulls; None if either is missing.
     null_passes : NullPasses, optional
-        Nulls without any disturbance that pass the rank test; None without these.
+        Nulls without any disturbance that pass the rank test; None if there are no such nulls.
     """
 
     features: tuple[Feature, ...]
@@ -210,7 +209,7 @@ class TurbulenceVerdict:
 
     @property
     def sentence(self) -> str:
-        """The verdict in one line."""
+        """Verdict in one line."""
         outcomes = ", ".join(f"{feature.name} {feature.outcome}" for feature in self.features)
         conclusion = (
             "the three features of the paper are there" if self.stands else "the claim of turbulence does not stand"
@@ -218,7 +217,7 @@ class TurbulenceVerdict:
         return f"verdict over {self.profiles} profiles: {conclusion} ({outcomes})"
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return the verdict as plain values."""
         return {
             "features": [{"name": f.name, "outcome": f.outcome, "figures": f.figures} for f in self.features],
             "stands": self.stands,
@@ -231,7 +230,7 @@ class TurbulenceVerdict:
 
 
 def judge(ensembles: Ensembles) -> TurbulenceVerdict:
-    """Judge the measured profiles of a mission."""
+    """Determine the verdict on the measured profiles of a mission."""
     features = (_exponents(ensembles), _amplitudes(ensembles), _rank_test(ensembles))
     inside, joint = _joint_probability(ensembles)
     return TurbulenceVerdict(
@@ -254,7 +253,7 @@ def _null_passes(ensembles: Ensembles) -> NullPasses | None:
 
 
 def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
-    """Say in three sentences what was found, how sure that is, and what would settle it."""
+    """Return three sentences: the finding, its certainty, and the data or instrument that would settle the question."""
     return _found(verdict), _how_sure(verdict), _what_would_settle_it(verdict)
 
 
@@ -349,7 +348,7 @@ def _rank_test(ensembles: Ensembles) -> Feature:
 
 
 def _joint_probability(ensembles: Ensembles) -> tuple[float, float]:
-    """Share of the nulls inside the cluster, and the chance that as many as were measured would all lie there."""
+    """Share of the nulls inside the cluster, and the probability that as many as there are profiles all lie there."""
     artefacts = ensembles.artefacts
     if not len(artefacts) or not len(ensembles.measured):
         return float("nan"), float("nan")
