@@ -1,8 +1,8 @@
 """Commits of profiles: a manifest of a profile's chunks and, written last, a commit marker.
 
-Zarr does not store chunks that hold only fill values, so an absent chunk is no proof of damage; the manifest names
+Zarr does not store chunks that contain only fill values, so an absent chunk does not prove damage. The manifest names
 every possible chunk of the profile with its digest, or with null where there must be none. The marker contains the
-manifest's digest, so that both are valid only together.
+manifest's digest; both are valid only together.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def new_archive(
     Parameters
     ----------
     place, profiles, sizes, attributes
-        As for :func:`create_archive`.
+        Arguments of :func:`create_archive`.
     token : str
         Sixteen hexadecimal digits, unique to the run.
 

@@ -88,7 +88,7 @@ def missing_chunks(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        As for :func:`damaged_chunks`.
+        Lines like those of :func:`damaged_chunks`.
     """
     return as_lines(_missing(place))
 

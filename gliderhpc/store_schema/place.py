@@ -1,6 +1,6 @@
 """Location of an archive, a folder or a prefix of an object store, and the stores that read and write it.
 
-All access to an archive is through zarr stores, so that readers and writers are independent of the kind of location.
+All access to an archive is through zarr stores; readers and writers are independent of the kind of location.
 Importing this module registers the codecs of `gliderhpc.store_schema.codecs`.
 """
 

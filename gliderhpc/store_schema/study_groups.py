@@ -169,7 +169,7 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
 
     Notes
     -----
-    The group's bytes are held in memory, some megabytes for a mission of hundreds of profiles. An object store cannot
+    The group's bytes are stored in memory, some megabytes for a mission of hundreds of profiles. An object store cannot
     rename, and a copy in the archive would remain after a killed run.
     """
     group = study_called(name)

@@ -220,7 +220,7 @@ def test_flags_that_change_the_process_are_refused(flag):
         build.build(flags=f"-march=native {flag}")
 
 
-# What was built
+# The built library
 
 
 def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):

@@ -137,7 +137,7 @@ def test_a_long_step_is_shortened_as_a_whole():
 
 
 def test_a_hull_that_is_wrong_in_everything_comes_nearer(tmp_path):
-    """All errors, including those of the records, are drawn from the plausible deviations; yaw impulses are unusual."""
+    """All errors, including those of the records, are drawn; the yaw impulses do not follow the prior."""
     path, parameters = tmp_path / "wrong.nc", hull_parameters(PETREL)
     simulate_mission(PETREL, path, scenario=load_scenario("impulses").replaced({"profiles": 5, "depth": 80.0}), seed=3)
     believed = moved_platform(PETREL, parameters, np.random.default_rng(6).standard_normal(len(parameters)))

@@ -136,9 +136,7 @@ def test_leaving_ends_the_jobs_at_once(executor, tmp_path):
 
 
 def test_workers_that_cannot_start_are_given_up(monkeypatch):
-    monkeypatch.setattr(
-        local_workers, "_serve", os.getpid
-    )  # `os.getpid` takes no argument; the process therefore ends at once
+    monkeypatch.setattr(local_workers, "_serve", os.getpid)  # it takes no argument; the process ends at once
     executor = LocalExecutor(1)
     try:
         with pytest.raises(RunStoppedError, match="end as they start"):

@@ -72,7 +72,7 @@ def own_copy(swift_store, tmp_path):
     return shutil.copytree(swift_store, tmp_path / "copy.zarr")
 
 
-# What is in the archive
+# Content of the archive
 
 
 def test_the_archive_keeps_to_its_schema(brief_store):

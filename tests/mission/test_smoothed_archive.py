@@ -81,7 +81,7 @@ def group(brief_store):
         return tree["smoothed"].ds.load()
 
 
-# What is stored
+# Stored values
 
 
 def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
@@ -163,7 +163,7 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
 
 
 def test_the_group_of_the_hull(brief_store, carried, group):
-    """It contains the dive's information on its hull, without inactive parameters, and the hull's part of covariances."""
+    """It contains the dive's information on its hull, without inactive parameters, and the hull's covariances."""
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         row = tree["hull"].ds.sel(profile=1).load()
     hull = carried.hull
@@ -336,7 +336,7 @@ def test_the_smoother_s_kernels_are_compiled_beforehand(monkeypatch):
     assert smoothed[0].passes >= 1
 
 
-# Windows that start from it
+# Windows that start from the estimate
 
 
 @pytest.mark.parametrize("engine", ["lanes", "scipy"])
@@ -381,7 +381,7 @@ def test_the_start_follows_preset_and_sensors(brief_store):
     assert (attributes["settings"]["start"], attributes["start"]) == (None, "smoothed")
 
 
-# Studies of it
+# Studies of the estimate
 
 
 def test_profile_data_of_either_estimate(brief_store, group):
