@@ -254,7 +254,7 @@ def stall_depth(platform: Platform, net_mass: float) -> float:
 
 
 def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
-    """Return the angle of attack of the least drag over lift, rad, within the range considered.
+    """Return the angle of attack of the least drag over lift, rad, within the range of eq. 11.
 
     Notes
     -----

@@ -1,7 +1,7 @@
 """Derivatives of the rates with respect to the hull's constants and the mass properties, on which its errors act.
 
-The rates are linear in every coefficient; the derivatives are therefore products of costates with the terms of eqs. 9
-to 14. Only the masses and inertias are divisors.
+The rates are linear in every coefficient. The derivatives are therefore products of costates with the terms of
+eqs. 9 to 14; only the masses and inertias are divisors.
 """
 
 from gliderhpc.kernels.dynamics import rates_at

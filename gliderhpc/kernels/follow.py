@@ -16,7 +16,7 @@ from gliderhpc.kernels.window import load_disturbance, load_state, store_state
 def steering(hull, y, target, rate):
     """Return the forces and moments (six) by which the distance from ``target`` decays at ``rate``, 1/s.
 
-    They are ``M (2 rate dv + rate^2 dx)``: u and v decay exponentially, attitude and depth are critically damped. Depth
+    They are ``M (2 rate dv + rate^2 dx)``: attitude and depth are critically damped, u and v decay at ``2 rate``. Depth
     is steered with the heave force, whose vertical part exceeds that of surge at pitch angles below 45 degrees.
     """
     once, twice = 2.0 * rate, rate * rate
