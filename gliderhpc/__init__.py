@@ -1,4 +1,4 @@
-"""Forces, moments and currents that an underwater glider met, from its routine records alone.
+"""Forces, moments and currents that acted on an underwater glider, estimated from its routine records alone.
 
 The method is that of "Virtual sensing of ocean currents and hydrodynamic drift for underwater gliders via adjoint-based
 dynamics inversion".
@@ -68,12 +68,13 @@ _NAMES = {
     "gliderhpc.mission.settings": ("MissionSettings",),
     "gliderhpc.platform": ("Platform",),
 }
-"""Names by module, imported when one is first used: a command loads only the libraries that it needs."""
+"""Public names by module. A module is imported when one of its names is first used: a command loads only the libraries
+that it needs."""
 
 
 def __getattr__(name: str) -> Any:
     if name == "report":
-        # The package of this name, which can be called.
+        # The package of this name, which is callable.
         return importlib.import_module("gliderhpc.report")
     for module, names in _NAMES.items():
         if name in names:

@@ -1,11 +1,12 @@
-"""Frequency of Python's search for cyclic garbage in processes of this program."""
+"""Less frequent searches for cyclic garbage in processes of this program."""
 
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 ALLOCATIONS = 10_000
-"""New containers after which the youngest are searched; with Python's 700 that takes a tenth of a report's time."""
+"""Number of new containers after which the youngest are searched; with Python's 700, searching takes a tenth of a
+report's time."""
 
 
 @contextmanager

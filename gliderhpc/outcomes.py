@@ -1,4 +1,4 @@
-"""Outcomes of a window's solution: one code and one sentence each."""
+"""Outcomes of a window's solution, each with a code and a sentence."""
 
 from enum import IntEnum
 
@@ -14,7 +14,7 @@ class Outcome(IntEnum):
 
     @property
     def sentence(self) -> str:
-        """Sentence on the outcome."""
+        """Sentence that describes the outcome."""
         return _SENTENCES[self]
 
     @property

@@ -23,7 +23,7 @@ def check_output(
     out : Path
         The file to be written.
     overwrite : bool
-        True where an existing regular file may be replaced.
+        True if an existing regular file may be replaced.
     inputs : iterable of Path or str
         Files and Zarr folders that are read; addresses are ignored.
     instead : str
@@ -53,7 +53,7 @@ def check_output(
 
 @contextmanager
 def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary path in the folder of a file, which is renamed when the block ends without an error.
+    """Yield a temporary path in a file's folder; it is renamed to the file when the block ends without an error.
 
     A link is followed: it remains, and its target is replaced. Nothing remains after an error.
 
@@ -62,18 +62,18 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
     out : Path
         The file.
     overwrite : bool
-        True where an existing one may be replaced.
+        True if an existing file may be replaced.
 
     Raises
     ------
     InputError
-        As `check_output`, before the block; or another program has written the file meanwhile.
+        `check_output` refuses the file, before the block; or another program has written the file meanwhile.
     OSError
-        The file system denies it.
+        The file system refuses the operation.
     """
     check_output(out, overwrite=overwrite)
     target = _target(out)
-    # Of fixed length, since the file's own name may be as long as the file system allows.
+    # A name of fixed length, since the file's own name may be as long as the file system allows.
     aside = target.with_name(f".{secrets.token_hex(8)}.partial")
     try:
         yield aside
@@ -91,7 +91,7 @@ def write_text(out: Path, text: str, *, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        As `check_output`, or it cannot be written.
+        `check_output` refuses the file, or it cannot be written.
     """
     try:
         with written_aside(out, overwrite=overwrite) as aside:
@@ -115,7 +115,7 @@ def _check_no_input(out: Path, inputs: Iterable[Path | str], instead: str) -> No
 
 
 def _rename_unless_there(aside: Path, target: Path, out: Path) -> None:
-    """Rename a file unless the name exists; unlike a rename, a link does not replace a file written meanwhile."""
+    """Rename a file unless the name exists; a hard link, unlike a rename, does not replace a file written meanwhile."""
     try:
         os.link(aside, target)
     except FileExistsError:
@@ -151,7 +151,7 @@ def check_folder(out: Path) -> None:
 
 @contextmanager
 def filled_aside(out: Path) -> Iterator[Path]:
-    """Yield an empty folder, whose files are moved to `out` when the block ends without an error.
+    """Yield an empty folder; its files are moved to `out` when the block ends without an error.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def filled_aside(out: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        As `check_folder`, or it cannot be written.
+        `check_folder` refuses the folder, or it cannot be written.
     """
     check_folder(out)
     missing = [folder for folder in (out, *out.parents) if not folder.exists()]

@@ -1,8 +1,8 @@
 """Description of a glider: the platform file, its checks, and the hulls shipped with the package.
 
-A platform file is YAML; its keys keep the file's units (degrees, cm3), properties ending in ``_rad`` or ``_m3`` give
-the SI values that the model computes with. The checks here are static, key by key; whether the hull can glide at all is
-the business of :func:`gliderhpc.flight.glider.load_platform`.
+A platform file is YAML. Its keys have the file's units (degrees, cm3); properties ending in ``_rad`` or ``_m3`` give
+the SI values that the model uses. The checks here are static, key by key;
+:func:`gliderhpc.flight.glider.load_platform` checks whether the hull can glide at all.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _FILES = ShippedFiles("platform", "gliderhpc", "platforms", "see `gliderhpc plat
 
 
 class Mass(Section):
-    """Masses in kg; the oil comes on top, and they need not add up (docs/theory/model.md)."""
+    """Masses in kg, without the oil; they need not add up to the total (docs/theory/model.md)."""
 
     total: Positive = Field(description="total mass m, kg")
     hull: Positive = Field(description="mass of the static hull m_h, kg")
@@ -64,7 +64,7 @@ class Position(Section):
 
 
 class Buoyancy(Section):
-    """The buoyancy engine and the water it works in."""
+    """Buoyancy engine, and the water in which it works."""
 
     neutral_volume: Number = Field(
         description="oil volume in the bladder at which the hull floats level in weight, cm3"
@@ -81,7 +81,7 @@ class Buoyancy(Section):
 
     @property
     def neutral_volume_m3(self) -> float:
-        """Oil volume at which the hull is neutral, m3."""
+        """Oil volume at which the hull is neutrally buoyant, m3."""
         return self.neutral_volume * CUBIC_CENTIMETRE
 
 
@@ -107,7 +107,7 @@ class Viscous(Section):
 
 
 class Sensors(Section):
-    """Resolution and noise of the records, and the errors that are taken off them; none by default."""
+    """Resolution and noise of the records, and their errors, which are removed; there are none by default."""
 
     attitude_resolution: Positive = Field(le=10.0, description="quantum of roll, pitch and heading, degree")
     depth_noise: Positive = Field(le=10.0, description="standard deviation of the depth, m")
@@ -131,7 +131,7 @@ class Sensors(Section):
 
 
 class Vibration(Section):
-    """Actuator rates above which the sensors shake (docs/theory/estimate.md)."""
+    """Actuator rates above which the sensors vibrate (docs/theory/estimate.md)."""
 
     battery_position_rate: Positive = Field(description="rate of the battery's translation, m/s")
     battery_rotation_rate: Positive = Field(description="rate of the battery's rotation, degree/s")
@@ -157,7 +157,7 @@ class DisturbancePrior(Section):
 
 
 class Platform(Section):
-    """A glider's hull, actuators and sensors: the platform file of docs/how-to/platform.md, validated and immutable."""
+    """Hull, actuators and sensors of a glider: the platform file (docs/how-to/platform.md), validated and immutable."""
 
     name: Text = Field(description="the hull's name")
     source: Text = Field(description="where each number comes from")
@@ -177,7 +177,7 @@ class Platform(Section):
     @model_validator(mode="before")
     @classmethod
     def _read_former_calibration(cls, content: Any) -> Any:
-        """Take the section `calibration` of files before version 0.2 for the covariance that it is."""
+        """Accept the section `calibration` of files before version 0.2 as ``uncertainty.covariance``."""
         if not isinstance(content, dict) or "calibration" not in content:
             return content
         content = dict(content)
@@ -198,12 +198,12 @@ class Platform(Section):
 
     @property
     def calibration(self) -> CalibrationErrors | None:
-        """Errors that a calibration left, None for a hull that nobody has calibrated."""
+        """Errors that remain after a calibration, None for a hull that has not been calibrated."""
         return None if self.uncertainty is None else self.uncertainty.covariance
 
 
 def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Masses of the oil outside and inside the hull that a bladder volume means (docs/theory/model.md).
+    """Return the masses of the oil outside and inside the hull for a bladder volume (docs/theory/model.md).
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.fl
 
     Notes
     -----
-    ``m_b = (rho_oil - rho_w) V`` and ``m_m = rho_w V_neutral - rho_oil V``, so that the net mass
+    ``m_b = (rho_oil - rho_w) V`` and ``m_m = rho_w V_neutral - rho_oil V``. The net mass is therefore
     ``m_x = m_b + m_m = -rho_w (V - V_neutral)``: a fuller bladder makes the glider lighter.
     """
     buoyancy = platform.buoyancy
@@ -230,7 +230,7 @@ def ballast_masses(platform: Platform, volume: ArrayLike) -> tuple[NDArray[np.fl
 
 
 def shipped_platforms() -> list[str]:
-    """Names of the hulls that come with the package, sorted."""
+    """Return the names of the hulls that come with the package, sorted."""
     return _FILES.names()
 
 
@@ -240,7 +240,7 @@ def read_platform(name_or_path: str | Path) -> Platform:
     Parameters
     ----------
     name_or_path : str or Path
-        A shipped hull's name (these win over a file of the same name) or the path of a YAML file.
+        Name of a shipped hull (it takes precedence over a file of the same name) or path of a YAML file.
 
     Returns
     -------
@@ -249,14 +249,14 @@ def read_platform(name_or_path: str | Path) -> Platform:
     Raises
     ------
     InputError
-        No such hull or file, not YAML, an unknown or missing key, or a value that no glider has.
+        There is no such hull or file, it is not YAML, it has an unknown or missing key, or a value is out of range.
     """
     label, content = _FILES.content(name_or_path)
     return _validated(label, _with_covariance(label, content, Path(name_or_path).parent))
 
 
 def _with_covariance(label: str, content: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Replace the name of a covariance's file, which counts from the platform file's folder, by what it holds."""
+    """Replace the name of a covariance's file, relative to the platform file's folder, by the file's content."""
     section = content.get("uncertainty")
     if not isinstance(section, dict) or not isinstance(section.get("covariance"), str):
         return content
@@ -268,12 +268,12 @@ def _with_covariance(label: str, content: dict[str, Any], folder: Path) -> dict[
 
 
 def platform_text(name_or_path: str | Path) -> str:
-    """Return a platform file as it is written, unchecked; a file not found is refused as in :func:`read_platform`."""
+    """Return the unchecked text of a platform file; a missing file is refused as in :func:`read_platform`."""
     return _FILES.text(name_or_path)[1]
 
 
 def platform_yaml(platform: Platform) -> str:
-    """Write a platform as the text of a platform file; keys that were left at their defaults are left out."""
+    """Return a platform as the text of a platform file, without keys that were left at their defaults."""
     content = platform.model_dump(mode="json", exclude_unset=True, exclude_none=True)
     return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None))
 
@@ -284,14 +284,14 @@ def with_overrides(platform: Platform, overrides: Mapping[str, Any]) -> Platform
     Parameters
     ----------
     platform : Platform
-        The hull to start from; it is left as it is.
+        The hull to start from; it is not changed.
     overrides : mapping of str to value
         Dotted keys of the platform file with their values, or these as YAML: ``{"buoyancy.neutral_volume": -215}``.
 
     Raises
     ------
     InputError
-        A key that a platform does not have, or a value that no glider has.
+        A platform has no such key, or a value is out of range.
     """
     content = platform.model_dump(exclude_none=True)
     for key, value in overrides.items():
@@ -311,7 +311,7 @@ def _assign(content: dict[str, Any], keys: list[str], value: Any) -> None:
 
 
 def _sections() -> dict[str, type[Section]]:
-    """Keys of the platform file that hold further keys, with their models."""
+    """Return the keys of the platform file that contain further keys, with their models."""
     sections = {}
     for name, field in Platform.model_fields.items():
         for annotation in (field.annotation, *get_args(field.annotation)):
@@ -321,7 +321,7 @@ def _sections() -> dict[str, type[Section]]:
 
 
 def _descriptions() -> dict[str, str]:
-    """Every key a value can be given for, dotted, with what it means."""
+    """Return every dotted key that takes a value, with its description."""
     sections = _sections()
     keys = {name: field.description or "" for name, field in Platform.model_fields.items() if name not in sections}
     for section, model in sections.items():
@@ -343,9 +343,9 @@ def _validated(label: str, content: Any) -> Platform:
 
 
 def _explanation(error: ValidationError) -> str:
-    """One line on the first fault, with the number of the others."""
+    """Return one line on the first fault, with the number of the others."""
     faults = error.errors(include_url=False)
-    # An unknown key is most often the misspelling of a missing one, so it is named first.
+    # An unknown key is most often a misspelling of a missing one; it is therefore named first.
     faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
     fault, others = faults[0], len(faults) - 1
     key = ".".join(part for part in fault["loc"] if isinstance(part, str))

@@ -1,4 +1,4 @@
-"""Sections of the platform file in general: their numbers, and how far these may be off."""
+"""Base class of the platform file's sections, types of their numbers, and the uncertainty of these numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 
 def _refuse_bool(value: object) -> object:
-    """YAML reads ``yes`` and ``off`` as booleans, which would pass for 1 and 0."""
+    """Refuse a boolean: YAML reads ``yes`` and ``off`` as booleans, which would be accepted as 1 and 0."""
     if isinstance(value, bool):
         raise ValueError("must be a number, not yes or no")  # noqa: TRY004 - pydantic reports ValueError alone
     return value
 
 
 LARGEST_NUMBER = 1e9
-"""No property of a glider is larger, in any of the file's units."""
+"""Upper bound of the magnitude of any property of a glider, in any of the file's units."""
 
 
 def _refuse_huge(value: float) -> float:
@@ -42,17 +42,17 @@ Text: TypeAlias = Annotated[str, StringConstraints(strip_whitespace=True, min_le
 
 
 class Section(BaseModel):
-    """A part of the platform file: immutable, and closed to keys it does not know."""
+    """Section of the platform file; it is immutable and refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 _ROUNDED_CORRELATIONS = 1e-3
-"""Negative eigenvalue that the rounding of correlations in a file explains."""
+"""Magnitude of a negative eigenvalue that rounding of the correlations in a file can cause."""
 
 
 class CalibrationErrors(Section):
-    """Remaining errors of a calibration's numbers, held ones included, and their correlations."""
+    """Remaining errors of a calibration's numbers, including those held fixed, and their correlations."""
 
     parameters: tuple[Text, ...] = Field(
         description="keys of the platform file, `position.hull.2` for the third of a list"
@@ -86,7 +86,7 @@ class CalibrationErrors(Section):
 
 
 class Uncertainty(Section):
-    """How far the platform file's numbers may be off: plausible deviations, and what a calibration left of them."""
+    """Uncertainty of the platform file's numbers: plausible deviations, and the errors that a calibration leaves."""
 
     deviation: dict[Text, Positive] = Field(
         default_factory=dict,
@@ -107,7 +107,7 @@ class Uncertainty(Section):
 
 
 def number_at(platform: Section, key: str) -> Any:
-    """Value at a dotted key of the platform file, ``position.hull.2`` for the third of a list.
+    """Return the value at a dotted key of the platform file; ``position.hull.2`` is the third number of a list.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def number_at(platform: Section, key: str) -> Any:
 
 
 def has_number(platform: Section, key: str) -> bool:
-    """Return whether a key is that of one number, be it one left out."""
+    """Return whether a key is that of a single number, which may be left out of the file."""
     try:
         value = number_at(platform, key)
     except KeyError:

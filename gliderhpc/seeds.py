@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """Purpose of random numbers; the streams are independent of each other."""
+    """Purpose of random numbers; the streams of different purposes are independent."""
 
     DISTURBANCE = 0
     CURRENT = 1
@@ -29,6 +29,6 @@ MISSION = 0
 def generator(seed: int, profile: int, stream: Stream) -> np.random.Generator:
     """Return the generator of one profile's stream.
 
-    It depends only on its arguments, so that profiles can be simulated in any order and by any number of workers.
+    It depends only on its arguments; profiles can be simulated in any order and by any number of workers.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(profile, int(stream))))

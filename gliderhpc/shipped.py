@@ -22,7 +22,7 @@ class ShippedFiles:
     kind : str
         Kind of file in messages, such as ``platform``.
     package, folder : str
-        The package with the shipped files, and their folder in it.
+        Package with the shipped files, and their folder in it.
     example : str
         Reference to an example; the end of a message.
     """
@@ -73,7 +73,7 @@ class ShippedFiles:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return a suggestion to append to a message, empty where no known word is similar."""
+    """Return a suggestion to append to a message, empty if no known word is similar."""
     by_lower = {name.lower(): name for name in known}
     matches = difflib.get_close_matches(word.lower(), by_lower, n=1)
     return f", did you mean '{by_lower[matches[0]]}'?" if matches else ""

@@ -40,11 +40,11 @@ HULL_PARAMETERS = (
     "sensors.pitch_offset", "sensors.pitch_scale", "sensors.heading_offset", "sensors.heading_deviation.0",
     "sensors.heading_deviation.1", "sensors.heading_deviation.2", "sensors.heading_deviation.3", "sensors.depth_lag",
 )  # fmt: skip
-"""Keys of all that may be wrong with a hull and its records; which of them act depends on the hull."""
+"""Keys of all parameters of a hull and its records that may be in error; the hull determines which have an effect."""
 
 NOISE_ASSUMPTIONS = ("one scale", "quieter", "between moves")
-"""Assumptions of a dive's noise beside that by which its information counts: one scale for the whole dive, a quieter
-scale of stretches and dive, and the samples between the actuators' moves alone."""
+"""Assumptions of a dive's noise other than the usual one (docs/smoother.md): one scale for the whole dive, a quieter
+scale of the dive and its stretches, and only the samples between the actuators' moves."""
 
 PHASES = ("dive", "climb")
 """Parts of a profile, before and after its deepest point."""

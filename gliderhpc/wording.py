@@ -1,4 +1,4 @@
-"""Messages in terms of Python: arguments in place of the commands' options."""
+"""Messages for callers from Python, with arguments in place of the commands' options."""
 
 import re
 from collections.abc import Callable
@@ -29,11 +29,11 @@ _OPTIONS = (
     (rf"{_BEFORE}--model{_AFTER}", "models"),
     (rf"{_BEFORE}--({_SAME}){_AFTER}", r"\1"),
 )
-"""Options of the commands as messages name them, each with its argument in Python."""
+"""Patterns of the commands' options in messages, each with its argument in Python."""
 
 
 def speaks_python(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
-    """Let a function's errors name its arguments, not the commands' options."""
+    """Make a function's errors name its arguments instead of the commands' options."""
 
     @wraps(function)
     def called(*arguments: Given.args, **named: Given.kwargs) -> Returned:

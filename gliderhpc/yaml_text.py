@@ -10,13 +10,13 @@ import yaml
 from gliderhpc.errors import InputError
 
 MAX_FILE_BYTES = 262_144
-"""Largest file, a hundred times the longest platform file."""
+"""Size of the largest file, a hundred times that of the longest platform file."""
 
 MAX_DEPTH = 20
 """Deepest nesting of lists and sections; our own files have four levels."""
 
 MAX_ALIASES = 10
-"""References to a value elsewhere in the file: many of them can expand to gigabytes."""
+"""Largest number of references to a value elsewhere in the file; many of them can expand to gigabytes."""
 
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -26,7 +26,7 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 12
 
 
 def shown(value: object) -> str:
-    """Format a value, shortened where it is too long for a line."""
+    """Format a value, shortened if it is too long for a line."""
     return _SHORT.repr(value)
 
 
@@ -86,7 +86,7 @@ def parse_yaml(text: str, label: str) -> Any:
             raise InputError(f"{label}: {problem}{where}") from None
         raise InputError(f"{label}: not YAML{where} ({problem})") from None
     except (ValueError, OverflowError) as error:
-        # A date that no calendar has, or a number of thousands of digits.
+        # A date that does not exist, or a number of thousands of digits.
         raise InputError(f"{label}: a value cannot be read ({str(error).splitlines()[0]}); correct it") from None
 
 

@@ -1,1 +1,1 @@
-"""The flight model as users meet it: checked arrays in, kernels called, arrays out."""
+"""Flight model for callers: it checks their arrays, calls the compiled kernels and returns arrays."""

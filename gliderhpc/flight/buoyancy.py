@@ -1,4 +1,4 @@
-"""Buoyancy in the water that was measured: in-situ density, and what pressure and warmth do to the hull's volume."""
+"""Buoyancy in measured water: in-situ density, and the effects of pressure and temperature on the hull's volume."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -6,23 +6,24 @@ from numpy.typing import ArrayLike, NDArray
 from gliderhpc.platform import GRAVITY, Platform
 
 REFERENCE_TEMPERATURE = 10.0
-"""Temperature at which a hull has the volume that its neutral volume stands for, degC (Merckelbach et al. 2010)."""
+"""Temperature at which the neutral volume of a hull is defined, degC (Merckelbach et al. 2010)."""
 
 DEPTH, DENSITY, TEMPERATURE, PRESSURE = range(4)
-"""Columns of the seawater along a record: m, kg/m3 in situ, degC in situ, dbar of sea pressure."""
+"""Columns of the seawater along a record: depth (m), in-situ density (kg/m3) and temperature (degC), sea pressure
+(dbar)."""
 
 
 def excess_weight(platform: Platform, oil_volume: ArrayLike, water: ArrayLike) -> NDArray[np.float64]:
-    """Net weight beyond ``m_x g`` that measured water and the hull's own volume leave, less that of the depth slope.
+    """Return the net weight in measured water minus that of the model, ``m_x g`` less the depth-slope term.
 
     Parameters
     ----------
     platform : Platform
-        The hull; one without a compressibility counts as rigid.
+        The hull; one without a compressibility is treated as incompressible.
     oil_volume : (n,)
         Oil in the external bladder V, m3.
     water : (n, 4)
-        Depth, in-situ density, in-situ temperature and pressure where the glider is, in the order of `DEPTH` ...
+        Depth, in-situ density, in-situ temperature and pressure at the glider, in the order of `DEPTH` ...
 
     Returns
     -------
@@ -32,13 +33,13 @@ def excess_weight(platform: Platform, oil_volume: ArrayLike, water: ArrayLike) -
     Notes
     -----
     A hull that is neutral with the oil volume ``V_n`` in water of the density ``rho_w``, at the surface and at
-    `REFERENCE_TEMPERATURE`, displaces ``V_h = m / rho_w - V_n`` in addition to the oil. Where the density is ``rho``
-    its net weight is (Merckelbach, Smeed & Griffiths 2010, eqs. 4 and 5)
+    `REFERENCE_TEMPERATURE`, displaces ``V_h = m / rho_w - V_n`` in addition to the oil. In water of the density
+    ``rho`` its net weight is (Merckelbach, Smeed & Griffiths 2010, eqs. 4 and 5)
 
-        ``g (m - rho (V_h (1 - kappa p + alpha (T - T_0)) + V))``,
+        ``g (m - rho (V_h (1 - kappa p + alpha (T - T_0)) + V))``.
 
-    of which ``m_x g = -g rho_w (V - V_n)`` is counted already. The model goes on to take ``k_z Z`` away; here it is
-    given back at the recorded depth, so that the slope acts on the model's departure from the record alone.
+    The model already contains ``m_x g = -g rho_w (V - V_n)``, and it subtracts ``k_z Z``. That term is added back here
+    at the recorded depth; the slope then acts only on the difference between the model's depth and the recorded one.
     """
     buoyancy = platform.buoyancy
     volume = np.asarray(oil_volume, dtype=np.float64)

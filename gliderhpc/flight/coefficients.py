@@ -1,4 +1,4 @@
-"""A hull's viscous and added-mass coefficients by the paper's symbols, and hulls whose coefficients are in error."""
+"""Viscous and added-mass coefficients of a hull by the paper's symbols, and hulls with errors in their coefficients."""
 
 from collections.abc import Mapping
 
@@ -15,11 +15,11 @@ ADDED_MASS, ADDED_INERTIA = ("M_f1", "M_f2", "M_f3"), ("I_f1", "I_f2", "I_f3")
 ADDED = (*ADDED_MASS, *ADDED_INERTIA)
 
 MAX_DRAWS = 100
-"""Draws of a hull's coefficients before it is given up."""
+"""Largest number of draws of a hull's coefficients."""
 
 
 def coefficients_of(platform: Platform) -> dict[str, float]:
-    """Return a hull's coefficients by the paper's symbol: viscous ones, then added mass and inertia axis by axis."""
+    """Return a hull's coefficients by the paper's symbols: viscous ones, then added mass and inertia axis by axis."""
     values = {name: float(getattr(platform.viscous, name)) for name in COEFFICIENTS}
     for axis in range(3):
         values[ADDED_MASS[axis]] = float(platform.added_mass[axis])
@@ -42,9 +42,9 @@ def with_errors(platform: Platform, spread: float, seed: int) -> Platform:
     platform : Platform
         The hull.
     spread : float
-        Largest relative error; 0 leaves the hull as it is.
+        Largest relative error; 0 leaves the hull unchanged.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Drag and lift of a glider whose hull nobody has described: those of its make, and how far they may be off.
+"""Drag and lift of a glider without a platform file: those of its make, with their uncertainty.
 
 Pitch and depth rate give the speed through the water once the angle of attack is known, and the angle of attack depends
-on the ratio of drag to lift alone.
+only on the ratio of drag to lift.
 """
 
 import math
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from gliderhpc.platform import Platform, read_platform
 
 MAKE_DEVIATION = 0.35
-"""Standard deviation of the logarithm of drag over lift of one vehicle about its make: fouling, sensors and wings."""
+"""Standard deviation of the logarithm of drag over lift among vehicles of one make: fouling, sensors and wings."""
 
 UNKNOWN_DEVIATION = 0.5
-"""The same where the make of the vehicle is not known."""
+"""Standard deviation of the same logarithm if the make of the vehicle is not known."""
 
 HULL_DEVIATION = 0.1
-"""The same of a hull that the user gives."""
+"""Standard deviation of the same logarithm for a hull that the user gives."""
 
 _MAKES = (
     ("slocum", r"slocum|teledyne|webb|\bunit[_ ]?\d+|\bru\d\d\b|dbdreader"),
@@ -31,16 +31,16 @@ _FALLBACK = "slocum"
 
 @dataclass(frozen=True, eq=False)
 class GlidePolar:
-    """Drag and lift by which pitch and depth rate give the speed.
+    """Drag and lift from which the speed follows, given pitch and depth rate.
 
     Attributes
     ----------
     platform : Platform
-        A shipped hull of the make, or the hull given; nothing but its drag and lift is used.
+        A shipped hull of the make, or the hull given; only its drag and lift are used.
     deviation : float
         Standard deviation of the logarithm of drag over lift.
     make : str
-        Name of that hull.
+        Name of the make or of the hull given.
     """
 
     platform: Platform
@@ -49,20 +49,20 @@ class GlidePolar:
 
     @property
     def hulls(self) -> tuple[Platform, Platform, Platform]:
-        """The hull, and with more and with less drag by one standard deviation."""
+        """The hull, then the hull with its drag one standard deviation larger, then one standard deviation smaller."""
         factor = math.exp(self.deviation)
         return self.platform, with_drag(self.platform, factor), with_drag(self.platform, 1.0 / factor)
 
 
 def with_drag(platform: Platform, factor: float) -> Platform:
-    """Return a hull with another drag at the same lift."""
+    """Return a hull with its drag multiplied by a factor, at the same lift."""
     viscous = platform.viscous
     scaled = viscous.model_copy(update={"K_D0": viscous.K_D0 * factor, "K_D": viscous.K_D * factor})
     return platform.model_copy(update={"viscous": scaled})
 
 
 def polar_of_make(vehicle: str) -> GlidePolar:
-    """Drag and lift of a vehicle's make, by what a file says about its glider."""
+    """Return the drag and lift of a vehicle's make, recognised in a file's description of its glider."""
     make = next((make for make, pattern in _MAKES if re.search(pattern, vehicle.lower())), None)
     if make is None:
         return GlidePolar(read_platform(_FALLBACK), UNKNOWN_DEVIATION, f"unknown, as {_FALLBACK}")
@@ -70,5 +70,5 @@ def polar_of_make(vehicle: str) -> GlidePolar:
 
 
 def polar_of_hull(platform: Platform) -> GlidePolar:
-    """Drag and lift of a hull that the user gives."""
+    """Return the drag and lift of a hull that the user gives."""
     return GlidePolar(platform, HULL_DEVIATION, platform.name)

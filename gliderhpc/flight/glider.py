@@ -1,4 +1,4 @@
-"""The six-degree-of-freedom glider: the border between callers' arrays and the compiled kernels, and its platforms."""
+"""Six-degree-of-freedom glider: interface between callers' arrays and the compiled kernels; loading of platforms."""
 
 from collections.abc import Mapping
 from numbers import Real
@@ -25,16 +25,16 @@ NET_WEIGHT = Body._fields.index("net_weight")
 """Index of the net weight among the mass properties."""
 
 SENSED = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
-"""Indices of the ten sensed states among the twelve of eq. 16 (X and Y left out)."""
+"""Indices of the ten sensed states among the twelve of eq. 16 (all but X and Y)."""
 
 
 def checked(name: str, value: ArrayLike, *shape: int | None) -> Array:
-    """Coerce to contiguous float64 and check the shape (None: any length), all values finite.
+    """Coerce to contiguous float64; check the shape (None: any length) and that all values are finite.
 
     Raises
     ------
     InputError
-        When the shape differs, or a value is not a number or not finite; the message names both.
+        The shape differs, or a value is not a number or not finite; the message names the argument and the fault.
     """
     array = np.ascontiguousarray(numbers(name, value))
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
@@ -52,7 +52,7 @@ def numbers(name: str, value: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        When the rows differ in length or a value is not a number; the message names the argument.
+        The rows differ in length or a value is not a number; the message names the argument.
     """
     try:
         return np.asarray(value, dtype=np.float64)
@@ -66,12 +66,12 @@ class Glider:
     Parameters
     ----------
     platform : Platform, str or Path
-        A hull as `gliderhpc.load_platform` returns it, the name of a shipped one, or the path of a platform file.
+        A hull from `gliderhpc.load_platform`, the name of a shipped one, or the path of a platform file.
 
     Raises
     ------
     InputError
-        As `gliderhpc.load_platform`, where a name or a path is given.
+        A name or a path is given that `gliderhpc.load_platform` refuses.
 
     Notes
     -----
@@ -112,16 +112,16 @@ class Glider:
         Parameters
         ----------
         state : (12,)
-            rad, m, m/s and rad/s.
+            State, in rad, m, m/s and rad/s.
         control : (4,)
-            m, rad, kg and kg; or (5,), (6,) as in the notes of the class.
+            Control, in m, rad, kg and kg; or (5,), (6,) as in the notes of the class.
         disturbance : (6,)
-            N and N m.
+            Disturbance, in N and N m.
 
         Returns
         -------
         (12,) array
-            rad/s, m/s, m/s2 and rad/s2.
+            Derivative, in rad/s, m/s, m/s2 and rad/s2.
 
         Raises
         ------
@@ -149,9 +149,9 @@ class Glider:
         state0 : (12,)
             State at the start.
         controls, disturbances : (n, 4), (n, 6)
-            One row a step.
+            Controls and disturbances, one row for each step.
         step : float
-            Seconds.
+            Length of a step, s.
 
         Returns
         -------
@@ -187,20 +187,20 @@ class Glider:
         state0 : (12,)
             State at the window's start.
         controls, disturbances : (n, 4), (n, 6)
-            One row a step.
+            Controls and disturbances, one row for each step.
         measurements : (n+1, 4)
             ``[phi, theta, psi, Z]`` in rad and m; row 0 is not used.
         step : float
-            Seconds.
+            Length of a step, s.
         weights : (n+1,), optional
-            0 masks a sample (a gap in the record), 1 uses it.
+            Weights of the samples: 0 masks a sample (a gap in the record), 1 uses it.
 
         Returns
         -------
         cost : float
-            rad2 s and m2 s.
+            Cost, in rad2 s and m2 s.
         gradient : (n, 6)
-            dJ/db of the discrete cost, exact to rounding.
+            Gradient dJ/db of the discrete cost, exact to rounding.
 
         Raises
         ------
@@ -235,7 +235,7 @@ class Glider:
         w = np.ones(n + 1) if weights is None else checked("weights", weights, n + 1)
         measured = numbers("measurements", measurements).copy()
         if measured.shape == (n + 1, 4):
-            # The first row is not compared, nor is a sample of no weight, which is a gap.
+            # The first row and samples of zero weight (gaps) are not compared, so their values may be NaN.
             measured[(w == 0.0) | (np.arange(n + 1) == 0)] = 0.0
         measured = checked("measurements", measured, n + 1, 4)
         states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
@@ -272,7 +272,8 @@ def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None 
     Raises
     ------
     InputError
-        As :func:`gliderhpc.platform.read_platform`, or the hull has no stable steady dive or no stable steady climb.
+        The platform cannot be read (see :func:`gliderhpc.platform.read_platform`), an override or an uncertainty is
+        invalid, or the hull has no stable steady dive or no stable steady climb.
     """
     platform = with_overrides(read_platform(name_or_path), overrides or {})
     check_uncertainty(platform)

@@ -1,7 +1,7 @@
-"""Catalogue of what may be wrong with a hull: numbers of the platform file and their plausible deviations.
+"""Catalogue of the parameters of a hull that may be in error: numbers of the platform file, with plausible deviations.
 
-The errors of a hull are a vector ``eta`` in plausible deviations, over some of these parameters (model.md 12). The
-errors of the records are among them: they are numbers of the platform's sensors.
+The errors of a hull are a vector ``eta`` over some of these parameters, in units of their plausible deviations
+(docs/smoother.md). They include the errors of the records, which are numbers of the platform's sensors.
 """
 
 import math
@@ -30,18 +30,20 @@ class HullParameter:
     Attributes
     ----------
     key : str
-        Where it is in the platform file, ``position.hull.2`` for the third of a list.
+        Key in the platform file; ``position.hull.2`` is the third number of a list.
     unit, meaning : str
-        For the tables.
+        Unit and description for the tables.
     spread : callable
         Plausible standard deviation about a platform's value where its file states none: in the file's unit, or
-        relative where `factor`.
+        relative if `factor` is true.
     factor : bool
-        Whether it varies by factors, so that it never changes its sign: a step adds to its logarithm.
+        Whether the number varies by factors and hence keeps its sign: a step adds to its logarithm.
     origin : callable
-        What a factor counts from: the value (in the file's unit) at which the quantity behind the number vanishes.
+        Value (in the file's unit) at which the quantity behind the number vanishes; a factor multiplies the difference
+        from it.
     usual_walk : float
-        Change with time where the platform file states none, as the deviation, per square root of a day.
+        Standard deviation of the random walk where the platform file states none, in the unit of the deviation per
+        square root of a day.
     """
 
     key: str
@@ -53,21 +55,24 @@ class HullParameter:
     usual_walk: float = 0.0
 
     def value(self, platform: Platform) -> float:
-        """Value in the file's unit; zero of what is not in the file."""
+        """Return the value in the file's unit; zero for `TREND`, which is not in the file."""
         return 0.0 if self is TREND else float(number_at(platform, self.key))
 
     def deviation(self, platform: Platform) -> float:
-        """Plausible deviation, the platform file's or the usual one: in the file's unit, or relative where `factor`."""
+        """Return the plausible deviation, the platform file's or the usual one; relative if `factor` is true.
+
+        Otherwise it is in the file's unit.
+        """
         stated = {} if platform.uncertainty is None else platform.uncertainty.deviation
         return stated[self.key] if self.key in stated else self.spread(platform)
 
     def walk(self, platform: Platform) -> float:
-        """Change in plausible deviations per square root of a day, the platform file's or the usual one."""
+        """Return the random walk, the platform file's or the usual one, in plausible deviations per root of a day."""
         stated = {} if platform.uncertainty is None else platform.uncertainty.walk
         return stated.get(self.key, self.usual_walk) / self.deviation(platform)
 
     def moved(self, platform: Platform, steps: float) -> float:
-        """Value that lies so many plausible deviations from a platform's."""
+        """Return the value that lies `steps` plausible deviations from a platform's."""
         start, deviation = self.value(platform), self.deviation(platform)
         if not self.factor:
             return start + deviation * steps
@@ -75,12 +80,12 @@ class HullParameter:
         return origin + (start - origin) * math.exp(deviation * steps)
 
     def slope(self, platform: Platform, steps: float) -> float:
-        """Derivative of `moved` by the plausible deviations."""
+        """Return the derivative of `moved` with respect to `steps`."""
         deviation = self.deviation(platform)
         return deviation * (self.moved(platform, steps) - self.origin(platform)) if self.factor else deviation
 
     def steps(self, platform: Platform, value: float) -> float:
-        """Plausible deviations between a platform's value and another: the inverse of `moved`."""
+        """Return the plausible deviations between a platform's value and another: the inverse of `moved`."""
         start, deviation = self.value(platform), self.deviation(platform)
         if not self.factor:
             return (value - start) / deviation
@@ -89,7 +94,7 @@ class HullParameter:
 
 
 def with_values(platform: Platform, values: Mapping[str, float | None]) -> Platform:
-    """Return a platform with some of its numbers replaced, by key, unchecked."""
+    """Return a platform with some of its numbers replaced, by key and without checks."""
     content: dict[str, Any] = {}
     for key, value in values.items():
         section, *rest = key.split(".")
@@ -98,7 +103,7 @@ def with_values(platform: Platform, values: Mapping[str, float | None]) -> Platf
 
 
 def _replaced(node: Any, rest: list[str], value: float | None) -> Any:
-    """Return a section, list or number with the number at the rest of a key replaced."""
+    """Return a section, list or number with the number at the remaining parts of a key replaced."""
     if not rest:
         return value
     name, *deeper = rest
@@ -108,13 +113,13 @@ def _replaced(node: Any, rest: list[str], value: float | None) -> Any:
 
 
 def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
-    """Return a platform with the errors that a calibration left, its plausible deviations as they were."""
+    """Return a platform with the errors that remain after a calibration; its plausible deviations are unchanged."""
     uncertainty = Uncertainty() if platform.uncertainty is None else platform.uncertainty
     return platform.model_copy(update={"uncertainty": uncertainty.model_copy(update={"covariance": errors})})
 
 
 def righting_moment(platform: Platform) -> float:
-    """First moment S_z at the neutral point, battery upright, kg m."""
+    """Return the first moment S_z at the neutral oil volume with the battery upright, kg m."""
     outside, inside = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)
     neutral = np.array([[0.0, 0.0, float(outside), float(inside), 0.0, 0.0]])
     return float(mass_properties(masses_of(platform), neutral)[0, 2])
@@ -133,22 +138,22 @@ def _of(name: str, part: float) -> Callable[[Platform], float]:
 
 
 def _volume(platform: Platform) -> float:
-    """Half a per cent of the hull's mass in water: operators ballast to less."""
+    """Return the volume of water of 0.5 % of the hull's mass, cm3; operators ballast more accurately than that."""
     return 0.005 * platform.mass.total / platform.buoyancy.water_density / CUBIC_CENTIMETRE
 
 
 def _righting(part: float) -> Callable[[Platform], float]:
-    """A part of the righting moment, as a displacement of the hull's mass."""
+    """Return the displacement of the hull's mass that changes the righting moment by a given fraction, m."""
     return lambda platform: part * abs(righting_moment(platform)) / platform.mass.hull
 
 
 def _without_righting(platform: Platform) -> float:
-    """Height of the hull's mass at which nothing rights it: a righting moment keeps its sign, as a drag does."""
+    """Return the z of the hull's mass at which the righting moment, which keeps its sign as drag does, vanishes, m."""
     return platform.position.hull[2] - righting_moment(platform) / platform.mass.hull
 
 
 TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
-"""For a hull that states neither, 1/dbar and 1/K: published ones lie from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
+"""Values for a hull that states none, 1/dbar and 1/K; published ones range from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
 
 
 def compressible(platform: Platform) -> Platform:
@@ -203,19 +208,19 @@ PARAMETERS_BY_DENSITY: tuple[HullParameter, ...] = (
     HullParameter("buoyancy.thermal_expansion", "1/K", "thermal expansion of the hull", _relative(0.5), factor=True),
     *_REMAINING,
 )
-"""Parameters that they may determine where the buoyancy goes by measured density."""
+"""Parameters that steady glides may determine if the buoyancy is computed from measured density."""
 
 _OF_MOTION: tuple[HullParameter, ...] = (
     HullParameter("viscous.K_p", "kg s/rad", "roll damping", _relative(0.3), factor=True),
     HullParameter("viscous.K_q", "kg s/rad", "pitch damping", _relative(0.3), factor=True),
     HullParameter("added_mass.1", "kg", "added mass in sway", _relative(0.2), factor=True),
     HullParameter("added_mass.2", "kg", "added mass in heave", _relative(0.2), factor=True),
-    # Of the whole inertia, which hardly any motion splits into the water's and the hull's own.
+    # These represent the whole inertia: hardly any motion separates the added inertia from the hull's own.
     HullParameter("added_inertia.0", "kg m2", "added inertia in roll", _relative(0.3), factor=True),
     HullParameter("added_inertia.1", "kg m2", "added inertia in pitch", _relative(0.3), factor=True),
     HullParameter("added_inertia.2", "kg m2", "added inertia in yaw", _relative(0.3), factor=True),
 )
-"""Parameters that no steady glide shows."""
+"""Parameters that steady glides do not depend on."""
 
 _LIFT_OFFSET = HullParameter("viscous.K_L0", "kg/m", "lift at zero angle of attack", _of("K_L", 0.02))
 
@@ -241,11 +246,11 @@ TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolu
 
 
 def hull_parameters(platform: Platform) -> tuple[HullParameter, ...]:
-    """Parameters by which a hull and its records may be off: those that act.
+    """Return the parameters of a hull and its records that may be in error and have an effect.
 
-    A coefficient of zero that varies by factors does not act. Lift at zero angle of attack and the rudder's moment
-    count where the platform file states them. Where it states a compressibility, buoyancy goes by that, not by the
-    depth slope.
+    A coefficient of zero that varies by factors has none. Lift at zero angle of attack and the rudder's moment are
+    included if the platform file states them. If it states a compressibility, the buoyancy is computed from that
+    instead of the depth slope.
     """
     steady = PARAMETERS if platform.buoyancy.compressibility is None else PARAMETERS_BY_DENSITY
     stated = platform.viscous.model_fields_set
@@ -259,16 +264,16 @@ def _acts(parameter: HullParameter, platform: Platform) -> bool:
 
 
 def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta: NDArray[np.float64]) -> Platform:
-    """Return the hull, its sensors' errors included, that lies ``eta`` from a platform.
+    """Return the hull, including its sensors' errors, that differs by ``eta`` from a platform.
 
     Parameters
     ----------
     platform : Platform
-        The hull that ``eta`` counts from.
+        The reference hull, at which ``eta`` is zero.
     parameters : sequence of HullParameter
-        Which numbers move.
+        Numbers to change.
     eta : (p,)
-        By how much, in plausible deviations; what does not move stays exactly as it is.
+        Changes in plausible deviations; a number whose change is zero keeps its exact value.
     """
     return with_values(
         platform, {p.key: p.moved(platform, x) for p, x in zip(parameters, eta.tolist(), strict=True) if x != 0.0}
@@ -276,12 +281,12 @@ def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta:
 
 
 def check_uncertainty(platform: Platform) -> None:
-    """Refuse a plausible deviation or a walk of a number that is none of the catalogue.
+    """Refuse a plausible deviation or a walk of a number that is not in the catalogue.
 
     Raises
     ------
     InputError
-        Such a number, by its key.
+        There is such a number; the message names its key.
     """
     if platform.uncertainty is None:
         return

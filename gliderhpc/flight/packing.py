@@ -1,4 +1,4 @@
-"""Constants of a platform in the form in which the kernels take them, and the mass properties of its controls."""
+"""Constants of a platform, packed for the kernels, and the mass properties that result from its controls."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ def hull_of(platform: Platform) -> Hull:
 
 
 def masses_of(platform: Platform) -> Masses:
-    """Pack the internal masses and where they are (kg, m)."""
+    """Pack the internal masses and their positions (kg, m)."""
     position = platform.position
     return Masses(
         platform.mass.hull,
@@ -56,7 +56,7 @@ def masses_of(platform: Platform) -> Masses:
 
 
 def mass_properties(masses: Masses, controls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mass properties ``(n, 11)``, `Body` in rows, of contiguous controls ``(n, 6)`` (eqs. 5 and 9)."""
+    """Return the mass properties ``(n, 11)``, one `Body` in each row, of contiguous controls ``(n, 6)`` (eqs. 5, 9)."""
     bodies = np.empty((len(controls), len(Body._fields)))
     bodies_of_controls(masses, controls, bodies)
     return bodies

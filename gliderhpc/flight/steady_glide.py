@@ -1,11 +1,12 @@
-"""Steady glides of a hull: where its forces and moments balance, whether it stays there, and how flat it can fly.
+"""Steady glides of a hull: the balance of forces and moments, its stability, and the flattest possible glide.
 
-In the vertical plane with no rotation, eqs. 6, 10 and 11 leave along and across the path
+In the vertical plane without rotation, eqs. 6, 10 and 11 reduce to, along and across the path,
 
     ``-W sin(xi) = V^2 (K_D0 + K_D alpha^2)``  and  ``W cos(xi) = V^2 (K_L0 + K_L alpha)``,
 
 with the net weight in water ``W = m_x g - k_z Z`` and the path's angle ``xi = theta - alpha`` (negative when diving).
-Their ratio gives the angle of attack, either of them the speed, and the pitch moment the battery position to hold it.
+Their ratio gives the angle of attack, either of them gives the speed, and the balance of pitch moments gives the
+battery position.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from gliderhpc.platform import GRAVITY, Platform, ballast_masses
 
 
 class FlightModel(Protocol):
-    """Flight model of a platform, `gliderhpc.flight.glider.Glider`, whose import the list of hulls does without."""
+    """Flight model of a platform; thanks to this protocol, listing hulls does not import `gliderhpc.flight.glider`."""
 
     @property
     def platform(self) -> Platform:
@@ -42,13 +43,13 @@ LARGEST_ANGLE_OF_ATTACK = math.radians(25.0)
 SCAN_POINTS = 501
 
 MOVING = np.array([0, 1, 6, 7, 8, 9, 10, 11])
-"""States that decide stability: phi, theta and the velocities; psi, X and Y are neutral, Z changes in any glide."""
+"""States that determine stability: phi, theta and the velocities; psi, X and Y are neutral, Z changes in any glide."""
 
 RELATIVE_NET_MASSES = (0.002, 0.0035, 0.005)
-"""Net masses, in parts of the hull's own, at which :func:`glides_stably` looks."""
+"""Net masses that :func:`glides_stably` tries, as fractions of the hull's mass."""
 
 PITCHES = tuple(math.radians(angle) for angle in (20.0, 25.0, 30.0, 35.0))
-"""Pitch angles at which :func:`glides_stably` looks, rad."""
+"""Pitch angles that :func:`glides_stably` tries, rad."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +61,13 @@ class SteadyGlide:
     net_mass : float
         Net mass in water at the surface m_x, kg, positive when diving.
     depth : float
-        Depth it is balanced at, m.
+        Depth at which the forces balance, m.
     pitch, angle_of_attack : float
         Pitch theta and angle of attack alpha, rad.
     speed : float
         Speed through the water, m/s.
     battery_position : float
-        Translation of the battery that holds it r_px, m.
+        Translation of the battery r_px that balances the pitch moment, m.
     ballast : tuple of float
         Oil masses outside and inside the hull m_b, m_m, kg.
     """
@@ -121,8 +122,8 @@ def steady_glide(glider: FlightModel, net_mass: float, pitch: float, depth: floa
     Returns
     -------
     SteadyGlide or None
-        None where the hull does not glide so: nose up while heavy, a path flatter than its least glide angle, or a net
-        weight that the depth has used up.
+        The glide, or None if the hull has none: nose up while heavy, a path flatter than its least glide angle, or a
+        net weight that vanishes at this depth.
     """
     platform = glider.platform
     weight = net_mass * GRAVITY - platform.buoyancy.depth_slope * depth
@@ -137,7 +138,7 @@ def steady_glide(glider: FlightModel, net_mass: float, pitch: float, depth: floa
 
 
 def retrimmed(glider: FlightModel, glide: SteadyGlide, oil_volume: float) -> SteadyGlide:
-    """Return a steady glide flown with another oil volume (m3), as other water asks for."""
+    """Return a steady glide flown with another oil volume (m3), as needed in water of another density."""
     m_b, m_m = ballast_masses(glider.platform, oil_volume)
     ballast = float(m_b), float(m_m)
     position = _battery_position(glider, ballast, glide.pitch, glide.angle_of_attack, glide.speed)
@@ -145,7 +146,7 @@ def retrimmed(glider: FlightModel, glide: SteadyGlide, oil_volume: float) -> Ste
 
 
 def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> float | None:
-    """Angle of attack of the steady glide at a pitch, whatever its speed; None where there is none.
+    """Return the angle of attack of the steady glide at a pitch, at any speed; None if there is no such glide.
 
     Parameters
     ----------
@@ -159,7 +160,8 @@ def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> 
     Notes
     -----
     A path steeper than the least glide angle can be flown at two angles of attack. The one nearer to zero lift is
-    taken; the other lies on the back of the drag curve, and a pitch that has only such a root counts as having none.
+    returned. The other lies on the back side of the drag curve; a pitch that has only such a root is treated as having
+    none.
     """
     scan = np.linspace(zero_lift_angle(platform), best_angle_of_attack(platform, heavy=heavy), SCAN_POINTS)
     found = imbalance(platform, pitch, scan) <= 0.0
@@ -176,7 +178,9 @@ def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> 
 
 
 def imbalance(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) -> NDArray[np.float64]:
-    """Horizontal force of drag and lift over the squared speed, ``D cos(xi) + L sin(xi)``, kg/m; zero where steady.
+    """Return the horizontal force of drag and lift over the squared speed, kg/m; zero in a steady glide.
+
+    It is ``D cos(xi) + L sin(xi)``.
 
     Parameters
     ----------
@@ -191,7 +195,7 @@ def imbalance(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) 
 
 
 def imbalance_slope(platform: Platform, pitch: ArrayLike, angle_of_attack: ArrayLike) -> NDArray[np.float64]:
-    """Derivative of `imbalance` by the angle of attack, kg/(m rad)."""
+    """Return the derivative of `imbalance` with respect to the angle of attack, kg/(m rad)."""
     viscous = platform.viscous
     drag, lift = drag_and_lift(platform, angle_of_attack)
     xi = np.subtract(pitch, angle_of_attack)
@@ -200,25 +204,25 @@ def imbalance_slope(platform: Platform, pitch: ArrayLike, angle_of_attack: Array
 
 
 def zero_lift_angle(platform: Platform) -> float:
-    """Angle of attack without lift, rad."""
+    """Return the angle of attack of zero lift, rad."""
     return -platform.viscous.K_L0 / platform.viscous.K_L
 
 
 def growth_rate(glider: FlightModel, glide: SteadyGlide) -> float:
-    """Largest real part of the eigenvalues of the motion about a steady glide, 1/s; negative when stable."""
+    """Return the largest real part of the eigenvalues of the motion about a steady glide, 1/s; negative if stable."""
     jacobian = glider.jacobian(glide.state, glide.control)[np.ix_(MOVING, MOVING)]
     return float(np.linalg.eigvals(jacobian).real.max())
 
 
 def is_stable(glider: FlightModel, glide: SteadyGlide) -> bool:
-    """Return whether small departures from a steady glide die out."""
+    """Return whether small perturbations of a steady glide decay."""
     return growth_rate(glider, glide) < 0.0
 
 
 def glide_table(
     glider: FlightModel, net_masses: Iterable[float], pitches: Iterable[float], depth: float = 0.0
 ) -> list[SteadyGlide]:
-    """Steady glides over net mass and pitch, dives first; combinations without one are left out.
+    """Return the steady glides over net mass and pitch, dives first; combinations without a steady glide are omitted.
 
     Parameters
     ----------
@@ -229,7 +233,7 @@ def glide_table(
     pitches : iterable of float
         Magnitudes of the pitch, rad.
     depth : float
-        Depth to balance at, m.
+        Depth at which the forces balance, m.
     """
     return list(_glides(glider, tuple(net_masses), tuple(pitches), depth))
 
@@ -242,7 +246,7 @@ def glides_stably(glider: FlightModel) -> bool:
 
 
 def stall_depth(platform: Platform, net_mass: float) -> float:
-    """Depth at which the gain in buoyancy has used up a net mass, m; infinite where it never does."""
+    """Return the depth at which the gain in buoyancy cancels a net mass, m; infinite if it never does."""
     slope = platform.buoyancy.depth_slope
     if slope * net_mass <= 0.0:
         return math.inf
@@ -250,11 +254,11 @@ def stall_depth(platform: Platform, net_mass: float) -> float:
 
 
 def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
-    """Angle of attack of the least drag over lift, rad, within the range of eq. 11.
+    """Return the angle of attack of the least drag over lift, rad, within the range of eq. 11.
 
     Notes
     -----
-    ``(K_D0 + K_D alpha^2) / (K_L0 + K_L alpha)`` is least where ``K_D (alpha^2 + 2 alpha K_L0 / K_L) = K_D0``.
+    ``(K_D0 + K_D alpha^2) / (K_L0 + K_L alpha)`` is least at ``K_D (alpha^2 + 2 alpha K_L0 / K_L) = K_D0``.
     """
     viscous = platform.viscous
     without_lift = zero_lift_angle(platform)
@@ -264,30 +268,30 @@ def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
 
 
 def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
-    """Flattest steady path, rad: the arc tangent of the least drag over lift."""
+    """Return the angle of the flattest steady path, rad: the arc tangent of the least drag over lift."""
     drag, lift = drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
     return math.atan(drag / abs(lift))
 
 
 def munk_moment(platform: Platform) -> float:
-    """Munk's yaw moment over ``u v``, kg: ``M_f1 - M_f2``."""
+    """Return Munk's yaw moment over ``u v``, kg: ``M_f1 - M_f2``."""
     return platform.added_mass[0] - platform.added_mass[1]
 
 
 def yaw_bracket(platform: Platform, angle_of_attack: float) -> float:
-    """Return what viscous and Munk yaw moments leave of each other, kg (docs/theory/currents.md).
+    """Return the sum of the viscous and Munk yaw moments, which oppose each other, kg (docs/theory/currents.md).
 
-    ``K_MY + K_MR sin(alpha) + M_f1 - M_f2``: the gain by which sideslip, and so a current, shows in the yaw moment.
+    ``K_MY + K_MR sin(alpha) + M_f1 - M_f2``: the gain from sideslip, and hence from a current, to the yaw moment.
     """
     viscous = platform.viscous
     return viscous.K_MY + viscous.K_MR * math.sin(angle_of_attack) + munk_moment(platform)
 
 
 def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.15, draws: int = 20_000) -> float:
-    """Part of coefficient draws within `spread` in which :func:`yaw_bracket` has the other sign.
+    """Return the fraction of coefficient draws in which :func:`yaw_bracket` has the opposite sign.
 
-    The four coefficients are drawn uniformly and independently, from a fixed seed. Near one half the hull's yaw moment
-    cannot determine a current's direction.
+    The four coefficients are drawn uniformly and independently within a relative `spread`, from a fixed seed. If the
+    fraction is near one half, the hull's yaw moment cannot determine a current's direction.
     """
     viscous = platform.viscous
     terms = np.array(
@@ -303,7 +307,7 @@ def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.
 
 
 def drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Drag and lift over the squared speed at no sideslip (eq. 11), kg/m."""
+    """Return drag and lift over the squared speed without sideslip (eq. 11), kg/m."""
     viscous = platform.viscous
     alpha = np.asarray(angle_of_attack, dtype=np.float64)
     return viscous.K_D0 + viscous.K_D * alpha**2, viscous.K_L0 + viscous.K_L * alpha

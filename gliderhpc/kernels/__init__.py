@@ -1,8 +1,9 @@
 """Compiled formulas on plain float64: SI units, radians, NED, no checks, no exceptions, no allocation in a time loop.
 
-A caller validates and allocates (``gliderhpc.flight`` and ``gliderhpc.estimation`` do); a kernel computes. Read in this
-order: ``elementary``, ``parameters``, ``mass``, ``hydrodynamics``, ``dynamics``, ``jacobian``, ``rk4``, ``window``,
-``current``, ``tangent``, ``kalman``. Pairs are named alike: ``rates``/``rates_vjp``, ``step``/``step_vjp``.
+The callers, ``gliderhpc.flight`` and ``gliderhpc.estimation``, validate and allocate; a kernel computes. Read the
+modules in this order: ``elementary``, ``parameters``, ``mass``, ``hydrodynamics``, ``dynamics``, ``jacobian``, ``rk4``,
+``window``, ``current``, ``tangent``, ``kalman``. A function and its transposed derivative have matching names:
+``rates``/``rates_vjp``, ``step``/``step_vjp``.
 """
 
 if __name__ != "gliderhpc.kernels":

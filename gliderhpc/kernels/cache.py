@@ -1,10 +1,10 @@
-"""The folder of compiled kernels, named by a digest of the kernels' sources and versions.
+"""Folder of compiled kernels, named after a digest of the kernels' sources and versions.
 
-Numba's cache notices a change in the file of a function but not in a function it calls, and would then run stale code;
-a folder for each state of the sources cannot be stale. Numba's own settings are left alone: `gliderhpc.kernels.jit`
-hands the folder to our kernels only.
+Numba's cache notices a change in the file of a function, but it misses a change in a function that is called from
+there, and would then run stale code. A separate folder for each state of the sources cannot be stale. Numba's own
+settings are not changed: `gliderhpc.kernels.jit` uses the folder for our kernels only.
 
-The files are code, so the folder must be ours, and nobody else may be able to write it or to replace it.
+The files are code. The folder must therefore belong to this user, and no other user may be able to write or replace it.
 """
 
 import atexit
@@ -23,7 +23,7 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 VARIABLES = ("GLIDERHPC_CACHE", "NUMBA_CACHE_DIR")
-"""Environment variables that name the folder to hold that of the kernels: ours, else numba's."""
+"""Environment variables that name the parent of the kernels' folder: ours, else numba's."""
 
 SOURCES = Path(__file__).resolve().parent
 """Folder of the kernels' sources."""
@@ -36,10 +36,10 @@ def compiled_cache() -> Path:
 
 
 def choose_folder() -> Path:
-    """Make a folder that nobody else can write, since what lies there is run.
+    """Create a folder that no other user can write, since its files are executed.
 
-    It lies in the folder that one of `VARIABLES` names, else in the user's cache; where others could have put something
-    there, a warning is logged, and a private folder lasts as long as this process.
+    Its parent is the folder that one of `VARIABLES` names, else the user's cache. If other users could have put files
+    there, a warning is logged and a private folder is used, which is removed when this process ends.
     """
     base = _base()
     folder = None if base is None else base / f"kernels-{kernel_digest()}"
@@ -70,12 +70,12 @@ def kernel_digest(sources: Path = SOURCES) -> str:
 
 
 def _base() -> Path | None:
-    """Return the folder to hold that of the kernels, None where the user has no folder for caches."""
+    """Return the parent of the kernels' folder, None if the user has no folder for caches."""
     for name in VARIABLES:
         if os.environ.get(name):
             return Path(os.environ[name])
     caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # By the specification of these folders one that is not absolute counts as not given.
+    # The XDG specification requires that a relative path is ignored.
     if not caches.is_absolute():
         try:
             caches = Path.home() / ".cache"
@@ -85,7 +85,7 @@ def _base() -> Path | None:
 
 
 def _refusal(folder: Path) -> str:
-    """Make a folder, and return why nothing in it should be run, or nothing where it can be trusted."""
+    """Create a folder; return the reason not to run code in it, or an empty text if it can be trusted."""
     if not folder.is_absolute():
         return f"{folder}: not an absolute path"
     try:
@@ -102,7 +102,7 @@ def _refusal(folder: Path) -> str:
 
 
 def refusal_to_run(folder: Path) -> str:
-    """Return why no code in an existing folder should be run, or nothing where it is ours or the administrator's.
+    """Return the reason not to run code in an existing folder, or an empty text if only we or root can write it.
 
     Raises
     ------
@@ -112,14 +112,14 @@ def refusal_to_run(folder: Path) -> str:
     if not hasattr(os, "geteuid"):
         return ""
     resolved = folder.resolve(strict=True)
-    # Who may add files to a sticky folder may add compiled kernels; the names of folders in it are safe.
+    # Users who may add files to a sticky folder could add compiled kernels, but they cannot replace its subfolders.
     found = {resolved: _open_to_others(resolved)}
     found |= {path: _open_to_others(path, sticky=True) for path in resolved.parents}
     return next((f"{path}: {why}" for path, why in found.items() if why), "")
 
 
 def _open_to_others(path: Path, sticky: bool = False) -> str:
-    """Describe who else can put something into a folder, or into its place; the owner of / can whatever we do."""
+    """Describe which other users can write or replace a folder; the owner of / always can and is accepted."""
     found = path.stat()
     if found.st_uid not in (os.geteuid(), 0, Path(path.anchor).stat().st_uid):
         return "belongs to another user"
@@ -133,7 +133,7 @@ def _open_to_others(path: Path, sticky: bool = False) -> str:
 
 
 def _is_own_group(group: int) -> bool:
-    """Return whether a group is the one that many systems give every user for himself alone, or root's."""
+    """Return whether a group is the user's private group, which many systems create, or root's."""
     import grp
     import pwd
 
@@ -147,7 +147,7 @@ def _is_own_group(group: int) -> bool:
 
 
 def _temporary_folder() -> Path:
-    """Make a private folder for the kernels that is removed when this process ends."""
+    """Create a private folder for the kernels that is removed when this process ends."""
     base, owner = Path(tempfile.mkdtemp(prefix="gliderhpc-kernels-")), os.getpid()
 
     def remove() -> None:

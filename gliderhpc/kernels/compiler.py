@@ -1,8 +1,8 @@
 """Compiler of kernels: numba's typing and lowering, with one optimisation for each kernel that Python calls.
 
-Numba optimises every function, makes machine code of it, and optimises it again inside each function that calls it.
-Most functions here are called by kernels only. Such a *part* is compiled to LLVM's intermediate code and no further; a
-*kernel*, which Python calls, is linked with all its parts, optimised once and made into machine code.
+Numba optimises every function, generates its machine code, and optimises it again inside each function that calls it.
+Most functions here are called only by kernels. Such a *part* is compiled only to LLVM's intermediate code. A *kernel*,
+which Python calls, is linked with all its parts, optimised once and compiled to machine code.
 
 Kernels have no closures, generators, array expressions or parallel loops, so numba's passes for these are left out.
 References are not counted: the caller of a kernel keeps its arrays alive, and a kernel allocates none.
@@ -25,20 +25,20 @@ from numba.core.typing import Context
 from numba.core.typing.templates import make_concrete_template
 
 _SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_inliner_pass")
-"""Whether LLVM's passes can be chosen one by one; with an older llvmlite numba's own, slower optimisation is used."""
+"""Whether LLVM's passes can be chosen one by one; with an older llvmlite, numba's own, slower optimisation is used."""
 
 
 class PartLibrary(JITCodeLibrary):
     """Intermediate code of a part, without machine code.
 
-    The parts that it calls are linked only where machine code is made, in the library of a kernel.
+    The parts that it calls are linked only in the library of a kernel, where machine code is generated.
 
     Parameters
     ----------
     codegen, name
-        As of numba's libraries.
+        Arguments of numba's libraries.
     inlined : bool
-        Whether the code of the part replaces every call of it.
+        Whether the part is inlined at every call.
     """
 
     def __init__(self, codegen, name, inlined):
@@ -46,11 +46,11 @@ class PartLibrary(JITCodeLibrary):
         self.inlined = inlined
 
     def add_ir_module(self, ir_module):
-        """Take the lowered code as the library's module."""
+        """Use the lowered code as the library's module."""
         self._final_module = _parsed(ir_module)
 
     def finalize(self):
-        """Inline the parts that are to be inlined, and simplify: once for a formula, however many kernels use it."""
+        """Inline the parts marked for it, and simplify; this is done once for a part, however many kernels use it."""
         called = dict.fromkeys(self._linking_libraries)
         inlined = [library for library in called if isinstance(library, PartLibrary) and library.inlined]
         for library in inlined:
@@ -59,20 +59,20 @@ class PartLibrary(JITCodeLibrary):
         self._linking_libraries = [library for library in called if library not in inlined]
         if inlined and _SEPARATE_PASSES:
             _simplify(self._final_module, self._codegen)
-        # Only now: simplifying drops functions of this linkage that nothing in the module calls.
+        # Only after simplifying, which drops functions of this linkage that nothing in the module calls.
         for function in self._final_module.functions:
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"
         self._finalized = True
 
     def modules(self, seen):
-        """Yield the modules of this library and of all that it calls, except those in `seen`."""
+        """Yield the modules of this library and of all libraries that it calls, except those in `seen`."""
         seen.add(self)
         yield self._final_module
         yield from linked_modules(self._linking_libraries, seen)
 
     def _get_module_for_linking(self):
-        """Return everything in one module, for a function that numba's own compiler compiles."""
+        """Return all modules linked into one, for a function that numba's own compiler compiles."""
         if self._shared_module is None:
             own, *others = self.modules(set())
             self._shared_module = own.clone()
@@ -85,8 +85,8 @@ class KernelLibrary(JITCodeLibrary):
     """Machine code of a kernel with all its parts, optimised once."""
 
     def add_ir_module(self, ir_module):
-        """Add lowered code, without numba's optimisation of each function by itself."""
-        # The entry for Python only unpacks arguments; optimising it would take longer than optimising the kernel.
+        """Add lowered code, without numba's separate optimisation of each function."""
+        # The entry point for Python only unpacks arguments; optimising it would take longer than the kernel itself.
         for function in ir_module.functions:
             if function.blocks and function.name.startswith("_ZN7cpython"):
                 function.attributes.add("noinline")
@@ -94,7 +94,7 @@ class KernelLibrary(JITCodeLibrary):
         self._final_module.link_in(_parsed(ir_module))
 
     def finalize(self):
-        """Link the parts, optimise, and make machine code."""
+        """Link the parts, optimise, and generate machine code."""
         for module in linked_modules(self._linking_libraries, set()):
             self._final_module.link_in(module, preserve=True)
         self._optimize_final_module()
@@ -105,13 +105,13 @@ class KernelLibrary(JITCodeLibrary):
         if not _SEPARATE_PASSES:
             super()._optimize_final_module()
             return
-        # Numba's full optimisation alone: its cheap one before this is for counting references.
+        # Only numba's full optimisation: the cheap one before it serves reference counting.
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
 
 def _simplify(module, codegen):
-    """Inline what is marked so, and reduce the result, so that kernels link less code."""
+    """Inline the functions marked for it and reduce the result; kernels then link less code."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -122,7 +122,7 @@ def _simplify(module, codegen):
 
 
 def linked_modules(libraries, seen):
-    """Yield the modules of some libraries and of all that they call, each once."""
+    """Yield the modules of some libraries and of all libraries that they call, each once."""
     for library in libraries:
         if library in seen:
             continue
@@ -140,20 +140,20 @@ def _parsed(ir_module):
 
 
 class _CachingContext(Context):
-    """Numba's typing context, which remembers the signature of every call by the types of its arguments.
+    """Numba's typing context, with a cache of the signature of every call by the types of its arguments.
 
-    At every operator numba would try dozens of implementations, and compose an error message for each that does not
-    fit.
+    Without it, numba tries dozens of implementations at every operator, and composes an error message for each that
+    does not fit.
     """
 
     _signatures: ClassVar = {}
 
     def __init__(self, context):
-        # Another class over the same state: what is registered in one is known to the other.
+        # The two contexts share their state: an implementation registered in one is available in the other.
         self.__dict__ = context.__dict__
 
     def resolve_function_type(self, func, args, kws):
-        """Return the signature of a call, None where no implementation fits."""
+        """Return the signature of a call, None if no implementation fits."""
         if kws or not all(isinstance(kind, types.Type) for kind in args):
             return super().resolve_function_type(func, args, kws)
         key = func, tuple(args)
@@ -167,10 +167,10 @@ class _CachingContext(Context):
 
 
 class _Lower(Lower):
-    """Numba's lowering, where the signatures of operators come from the cache of `_CachingContext`."""
+    """Numba's lowering, with the signatures of operators from the cache of `_CachingContext`."""
 
     def lower_binop(self, resty, expr, op):
-        """Lower an operator; one with a constant operand may have an implementation of its own, which numba finds."""
+        """Lower an operator; numba lowers one with a constant operand, which may have a special implementation."""
         if expr.static_lhs is not ir.UNDEFINED or expr.static_rhs is not ir.UNDEFINED:
             return super().lower_binop(resty, expr, op)
         return self._lower_call(resty, op, self.fndesc.calltypes[expr], expr.lhs, expr.rhs)
@@ -183,7 +183,7 @@ class _Lower(Lower):
         """Lower a call of `function` that was typed as `typed`, with a result of type `resty`."""
         context = _CachingContext(self.context.typing_context)
         kind = context.resolve_value_type(function)
-        # Resolve again rather than take `typed`: an in-place operator is typed as such, and lowered as the plain one.
+        # Resolved again, since `typed` may be that of an in-place operator, which is lowered as the plain one.
         signature = context.resolve_function_type(kind, typed.args, {})
         values = [
             self.context.cast(self.builder, self.loadvar(operand.name), self.typeof(operand.name), wanted)
@@ -195,7 +195,7 @@ class _Lower(Lower):
 
 class _PartLower(_Lower):
     def emit_environment_object(self):
-        """Emit none: numba's environment serves calls of Python, and a part makes none."""
+        """Emit nothing: numba's environment is for calls of Python, and a part contains none."""
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -216,7 +216,7 @@ class _Compiler(CompilerBase):
     _lowering: type
 
     def _new_library(self, codegen, name):
-        """Make the library that takes the compiled code."""
+        """Create the library for the compiled code."""
         raise NotImplementedError
 
     def compile_extra(self, func):
@@ -226,7 +226,7 @@ class _Compiler(CompilerBase):
         return super().compile_extra(func)
 
     def define_pipelines(self):
-        """Return the one pipeline."""
+        """Return the only pipeline."""
         manager = PassManager("kernel")
         for one in (
             untyped_passes.TranslateByteCode,
@@ -254,7 +254,7 @@ class PartCompiler(_Compiler):
         return PartLibrary(codegen, name, inlined=self.state.flags.forceinline)
 
     def compile_extra(self, func):
-        """Compile a Python function; by this flag numba does not ask for its address in machine code."""
+        """Compile a Python function; with this flag, numba does not request the address of its machine code."""
         self.state.flags.no_compile = True
         return super().compile_extra(func)
 
@@ -270,7 +270,7 @@ class KernelCompiler(_Compiler):
         return library
 
     def compile_extra(self, func):
-        """Compile a Python function with the garbage collector off: it would visit numba's many objects in vain."""
+        """Compile a Python function without the garbage collector, which would search numba's many objects in vain."""
         enabled = gc.isenabled()
         gc.disable()
         try:
@@ -281,13 +281,13 @@ class KernelCompiler(_Compiler):
 
 
 _PART_OPTIONS = ("nopython", "no_cpython_wrapper", "_nrt")
-"""Options of a part that do not apply where numba's own compiler compiles it for Python."""
+"""Options of a part that do not apply when numba's own compiler compiles it for Python."""
 
 
 class InnerDispatcher(CPUDispatcher):
-    """Part of kernels, which only kernels call; where Python calls it, as a test may, numba's own compiler compiles it.
+    """Part of kernels, called only by kernels; if Python calls it, as in a test, numba's own compiler compiles it.
 
-    The parameters are those with which numba rebuilds a pickled dispatcher: the second, types of local variables, is
+    The parameters are those with which numba rebuilds a pickled dispatcher; the second, types of local variables, is
     not used.
     """
 
@@ -295,7 +295,7 @@ class InnerDispatcher(CPUDispatcher):
         super().__init__(py_func, {}, targetoptions, PartCompiler)
 
     def get_call_template(self, args, kws):
-        """Return numba's description of a call; integers are typed without their value: one version serves all."""
+        """Return numba's description of a call; integers are typed without their values, and share one version."""
         pysig, args = self._compiler.fold_argument_types(args, kws)
         plain = tuple(map(_without_value, args))
         self.compile(plain)
@@ -304,14 +304,14 @@ class InnerDispatcher(CPUDispatcher):
         return template, pysig, plain, {}
 
     def add_overload(self, cres):
-        """Store compiled code for kernels, but not in numba's table for calls from Python: it has no entry for them."""
-        # Numba finds a function by its entry point; the library serves as one.
+        """Store compiled code for kernels, except in numba's table for calls from Python, for which it has no entry."""
+        # Numba identifies a function by its entry point; the library is used in its place.
         result = cres._replace(entry_point=cres.library)
         self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
         self.overloads[tuple(result.signature.args)] = result
 
     def _compile_for_args(self, *args, **kws):
-        """Return the function that Python is to call: numba asks here for all arguments, since its table is empty."""
+        """Return the function for calls from Python; numba always calls this method, since its table is empty."""
         return self._for_python
 
     @cached_property
@@ -326,7 +326,7 @@ def _without_value(kind: types.Type):
 
 
 class KernelDispatcher(CPUDispatcher):
-    """Kernel, which Python calls; another kernel calls it as a part. Parameters as of `InnerDispatcher`."""
+    """Kernel, called by Python, or by another kernel as a part; its parameters are those of `InnerDispatcher`."""
 
     def __init__(self, py_func, _locals=None, targetoptions=None):
         super().__init__(py_func, {}, targetoptions, KernelCompiler)
@@ -341,5 +341,5 @@ class KernelDispatcher(CPUDispatcher):
         return self.part.get_call_template(args, kws)
 
     def get_overload(self, sig):
-        """Return what identifies the compiled code in a call from another kernel."""
+        """Return the identifier of the compiled code for a call from another kernel."""
         return self.part.get_overload(sig)

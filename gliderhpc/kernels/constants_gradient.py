@@ -1,7 +1,7 @@
-"""Derivatives of the rates by the hull's constants and the mass properties: what the hull's errors enter through.
+"""Derivatives of the rates with respect to the hull's constants and the mass properties, on which its errors act.
 
-The rates are linear in every coefficient, so these are products of costates with the terms of eqs. 9 to 14; only the
-masses and inertias divide.
+The rates are linear in every coefficient. The derivatives are therefore products of costates with the terms of
+eqs. 9 to 14; only the masses and inertias are divisors.
 """
 
 from gliderhpc.kernels.dynamics import rates_at
@@ -11,17 +11,17 @@ from gliderhpc.kernels.mass import GRAVITY
 from gliderhpc.kernels.parameters import Body, Hull
 
 HULL_CONSTANTS = len(Hull._fields)
-"""Constants of the hull, the first of all."""
+"""Number of constants of the hull, which come first."""
 
 CONSTANTS = HULL_CONSTANTS + len(Body._fields)
-"""Constants of the hull, and behind them the mass properties, in the order of `Hull` and `Body`."""
+"""Number of constants of the hull and of the mass properties after them, in the order of `Hull` and `Body`."""
 
 
 @formula
 def by_constants(hull, body, y, geometry, b, a):
-    """Transpose of the derivative of `rates` by the constants, applied to ``a`` (ten): a tuple of `CONSTANTS`.
+    """Apply the transposed derivative of `rates` with respect to the constants to ``a`` (ten): a tuple of `CONSTANTS`.
 
-    ``b`` is the disturbance (six), ``geometry`` that of ``y`` (`gliderhpc.kernels.dynamics.geometry_of`).
+    ``b`` is the disturbance (six) and ``geometry`` that of ``y`` (`gliderhpc.kernels.dynamics.geometry_of`).
     """
     _, _, _, Z, u, v, w, p, q, r = y
     _, _, _, _, a_u, a_v, a_w, a_p, a_q, a_r = a
@@ -36,7 +36,7 @@ def by_constants(hull, body, y, geometry, b, a):
     mx, my, mz = a_p / hull.inertia_p, a_q / hull.inertia_q, a_r / hull.inertia_r
     a1, a2, a3 = to_flow(flow, fx, fy, fz)
     b1, b2, b3 = to_flow(flow, mx, my, mz)
-    # By the momenta, as in `rates_vjp`.
+    # Derivatives with respect to the momenta, as in `rates_vjp`.
     e_Pu = q * fz - r * fy + v * mz - w * my
     e_Pv = r * fx - p * fz + w * mx - u * mz
     e_Pw = p * fy - q * fx + u * my - v * mx

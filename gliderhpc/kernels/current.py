@@ -1,13 +1,14 @@
-"""The glider in moving water: what a sheared current and a frozen gust field do to it , and forward runs.
+"""Glider in moving water: effects of a sheared current and of a frozen gust field, and forward runs.
 
-The state's velocity is relative to the water. As the water's velocity changes along the path, the hull, carried by it,
-feels the force ``-m R_eb^T dU/dt`` and the moment ``-S x (R_eb^T dU/dt)``, which are added to the disturbance at every
-Runge-Kutta stage. A current that varies in time alone carries a neutrally buoyant body with it and is left out of
-``dU/dt``.
+The state's velocity is relative to the water. As the water's velocity changes along the path, the force
+``-m R_eb^T dU/dt`` and the moment ``-S x (R_eb^T dU/dt)`` act on the hull, which the water carries along. They are
+added to the disturbance at every Runge-Kutta stage. A current that varies only in time carries a neutrally buoyant body
+with it and is not part of ``dU/dt``.
 
-``water (n, 8)`` holds on a depth grid the current at the start (north, east), its slopes in depth, and the rates in
-time of these four; ``gusts (n, 2)`` holds on a grid of path length the gust and its slope. Both are interpolated by
-cubic Hermite polynomials, so that value and slope belong together, and constant outside their grids.
+``water (n, 8)`` contains, on a depth grid, the current at the start (north, east), its derivatives with respect to
+depth, and the rates of change in time of these four. ``gusts (n, 2)`` contains, on a grid of path length, the gust and
+its slope. Both are interpolated by cubic Hermite polynomials, whose slope is consistent with their value, and are
+constant outside their grids.
 """
 
 from typing import NamedTuple
@@ -21,7 +22,7 @@ from gliderhpc.kernels.window import load_disturbance, sensed_of, store_row
 
 
 class Field(NamedTuple):
-    """Constants that go with the tables: the glider's mass (kg), the grids' spacings (m), and the gust's direction."""
+    """Constants that belong to the tables: the glider's mass (kg), the grids' spacings (m), the gust's direction."""
 
     mass: float
     depth_spacing: float
@@ -32,7 +33,7 @@ class Field(NamedTuple):
 
 @formula
 def cubic(f, width, a, da, b, db):
-    """Cubic Hermite polynomial between two nodes at the fraction ``f`` of their distance: value and slope."""
+    """Return value and slope of the cubic Hermite polynomial at the fraction ``f`` of the way between two nodes."""
     g = 1.0 - f
     value = g * g * ((1.0 + 2.0 * f) * a + f * width * da) + f * f * ((1.0 + 2.0 * g) * b - g * width * db)
     slope = 6.0 * f * g * (b - a) / width + g * (1.0 - 3.0 * f) * da + f * (3.0 * f - 2.0) * db
@@ -41,11 +42,11 @@ def cubic(f, width, a, da, b, db):
 
 @formula
 def cell_of(x, spacing, nodes):
-    """Cell of a uniform grid that ``x`` lies in, the fraction of that cell, and 1 inside the grid or 0 outside."""
+    """Return the cell of a uniform grid that contains ``x``, the fraction of that cell, and 1 inside or 0 outside."""
     scaled = x / spacing
     last = nodes - 1.0
     inside = 0.0 <= scaled <= last
-    # Written so that NaN, too, finds a cell that exists.
+    # Written to give an existing cell even for NaN.
     bounded = scaled if inside else (last if scaled > last else 0.0)
     cell = min(int(bounded), nodes - 2)
     return cell, bounded - cell, 1.0 if inside else 0.0
@@ -53,7 +54,7 @@ def cell_of(x, spacing, nodes):
 
 @formula
 def current_at(water, spacing, Z, t):
-    """Current at a depth and a time: north and east (m/s) and their slopes in depth (1/s)."""
+    """Return the current at a depth and a time, north and east (m/s), and its derivatives in depth (1/s)."""
     i, f, inside = cell_of(Z, spacing, water.shape[0])
     north, d_north = cubic(
         f, spacing, water[i, 0] + t * water[i, 4], water[i, 2] + t * water[i, 6],
@@ -68,7 +69,7 @@ def current_at(water, spacing, Z, t):
 
 @formula
 def gust_at(gusts, spacing, s):
-    """Gust (m/s) at a path length ``s`` (m), and its slope along the path (1/s)."""
+    """Return the gust (m/s) at a path length ``s`` (m), and its slope along the path (1/s)."""
     i, f, inside = cell_of(s, spacing, gusts.shape[0])
     value, slope = cubic(f, spacing, gusts[i, 0], gusts[i, 1], gusts[i + 1, 0], gusts[i + 1, 1])
     return value, inside * slope
@@ -87,7 +88,7 @@ def body_axes(y, north, east):
 
 @formula
 def push(body, mass, ax, ay, az):
-    """Force and moment on a hull carried by water that speeds up by ``a`` (body frame): ``-m a`` and ``-S x a``."""
+    """Return force and moment on a hull in water with the acceleration ``a`` (body frame): ``-m a`` and ``-S x a``."""
     return (
         -mass * ax,
         -mass * ay,
@@ -100,7 +101,7 @@ def push(body, mass, ax, ay, az):
 
 @formula
 def stage(hull, body, field, water, gusts, y, s, t, b):
-    """One Runge-Kutta stage: rates of the sensed states, the disturbance in all, velocity of the water, speed."""
+    """Compute a Runge-Kutta stage: rates of the sensed states; total disturbance; velocity of the water and speed."""
     _, theta, _, Z, u, v, w, _, _, _ = y
     sp, cp = sincos(y[0])
     st, ct = sincos(theta)
@@ -120,7 +121,7 @@ def stage(hull, body, field, water, gusts, y, s, t, b):
 
 @formula
 def weighted(k1, k2, k3, k4, i):
-    """Runge-Kutta mean of the ``i``-th entry of four stages."""
+    """Return the Runge-Kutta mean of the ``i``-th entry of four stages."""
     return (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]) / 6.0
 
 
@@ -128,9 +129,9 @@ def weighted(k1, k2, k3, k4, i):
 def simulate(hull, field, bodies, water, gusts, state0, carried0, t0, b, h, trajectory, carried, acting):
     """Run forward in moving water.
 
-    ``trajectory (n+1, 12)`` starts from ``state0 (12)`` with X and Y through the water; ``carried (n+1, 3)`` is how far
-    the water has carried the glider north and east, and the path length flown; ``acting (n, 6)`` is the disturbance in
-    all, ``b`` and the water's, averaged over each step.
+    ``trajectory (n+1, 12)`` starts from ``state0 (12)``, with X and Y relative to the water. ``carried (n+1, 3)`` is
+    the displacement of the glider by the water, north and east, and the path length flown. ``acting (n, 6)`` is the
+    total disturbance, ``b`` plus that of the water, averaged over each step.
     """
     y = sensed_of(state0)
     X, Y = state0[3], state0[4]
@@ -163,7 +164,7 @@ def simulate(hull, field, bodies, water, gusts, state0, carried0, t0, b, h, traj
 
 @kernel
 def water_along(field, water, gusts, depth, path, time, out):
-    """Fill ``out (n, 3)``: current north and east without the gust, and the gust, where the glider was (m/s)."""
+    """Fill ``out (n, 3)``: current north and east without the gust, and the gust, along the glider's path (m/s)."""
     for k in range(depth.shape[0]):
         north, east, _, _ = current_at(water, field.depth_spacing, depth[k], time[k])
         gust, _ = gust_at(gusts, field.path_spacing, path[k])

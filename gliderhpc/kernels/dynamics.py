@@ -1,7 +1,8 @@
-"""The right-hand side (eqs. 1-14, 20) and its vector-Jacobian product.
+"""Right-hand side of the flight model (eqs. 1-14, 20) and its vector-Jacobian product.
 
-Nothing measured depends on X and Y, and psi enters no other rate, so the window problem integrates ten *sensed* states,
-``[phi, theta, psi, Z, u, v, w, p, q, r]``; `horizontal_velocity` adds X and Y where they are wanted.
+No measured quantity depends on X and Y, and psi enters no other rate of the ten *sensed* states,
+``[phi, theta, psi, Z, u, v, w, p, q, r]``. The window problem integrates only these; `horizontal_velocity` gives the
+rates of X and Y where they are needed.
 """
 
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from gliderhpc.kernels.mass import GRAVITY
 
 @formula
 def momenta(hull, body, u, v, w, p, q, r):
-    """Linear and angular momentum P and Pi of eq. 9, body frame."""
+    """Return linear and angular momentum P and Pi of eq. 9, body frame."""
     return (
         hull.mass_u * u + q * body.Sz - r * body.Sy,
         hull.mass_v * v + r * body.Sx - p * body.Sz,
@@ -36,7 +37,7 @@ class Attitude(NamedTuple):
 
 @formula
 def geometry_of(y):
-    """Costly parts of the rates that their transpose uses again: the attitude and the flow's bearing."""
+    """Return the costly parts of the rates, which their transpose reuses: the attitude and the flow's bearing."""
     sp, cp = sincos(y[0])
     st, ct = sincos(y[1])
     return Attitude(sp, cp, st, ct), bearing_of(y[4], y[5], y[6])
@@ -44,13 +45,13 @@ def geometry_of(y):
 
 @formula
 def rates(hull, body, y, b):
-    """Time derivatives of the ten sensed states under disturbance ``b`` (N, N m), as a tuple."""
+    """Return the time derivatives of the ten sensed states under disturbance ``b`` (N, N m), as a tuple."""
     return rates_at(hull, body, y, geometry_of(y), b)
 
 
 @formula
 def rates_at(hull, body, y, geometry, b):
-    """`rates` where the state's geometry is known."""
+    """Return `rates` of a state whose geometry is known."""
     _, _, _, Z, u, v, w, p, q, r = y
     (sp, cp, st, ct), bearing = geometry
     kx, ky, kz = -st, sp * ct, cp * ct
@@ -79,10 +80,10 @@ def rates_at(hull, body, y, geometry, b):
 
 @formula
 def rates_vjp(hull, body, y, geometry, a):
-    """Transpose of the derivative of `rates` applied to ``a`` (ten): by the states (ten) and by the disturbance (six).
+    """Apply the transposed derivative of `rates` to ``a`` (ten): parts of the states (ten) and the disturbance (six).
 
-    This is the integrand of the adjoint equation (eq. 33) and of the gradient (eqs. 35, 36). ``geometry`` is that of
-    ``y`` (`geometry_of`).
+    The parts are the integrands of the adjoint equation (eq. 33) and of the gradient (eqs. 35, 36). ``geometry`` is
+    that of ``y`` (`geometry_of`).
     """
     _, _, _, Z, u, v, w, p, q, r = y
     a_phi, a_theta, a_psi, a_Z, a_u, a_v, a_w, a_p, a_q, a_r = a
@@ -97,7 +98,7 @@ def rates_vjp(hull, body, y, geometry, a):
 
     d_u, d_v, d_w, d_p, d_q, d_r = viscous_vjp(hull, body.rudder, u, v, w, p, q, r, flow, load, fx, fy, fz, mx, my, mz)
 
-    # Triple products: a.(P x Omega) and a.(Pi x Omega) by P, Pi and Omega; a.(P x V) by P and V.
+    # Triple products, differentiated: a.(P x Omega) and a.(Pi x Omega) by P, Pi and Omega; a.(P x V) by P and V.
     e_Pu = q * fz - r * fy + v * mz - w * my
     e_Pv = r * fx - p * fz + w * mx - u * mz
     e_Pw = p * fy - q * fx + u * my - v * mx
@@ -110,14 +111,14 @@ def rates_vjp(hull, body, y, geometry, a):
     d_u += my * Pw - mz * Pv
     d_v += mz * Pu - mx * Pw
     d_w += mx * Pv - my * Pu
-    # Momenta by velocities: P = mass V + Omega x S, Pi = (I_f + J_S) Omega + S x V.
+    # Momenta, differentiated by the velocities: P = mass V + Omega x S, Pi = (I_f + J_S) Omega + S x V.
     d_u += hull.mass_u * e_Pu + e_Lq * Sz - e_Lr * Sy
     d_v += hull.mass_v * e_Pv + e_Lr * Sx - e_Lp * Sz
     d_w += hull.mass_w * e_Pw + e_Lp * Sy - e_Lq * Sx
     d_p += Sy * e_Pw - Sz * e_Pv + (hull.added_p + body.Jxx) * e_Lp + body.Jxy * e_Lq + body.Jxz * e_Lr
     d_q += Sz * e_Pu - Sx * e_Pw + body.Jxy * e_Lp + (hull.added_q + body.Jyy) * e_Lq + body.Jyz * e_Lr
     d_r += Sx * e_Pv - Sy * e_Pu + body.Jxz * e_Lp + body.Jyz * e_Lq + (hull.added_r + body.Jzz) * e_Lr
-    # Gravity's direction k: buoyancy, the weight's moment and the depth rate k.V.
+    # Direction of gravity k: buoyancy, moment of the weight, and depth rate k.V.
     buoyancy = body.net_weight - hull.depth_slope * Z
     e_kx = buoyancy * fx + GRAVITY * (my * Sz - mz * Sy) + a_Z * u
     e_ky = buoyancy * fy + GRAVITY * (mz * Sx - mx * Sz) + a_Z * v
@@ -142,7 +143,7 @@ def rates_vjp(hull, body, y, geometry, a):
 
 @formula
 def horizontal_velocity(y):
-    """Rates of X and Y (rows 1 and 2 of eq. 3 times the velocity) from the ten sensed states."""
+    """Return the rates of X and Y (rows 1 and 2 of eq. 3 times the velocity) from the ten sensed states."""
     phi, theta, psi, _, u, v, w, _, _, _ = y
     sp, cp = sincos(phi)
     st, ct = sincos(theta)
@@ -154,7 +155,7 @@ def horizontal_velocity(y):
 
 @formula
 def horizontal_velocity_vjp(y, north, east):
-    """Transpose of the derivative of `horizontal_velocity` applied to ``(north, east)``: by the ten sensed states."""
+    """Apply the transposed derivative of `horizontal_velocity` to ``(north, east)``; return a value for each state."""
     phi, theta, psi, _, u, v, w, _, _, _ = y
     sp, cp = sincos(phi)
     st, ct = sincos(theta)

@@ -1,7 +1,7 @@
 """Branch-free sine, cosine and arctangent (polynomials after Moshier's Cephes), accurate to 2 ulp.
 
-The library functions cost 9 to 13 ns each and keep a loop from vectorising; these are plain multiplications, additions
-and selections.
+The library functions cost 9 to 13 ns each and prevent a loop from vectorising; these consist of multiplications,
+additions and selections only.
 """
 
 from gliderhpc.kernels.elementwise import select
@@ -10,7 +10,7 @@ from gliderhpc.kernels.jit import exact_formula
 # Adding and subtracting 1.5 * 2**52 rounds a double to the nearest integer (ties to even) without a library call.
 _ROUND = 6755399441055744.0
 _TWO_OVER_PI = 0.6366197723675814
-# pi/2 in three parts (Cody and Waite), the first two with trailing zeros, so that k * part is exact for |k| < 2**20.
+# pi/2 in three parts (Cody and Waite); the first two have trailing zeros, and k * part is exact for |k| < 2**20.
 _PIO2_1 = 1.5707963267341256
 _PIO2_2 = 6.077100506303966e-11
 _PIO2_3 = 2.0222662487959506e-21
@@ -18,7 +18,7 @@ _PIO2_3 = 2.0222662487959506e-21
 _PIO2 = 1.5707963267948966
 _PIO4 = 0.7853981633974483
 _PI = 3.141592653589793
-# What pi/2 and pi/4 lack of the exact values.
+# Differences of the exact pi/2 and pi/4 from the doubles above.
 _PIO2_LOW = 6.123233995736766e-17
 _PIO4_LOW = 3.061616997868383e-17
 _TAN_3PIO8 = 2.414213562373095
@@ -28,13 +28,13 @@ _TINY = 1e-300
 
 @exact_formula
 def round_to_integer(x):
-    """Nearest integer as a double, for ``|x| < 2**51``."""
+    """Return the nearest integer as a double, for ``|x| < 2**51``."""
     return (x + _ROUND) - _ROUND
 
 
 @exact_formula
 def sincos(x):
-    """Sine and cosine of ``x`` (rad): to 2 ulp for ``|x| < 1e3``, to 3 for ``|x| < 1e6``."""
+    """Return sine and cosine of ``x`` (rad), accurate to 2 ulp for ``|x| < 1e3`` and to 3 ulp for ``|x| < 1e6``."""
     k = round_to_integer(x * _TWO_OVER_PI)
     t = ((x - k * _PIO2_1) - k * _PIO2_2) - k * _PIO2_3
     z = t * t
@@ -57,7 +57,7 @@ def sincos(x):
 
 @exact_formula
 def arctan2(y, x):
-    """Angle of the point ``(x, y)`` in (-pi, pi]; 0 at the origin."""
+    """Return the angle of the point ``(x, y)`` in (-pi, pi]; 0 at the origin."""
     s = abs(x)
     t = abs(y)
     steep = t > _TAN_3PIO8 * s
@@ -83,5 +83,5 @@ def arctan2(y, x):
 
 @exact_formula
 def wrap(angle):
-    """The equivalent of ``angle`` (rad) within half a turn of zero."""
+    """Return the equivalent of ``angle`` (rad) within half a turn of zero."""
     return angle - 2.0 * _PI * round_to_integer(angle / (2.0 * _PI))

@@ -1,7 +1,7 @@
-"""Elementwise operations apart from arithmetic, alike for a number and for lanes: selection, root, loads and stores.
+"""Elementwise operations other than arithmetic, for numbers and lanes alike: selection, root, loads and stores.
 
-An array whose number of axes is that of the index gives numbers; one with an axis more, of `LANES`, gives lanes. So a
-kernel is written once and is compiled for either by the arrays it is called with.
+An array with as many axes as the index yields numbers; one with a further axis of `LANES` yields lanes. A kernel is
+thus written once, and is compiled for either according to the arrays of a call.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from gliderhpc.kernels.lane_type import LANES, VECTOR, Lanes, as_vector, lane_ma
 
 
 class UncompiledLanes(np.ndarray):
-    """Lanes where nothing is compiled: as with numbers, ``+=`` gives a new value and changes no other name's."""
+    """Lanes without compilation; as with numbers, ``+=`` creates a new value and changes no other variable's value."""
 
     def __iadd__(self, other):
         return self + other
@@ -30,27 +30,27 @@ class UncompiledLanes(np.ndarray):
 
 
 def select(condition, a, b):
-    """``a`` where the condition holds, else ``b``; both are computed."""
+    """Return ``a`` where the condition holds, else ``b``; both are computed."""
     return np.where(condition, a, b).view(UncompiledLanes)[()]
 
 
 def square_root(x):
-    """The square root; NaN of a negative number."""
+    """Return the square root; NaN for a negative number."""
     return np.sqrt(x)
 
 
 def zero_like(x):
-    """Zero, in every lane where ``x`` has lanes."""
+    """Return zero, in every lane if ``x`` has lanes."""
     return np.zeros_like(x)[()]
 
 
 def load(array, index):
-    """The number at ``index`` (an integer or a tuple), or the lanes there."""
+    """Return the number at ``index`` (an integer or a tuple), or the lanes there."""
     return np.array(array[index]).view(UncompiledLanes)[()]
 
 
 def store(array, index, value):
-    """Write a number or lanes to where `load` finds them."""
+    """Write a number or lanes to the place from which `load` reads them."""
     array[index] = value
 
 
@@ -65,9 +65,9 @@ def copy(source, target):
 
 
 def operation(function, kind_of, lower):
-    """Let compiled formulas call a function: type it by ``kind_of(*kinds)`` and lower it where it is called.
+    """Make a function callable from compiled formulas: type it with ``kind_of(*kinds)`` and lower it at each call.
 
-    As an overload it would be a function of its own, compiled for every combination of types.
+    As an overload it would be a separate function, compiled for every combination of types.
     """
 
     class Template(AbstractTemplate):  # type: ignore[misc]
@@ -86,7 +86,7 @@ def _widest(*kinds):
 
 
 def _as_kind(context, builder, value, kind, wanted):
-    """Give an operand as a number or as lanes."""
+    """Return an operand as a number or as lanes."""
     return as_vector(context, builder, value, kind) if wanted == lanes else context.cast(builder, value, kind, wanted)
 
 
@@ -107,12 +107,12 @@ def _lower_zero(context, builder, sig, args):
 
 
 def kind_loaded(array, index):
-    """Numba type that `load` gives for an array and an index: a number, or lanes where an axis is left over."""
+    """Return the numba type of `load` for an array and an index: a number, or lanes if an axis is left over."""
     return array.dtype if array.ndim == _axes(index) else lanes
 
 
 def lower_load(context, builder, sig, args):
-    """Emit the read of a number or of lanes."""
+    """Emit the code that reads a number or lanes."""
     value = builder.load(_address(context, builder, sig, args), align=_alignment(sig.return_type))
     return context.data_model_manager[sig.return_type].from_data(builder, value)
 
@@ -139,7 +139,7 @@ def _lower_copy(context, builder, sig, args):
 
 
 def _bytes(context, builder, kind, array):
-    """Address of a contiguous array's bytes, and their number."""
+    """Return the address of a contiguous array's bytes, and their number."""
     data, items, size = _members(context, builder, kind, array, "data", "nitems", "itemsize")
     return data, builder.mul(items, size)
 
@@ -150,7 +150,7 @@ def _members(context, builder, kind, array, *names):
 
 
 def _nothing_of_contiguous(*kinds):
-    """No result, of arrays without gaps alone."""
+    """Return the type of no result for contiguous arrays of one type and number of axes, else None."""
     same = len({(kind.dtype, kind.ndim) for kind in kinds}) == 1
     return types.void if same and all(kind.layout == "C" for kind in kinds) else None
 
@@ -164,7 +164,7 @@ def _axes(index):
 
 
 def _address(context, builder, sig, args):
-    """Address at which a number, or its lanes, begin; indices count from the front, and lanes lie side by side."""
+    """Return the address of a number or of the first lane; indices are not negative, and lanes are contiguous."""
     kind, index_kind = sig.args[:2]
     if isinstance(index_kind, types.BaseTuple):
         values, kinds = cgutils.unpack_tuple(builder, args[1]), tuple(index_kind)
@@ -176,14 +176,14 @@ def _address(context, builder, sig, args):
     shape, strides = cgutils.unpack_tuple(builder, shape), cgutils.unpack_tuple(builder, strides)
     if has_lanes:
         indices.append(ir.Constant(ir.IntType(64), 0))
-        # With the length of the last axis known, the compiler addresses neighbours by constant distances.
+        # With a constant length of the last axis, the compiler addresses neighbours at constant distances.
         shape[-1] = ir.Constant(ir.IntType(64), LANES)
     pointer = cgutils.get_item_pointer2(context, builder, data, shape, strides, kind.layout, indices, wraparound=False)
     return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes else pointer
 
 
 def lane_array(*shape: int):
-    """Zeros of a shape with an axis of `LANES` behind it, aligned to a vector register."""
+    """Return zeros of a shape with a further last axis of `LANES`, aligned to a vector register."""
     count = int(np.prod(shape)) * LANES
     memory = np.zeros(count + 8)
     first = -memory.ctypes.data // 8 % 8

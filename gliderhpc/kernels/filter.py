@@ -1,7 +1,8 @@
-"""The extended Kalman filter along the profiles of all lanes (eqs. 19-27), with gating, inflation and restarts.
+"""Extended Kalman filter along the profiles of all lanes (eqs. 19-27), with gating, inflation and restarts.
 
-A lane moves in blocks, from one fed sample of its own record to the next (`BLOCK` steps at most). Lanes whose block is
-shorter end it in steps of no length, which change nothing to the bit: what a lane gives does not depend on the others.
+A lane advances in blocks, from one fed sample of its own record to the next (`BLOCK` steps at most). Lanes with a
+shorter block end it with steps of zero length, which change nothing, to the bit; the result of a lane does not depend
+on the others.
 """
 
 import math
@@ -23,18 +24,18 @@ _FASTEST2 = 9.0
 
 @formula
 def _flyable(path, k):
-    """Lanes whose row ``k`` lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
+    """Mark lanes whose row ``k`` lies inside the model's domain: finite, pitch under 85 degrees, speed under 3 m/s."""
     total = load(path, (k, 0))
     for i in range(1, 18):
         total = total + load(path, (k, i))
     u, v, w = load(path, (k, 4)), load(path, (k, 5)), load(path, (k, 6))
-    # A sum less itself is zero exactly where every term is finite.
+    # A sum minus itself is zero exactly if every term is finite.
     return (total - total == 0.0) & (abs(load(path, (k, 1))) < _STEEPEST) & (u * u + v * v + w * w < _FASTEST2)
 
 
 @formula
 def _plausible(path, P):
-    """Lanes whose estimate in row 0 is flyable, with finite variances, none negative."""
+    """Mark lanes whose estimate in row 0 is flyable, with finite and non-negative variances."""
     smallest = load(P, (0, 0))
     total = smallest
     for i in range(1, 16):
@@ -46,7 +47,7 @@ def _plausible(path, P):
 
 @formula
 def _plan_block(records, progress):
-    """Each lane's steps to its next fed sample, the end of its record or that of the block; the most of all."""
+    """Count each lane's steps to its next fed sample, the record's end or the block's; return the largest count."""
     longest = 0
     for lane in range(LANES):
         steps = 0
@@ -73,7 +74,7 @@ def _gather_block(records, memory, progress, longest, step, noise_factor):
             memory.durations[k, lane] = step
             memory.factors[k, lane] = noise_factor if vibrating[row + k] else 1.0
         for k in range(steps, longest):
-            # Nothing of an earlier block may be left: what is not a number stays so in a step of no length.
+            # No value of an earlier block may remain: a NaN would pass through a step of zero length.
             for i in range(11):
                 store(memory.bodies, (k, i, lane), 0.0)
             memory.durations[k, lane] = 0.0
@@ -89,7 +90,7 @@ def _gather_block(records, memory, progress, longest, step, noise_factor):
 
 @inner_kernel
 def _restart(records, memory, lane, row, k, every):
-    """Reset row ``k`` of a lane's path to a guess of the flight and the initial disturbances; the track stays."""
+    """Reset row ``k`` of a lane's path to a guess of the flight and the initial disturbances; keep a finite track."""
     path, measured = memory.path, records.measured[lane]
     guesses = records.guesses[lane]
     guess = min((row + every // 2) // every, guesses.shape[0] - 1)
@@ -106,7 +107,7 @@ def _restart(records, memory, lane, row, k, every):
 
 @inner_kernel
 def _zero_steps(memory, lane, steps):
-    """Set the first ``steps`` steps of a lane's block to no length for the covariance."""
+    """Set the first ``steps`` steps of a lane's block to zero length for the covariance."""
     for k in range(steps):
         memory.durations[k, lane] = 0.0
         memory.factors[k, lane] = 0.0
@@ -117,7 +118,7 @@ def _zero_steps(memory, lane, steps):
 
 @inner_kernel
 def _any_diverged(path, verdict, steps, k):
-    """Test whether row ``k`` of any lane's block lies outside the model's domain; the verdict names the lanes."""
+    """Return whether row ``k`` of any lane's block lies outside the model's domain; mark the lanes in the verdict."""
     store(verdict, 0, select(_flyable(path, k), 1.0, zero_like(load(path, (k, 0)))))
     diverged = False
     for lane in range(LANES):
@@ -139,9 +140,9 @@ def _restart_diverged(records, memory, progress, k, every):
 
 @inner_kernel
 def _assimilate(memory, gate):
-    """Update row 0 with the four channels of the sample in turn, where it is plausible; leave the verdict.
+    """Update row 0 with the four channels of the sample in turn, if it is plausible; store the verdict.
 
-    Each channel's innovation, NaN where there is none, and its variance before any widening are left too.
+    Each channel's innovation, NaN where there is none, and its variance before any inflation are stored too.
     """
     path, P, variance, verdict = memory.path, memory.covariance, memory.variance, memory.verdict
     zero = zero_like(load(memory.vibrating, 0))
@@ -158,7 +159,7 @@ def _assimilate(memory, gate):
         store(memory.innovation, (1, channel), load(P, (channel, channel)) + load(variance, channel))
         excess = innovation * innovation / (gate * gate) - load(P, (channel, channel)) - load(variance, channel)
         beyond = present & (excess > 0.0)
-        # Actuators at work: the sample counts for what it can, its variance raised until it passes the gate.
+        # While actuators move, a sample beyond the gate is not rejected: its variance is inflated until it passes.
         widened = select(beyond & (vibrating > 0.0), 1.0, zero)
         dropped = select(beyond & (vibrating == 0.0), 1.0, zero)
         used = select(present & (dropped == 0.0), 1.0, zero)
@@ -173,7 +174,7 @@ def _assimilate(memory, gate):
 
 @formula
 def _note_innovations(innovations, innovation, lane, sample):
-    """Copy a lane's innovations and their variances to its record of fed samples."""
+    """Copy a lane's innovations and their variances to the arrays of its fed samples."""
     for part in range(2):
         for channel in range(4):
             store(innovations, (sample, part, channel), load(innovation, (part, channel, lane)))
@@ -181,7 +182,7 @@ def _note_innovations(innovations, innovation, lane, sample):
 
 @formula
 def _settle_sample(records, memory, progress, lane, every):
-    """Note what happened to the sample at a lane's row and restart the lane where that is called for."""
+    """Record the events of the sample at a lane's row, and restart the lane if necessary."""
     row, verdict = progress.row[lane], memory.verdict
     gated, inflated = verdict[1, lane] > 0.0, verdict[2, lane] > 0.0
     if records.fed[lane][row]:
@@ -211,7 +212,7 @@ def _write_row(path, lane, k, states, disturbances, row):
 
 @formula
 def _settle(records, memory, progress, every):
-    """Close the block in every lane under way; whether one has ended."""
+    """Close the block in every lane under way; return whether one has ended."""
     ended = False
     path = memory.path
     for lane in range(LANES):
@@ -233,7 +234,7 @@ def _settle(records, memory, progress, every):
 
 @kernel
 def run_until_done(records, memory, progress, step, gate, noise_factor, every):
-    """Filter on until a lane reaches the end of its profile, or has more samples in trouble than it is allowed.
+    """Filter until a lane reaches the end of its profile, or has had more trouble than it is allowed.
 
     Parameters
     ----------
@@ -242,11 +243,12 @@ def run_until_done(records, memory, progress, step, gate, noise_factor, every):
     step : float
         Length of a step, s.
     gate : float
-        Innovations beyond this many standard deviations are rejected (inside the vibration set: widened to).
+        Number of standard deviations beyond which an innovation is rejected (inside the vibration set, its variance is
+        inflated instead).
     noise_factor : float
         Factor on the variance added by a step that begins inside the vibration set.
     every : int
-        Rows between two guesses.
+        Number of rows between two guesses.
     """
     ended = False
     while not ended:

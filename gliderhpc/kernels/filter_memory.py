@@ -1,4 +1,4 @@
-"""Memory of the filter for the profiles that it filters side by side, one in each lane."""
+"""Memory of the filter for the profiles that it filters together, one in each lane."""
 
 from typing import Any, NamedTuple
 
@@ -11,19 +11,19 @@ from gliderhpc.kernels.jit import inner_kernel, kernel
 Array = Any
 
 BLOCK = 16
-"""Most steps of one block. Their Jacobians (283 kB with eight lanes) stay in the second-level cache."""
+"""Largest number of steps of a block. Their Jacobians (283 kB with eight lanes) fit into the second-level cache."""
 
 IDLE, STARTING, RUNNING, ENDED = range(4)
-"""States of a lane: idle; about to treat row 0; under way; done."""
+"""States of a lane: idle; about to process row 0; under way; done."""
 
 
 class Sweep(NamedTuple):
-    """Scratch of the covariance's prediction; an axis of lanes behind these shapes.
+    """Scratch of the covariance's prediction; the arrays have an axis of lanes after these shapes.
 
     Attributes
     ----------
     transition, remaining : (10, 16), (6,)
-        From behind some step to the end of the block: of the sensed states, and the disturbances' decay.
+        Transition of the sensed states and decay of the disturbances, from the end of a step to the end of the block.
     added : (16, 16)
         Noise at the end of the block, lower triangle.
     half : (10, 16)
@@ -37,30 +37,30 @@ class Sweep(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The filter's numbers; every array has an axis of lanes behind these shapes.
+    """Numbers of the filter; every array has an axis of lanes after these shapes.
 
     Attributes
     ----------
     hull, decay, noise, variance : (24,), (6,), (6,), (4,)
-        Constants, decay of the disturbances over a step and variance it adds, variance of a measurement.
+        Constants; decay of the disturbances over a step, and the variance that a step adds; variance of a measurement.
     start, start_variance : (18,), (16,)
-        Initial estimate and the diagonal of its covariance; restarts take the disturbances and the variances from it.
+        Initial estimate and the diagonal of its covariance; restarts use its disturbances and the variances.
     bodies, durations, factors : (m, 11), (m,), (m,)
-        Of the block's steps: mass properties, lengths (zero behind a lane's own last step), factors on the noise.
+        Mass properties, lengths (zero after a lane's own last step) and noise factors of the block's steps.
     path : (m+1, 18)
         Sensed states, disturbances, X and Y.
     partials : (m, 4, 67)
         Jacobians of the stages.
     covariance : (16, 16)
-        Of the sensed states and the disturbances, at the start of the block.
+        Covariance of the sensed states and the disturbances, at the start of the block.
     measured, vibrating : (4,), (1,)
         Sample at the end of the block, NaN where there is none; 1 inside the vibration set.
     innovation : (2, 4)
-        Of the sample: measured less predicted, NaN where nothing was taken, and its variance.
+        Innovation of the sample (measured minus predicted, NaN where there is none), and its variance.
     gain : (16, 2)
         Scratch of the update.
     verdict : (3,)
-        1 where the estimate is plausible; channels rejected; channels inflated.
+        1 where the estimate is plausible; number of channels rejected; number of channels inflated.
     sweep : Sweep
         Scratch of the prediction.
     """
@@ -86,20 +86,20 @@ class Memory(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Each lane's account, integers ``(LANES,)``.
+    """Progress of each lane, integers ``(LANES,)``.
 
     Attributes
     ----------
     status : int
-        What the lane is doing (`IDLE` ...).
+        State of the lane (`IDLE` ...).
     row, last, steps : int
-        Row reached, last row of the record, steps of the block.
+        Row reached, last row of the record, number of steps of the block.
     assimilated : int
-        Fed samples so far.
+        Number of fed samples so far.
     patience, rejected_in_a_row : int
-        Samples in a row with a rejected channel after which the filter restarts, and how many there are.
+        Largest number of successive samples with a rejected channel without a restart, and their present number.
     trouble, allowed : int
-        Samples gated, inflated and reset, and how many there may be before the run is given up.
+        Number of gatings, inflations and resets, and the largest number before the run is abandoned.
     """
 
     status: Array
@@ -114,24 +114,24 @@ class Progress(NamedTuple):
 
 
 class Records(NamedTuple):
-    """The profiles in the lanes, a tuple of `LANES` arrays each.
+    """Profiles in the lanes; each entry is a tuple of `LANES` arrays.
 
     Attributes
     ----------
     bodies : (n, 11)
-        Mass properties a step.
+        Mass properties of each step.
     measured : (n+1, 4)
         Measurements ``[phi, theta, psi, Z]``; NaN is missing.
     fed, vibrating : (n+1,) bool
-        Where a sample is fed, and the vibration set.
+        True where a sample is fed, and inside the vibration set.
     guesses : (g, 6)
-        Velocities and rates to restart with, at every so many rows.
+        Velocities and rates for a restart, at regular intervals of rows.
     states, disturbances : (n+1, 12), (n+1, 6)
-        Filled with the estimates.
+        Estimates, to be filled.
     events : (n+1,) uint8
-        Bits are added that say what happened to a sample.
+        Events of each sample, to which bits are added.
     innovations : (m, 2, 4)
-        Filled with the innovations of the fed samples and their variances, rad and m.
+        Innovations of the fed samples and their variances, rad and m, to be filled.
     """
 
     bodies: Array
@@ -146,7 +146,7 @@ class Records(NamedTuple):
 
 
 def allocate() -> tuple[Memory, Progress]:
-    """Memory for `LANES` profiles; all lanes idle."""
+    """Allocate the memory for `LANES` profiles, with all lanes idle."""
     m = BLOCK
     memory = Memory(
         hull=lane_array(24), decay=lane_array(6), noise=lane_array(6), variance=lane_array(4), start=lane_array(18),
@@ -155,7 +155,7 @@ def allocate() -> tuple[Memory, Progress]:
         measured=lane_array(4), vibrating=lane_array(1), innovation=lane_array(2, 4), gain=lane_array(16, 2),
         verdict=lane_array(3), sweep=Sweep(lane_array(10, 16), lane_array(6), lane_array(16, 16), lane_array(10, 16)),
     )  # fmt: skip
-    # A lane that was never used computes too, if only of a hull of unit masses straight ahead.
+    # A lane that is never used computes, too: a hull of unit masses that flies straight ahead.
     memory.hull[...] = 1.0
     memory.variance[...] = 1.0
     memory.path[:, 4] = 1.0
@@ -164,7 +164,7 @@ def allocate() -> tuple[Memory, Progress]:
 
 @inner_kernel
 def reset_covariance(memory, lane):
-    """Give a lane its initial covariance."""
+    """Reset the covariance of a lane to the initial one."""
     for i in range(16):
         for j in range(16):
             memory.covariance[i, j, lane] = memory.start_variance[i, lane] if i == j else 0.0
@@ -172,9 +172,10 @@ def reset_covariance(memory, lane):
 
 @kernel
 def load_profile(memory, progress, lane, hull, decay, noise, variance, x0, deviation, last, patience, allowed):
-    """Put a profile of ``last`` steps into a lane.
+    """Load a profile of ``last`` steps into a lane.
 
-    Its arrays are given to the run; here ``x0 (18)`` and ``deviation (16)``, in the order of a row of the path.
+    The initial estimate ``x0 (18)`` and its ``deviation (16)`` are in the order of a row of the path. The profile's
+    arrays are passed to the run (`Records`).
     """
     for i in range(24):
         memory.hull[i, lane] = hull[i]

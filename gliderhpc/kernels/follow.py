@@ -1,7 +1,8 @@
-"""A forward run that follows a path: the disturbance that makes it one trajectory of the flight model.
+"""Forward run that follows a path, with the disturbance that makes it a single trajectory of the flight model.
 
-Windows that meet, or overlap and are blended, leave a path whose disturbances lead to its states only nearly. A run
-steered towards it by small forces and moments is an exact trajectory, and these forces vary as slowly as it is steered.
+Where windows meet, or overlap and are blended, the disturbances of the resulting path reproduce its states only
+approximately. A run that is steered towards the path by small forces and moments is an exact trajectory, and these
+forces vary on the time scale of the steering.
 """
 
 from gliderhpc.kernels.elementary import wrap
@@ -13,10 +14,10 @@ from gliderhpc.kernels.window import load_disturbance, load_state, store_state
 
 @formula
 def steering(hull, y, target, rate):
-    """Forces and moments (six) that let the distance from ``target`` decay with time constant ``1 / rate``, 1/s.
+    """Return the forces and moments (six) by which the distance from ``target`` decays at ``rate``, 1/s.
 
-    Rates and velocities decay once, attitude and depth twice (critically damped): ``M (2 rate dv + rate^2 dx)``. Depth
-    is steered by heave, whose share of the vertical is the larger below 45 degrees of pitch.
+    They are ``M (2 rate dv + rate^2 dx)``: attitude and depth are critically damped, u and v decay at ``2 rate``. Depth
+    is steered with the heave force, whose vertical part exceeds that of surge at pitch angles below 45 degrees.
     """
     once, twice = 2.0 * rate, rate * rate
     return (
@@ -33,7 +34,7 @@ def steering(hull, y, target, rate):
 def follow(hull, bodies, b, h, rate, states):
     """Run forward from the first of ``states (n+1, 10)``, steered towards the others.
 
-    ``states`` and ``b (n, 6)``, in which the steering is included, become the run's own.
+    ``states`` and ``b (n, 6)`` are replaced by those of the run; its disturbance includes the steering.
     """
     y = load_state(states, 0)
     for k in range(b.shape[0]):

@@ -1,8 +1,8 @@
 """Viscous forces and moments (eqs. 11-14) and their derivatives.
 
 The rotation R_bf needs no trigonometry: with U = hypot(u, w) and V = |velocity|, ``cos(alpha) = u/U``,
-``sin(alpha) = w/U``, ``cos(beta) = U/V`` and ``sin(beta) = v/V``. Below ``_REST`` (m2/s2) the hull counts as at rest:
-angles are zero and every force and derivative vanishes.
+``sin(alpha) = w/U``, ``cos(beta) = U/V`` and ``sin(beta) = v/V``. Below ``_REST`` (m2/s2) the hull is treated as at
+rest: the angles are zero, and all forces and derivatives vanish.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ class Load(NamedTuple):
 
 
 class Bearing(NamedTuple):
-    """Costly quantities of a flow: its angles (eq. 13) and the reciprocal speeds in the x-z plane and in all."""
+    """Costly quantities of a flow: its angles (eq. 13), the reciprocal speed in the x-z plane and in total."""
 
     alpha: float
     beta: float
@@ -51,12 +51,12 @@ class Bearing(NamedTuple):
 
 @formula
 def bearing_of(u, v, w):
-    """Angle of attack, sideslip (eq. 13) and reciprocal speeds; zero where there is no flow."""
+    """Return angle of attack, sideslip (eq. 13) and reciprocal speeds; zero where there is no flow."""
     U2 = u * u + w * w
     V2 = U2 + v * v
     moving = V2 > _REST
     planar = U2 > _REST
-    # Both sides of a selection are computed: what is not wanted must not divide by zero.
+    # Both sides of a selection are computed; the unused one must not divide by zero.
     inv_U = square_root(select(planar, 1.0 / select(planar, U2, 1.0), 0.0))
     inv_V = square_root(select(moving, 1.0 / select(moving, V2, 1.0), 0.0))
     return Bearing(arctan2(w, u), arctan2(v, U2 * inv_U), inv_U, inv_V)
@@ -64,7 +64,7 @@ def bearing_of(u, v, w):
 
 @formula
 def flow_along(bearing, u, v, w):
-    """Everything that is used of the flow, from its bearing."""
+    """Return all quantities of the flow, given its bearing."""
     U2 = u * u + w * w
     V2 = U2 + v * v
     inv_U, inv_V = bearing.inv_U, bearing.inv_V
@@ -76,13 +76,13 @@ def flow_along(bearing, u, v, w):
 
 @formula
 def flow_of(u, v, w):
-    """Speed, angle of attack and sideslip (eq. 13)."""
+    """Return the flow of a velocity: speed, angle of attack, sideslip (eq. 13)."""
     return flow_along(bearing_of(u, v, w), u, v, w)
 
 
 @formula
 def load_of(hull, rudder, flow, p, q, r):
-    """Forces and moments in the flow frame (eqs. 11, 12), the rudder's yaw moment included."""
+    """Return forces and moments in the flow frame (eqs. 11, 12), including the rudder's yaw moment."""
     alpha, beta, V2 = flow.alpha, flow.beta, flow.V2
     W2 = V2 + hull.rate_floor2
     return Load(
@@ -113,7 +113,7 @@ def to_flow(flow, a1, a2, a3):
 
 @formula
 def viscous_vjp(hull, rudder, u, v, w, p, q, r, flow, load, fx, fy, fz, mx, my, mz):
-    """Transpose of the derivative of (F_v, M_v) with respect to (u, v, w, p, q, r), applied to (f, m)."""
+    """Apply the transposed derivative of (F_v, M_v) with respect to (u, v, w, p, q, r) to (f, m)."""
     alpha, beta, V2 = flow.alpha, flow.beta, flow.V2
     W2 = V2 + hull.rate_floor2
     a1, a2, a3 = to_flow(flow, fx, fy, fz)
@@ -159,7 +159,7 @@ def viscous_vjp(hull, rudder, u, v, w, p, q, r, flow, load, fx, fy, fz, mx, my, 
 
 @formula
 def viscous_partials(hull, rudder, flow, load, p, q, r):
-    """Derivatives of (F_v, M_v), body frame, with respect to alpha, beta and V2: three tuples of six."""
+    """Return the derivatives of (F_v, M_v), body frame, with respect to alpha, beta and V2: three tuples of six."""
     alpha, beta, V2 = flow.alpha, flow.beta, flow.V2
     planar_f = flow.cb * load.f1 - flow.sb * load.f2
     planar_m = flow.cb * load.m1 - flow.sb * load.m2

@@ -1,7 +1,7 @@
-"""The Jacobian of the twelve rates, by hand: 79 of its 144 entries can differ from zero.
+"""Jacobian of the twelve rates, derived by hand: 79 of its 144 entries can differ from zero.
 
-The ten sensed states, ``[phi, theta, psi, Z, u, v, w, p, q, r]``, have 67 of them, in a list: `ENTRY_ROW` and
-`ENTRY_COLUMN` say which. The other twelve are those of X and Y, on which nothing depends.
+The rates of the ten sensed states, ``[phi, theta, psi, Z, u, v, w, p, q, r]``, have 67 of them, in a list whose
+positions are in `ENTRY_ROW` and `ENTRY_COLUMN`. The other twelve are in the rows of X and Y, on which no rate depends.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ _AMONG_TWELVE = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11])
 
 @formula
 def _attitude_partials(sp, cp, st, ct, q, r):
-    """Rows phi, theta and psi (eq. 4)."""
+    """Return the rows of phi, theta and psi (eq. 4)."""
     inv_ct = 1.0 / ct
     tt = st * inv_ct
     turn = sp * q + cp * r
@@ -53,7 +53,7 @@ def _attitude_partials(sp, cp, st, ct, q, r):
 
 @formula
 def _momentum_partials(hull, body, V, Omega, P, L):
-    """Derivatives of ``P x Omega`` and ``Pi x Omega + P x V`` by the velocities: rows of six."""
+    """Return the velocity derivatives of ``P x Omega`` and ``Pi x Omega + P x V``: rows of six."""
     u, v, w = V
     p, q, r = Omega
     Pu, Pv, Pw = P
@@ -83,7 +83,7 @@ def _momentum_partials(hull, body, V, Omega, P, L):
 
 @formula
 def _velocity_row(momentum, by_alpha, by_beta, by_V2, directions, scale):
-    """Six entries of one row: momentum terms and viscous loads by u, v and w; momentum terms by p, q and r."""
+    """Return six entries of a row: momentum and viscous terms for u, v and w; momentum terms for p, q and r."""
     alpha_u, alpha_w, beta_u, beta_v, beta_w, twice_u, twice_v, twice_w = directions
     return (
         scale * (momentum[0] + by_alpha * alpha_u + by_beta * beta_u + by_V2 * twice_u),
@@ -114,7 +114,7 @@ def store_partials(hull, body, y, scale, entries, at):
     _store_row(entries, at, 8, scale, by_psi)
     _store_row(entries, at, 12, scale, (kz * v - ky * w, -ct * u - st * (sp * v + cp * w), kx, ky, kz))
 
-    # Velocities by velocities: momenta and viscous loads.
+    # Rates of the velocities, differentiated by the velocities: momenta and viscous loads.
     flow = flow_of(u, v, w)
     load_flow = load_of(hull, body.rudder, flow, p, q, r)
     by_alpha, by_beta, by_V2 = viscous_partials(hull, body.rudder, flow, load_flow, p, q, r)
@@ -137,7 +137,7 @@ def store_partials(hull, body, y, scale, entries, at):
     dp, dq, dr = W2 * hull.K_p, W2 * hull.K_q, W2 * hull.K_r
     planar_p, planar_q = flow.cb * dp, flow.sb * dq
 
-    # Velocities by attitude and depth: gravity's direction and the depth slope of the buoyancy.
+    # The same rates, differentiated by attitude and depth: direction of gravity and depth slope of the buoyancy.
     buoyancy = body.net_weight - hull.depth_slope * Z
     Sx, Sy, Sz = GRAVITY * body.Sx, GRAVITY * body.Sy, GRAVITY * body.Sz
     tx, ty, tz = -ct, -st * sp, -st * cp
@@ -164,7 +164,7 @@ def store_partials(hull, body, y, scale, entries, at):
 
 @formula
 def pulled(entries, at, n):
-    """Transpose of the Jacobian in the list ``entries[at]`` applied to a costate ``n`` (ten): by all states but psi."""
+    """Apply the transposed Jacobian in the list ``entries[at]`` to a costate ``n`` (ten); psi's entry is left out."""
     e = entries
     return (
         load(e, (*at, 0)) * n[0] + load(e, (*at, 5)) * n[1] + load(e, (*at, 8)) * n[2] + load(e, (*at, 12)) * n[3]
@@ -194,7 +194,7 @@ def pulled(entries, at, n):
 
 @formula
 def _store_track_partials(y, out):
-    """Rows X and Y (eq. 3): the horizontal velocity is (ahead, across) turned by the heading."""
+    """Write the rows of X and Y (eq. 3): the horizontal velocity is (ahead, across) rotated by the heading."""
     phi, theta, psi, _, u, v, w, _, _, _ = y
     sp, cp = sincos(phi)
     st, ct = sincos(theta)
@@ -213,13 +213,13 @@ def _store_track_partials(y, out):
 
 
 def rhs_jacobian(hull: Any, bodies: Any, state: Any, out: Any) -> None:
-    """Fill ``out (12, 12)`` with df/dy at the twelve-state ``state``; the disturbance does not enter it."""
+    """Fill ``out (12, 12)`` with df/dy at ``state`` (12); it does not depend on the disturbance."""
     fill_jacobian(hull, bodies, state, np.empty((1, ENTRIES)), out)
 
 
 @kernel
 def fill_jacobian(hull, bodies, state, entries, out):
-    """As `rhs_jacobian`, with scratch ``entries (1, ENTRIES)``."""
+    """Fill ``out`` as `rhs_jacobian` does, with scratch ``entries (1, ENTRIES)``."""
     y = sensed_of(state)
     store_partials(hull, load_body(bodies, 0), y, 1.0, entries, (0,))
     clear(out)

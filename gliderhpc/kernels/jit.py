@@ -1,4 +1,4 @@
-"""Decorators that compile kernels: one for formulas that dissolve into their callers, one for loops."""
+"""Decorators that compile kernels: for formulas that are inlined into their callers, and for loops."""
 
 import logging
 from collections.abc import Callable
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 class _Locator(_CacheLocator):
-    """Location of a kernel's compiled code: a folder that is named by the digest of all sources, or by a level."""
+    """Location of a kernel's compiled code: a folder named after the digest of all sources, or after a level."""
 
     def __init__(self, function: Any, folder: Path) -> None:
         self._py_file, self._lineno = function.__code__.co_filename, function.__code__.co_firstlineno
@@ -37,7 +37,7 @@ class _Locator(_CacheLocator):
 class _Files(CompileResultCacheImpl):
     """Files of one kernel.
 
-    The base class's constructor is not called: it tries numba's locators, and those that a user has set.
+    The base class's constructor is not called, since it tries numba's locators and those that a user has set.
     """
 
     def __init__(self, function: Any, folder: Path) -> None:
@@ -47,7 +47,7 @@ class _Files(CompileResultCacheImpl):
 
 
 class _FolderCache(FunctionCache):
-    """Numba's cache of one function in a folder; what is damaged there is compiled again."""
+    """Numba's cache of one function in a folder; damaged code is compiled again."""
 
     def __init__(self, function: Any, folder: Path) -> None:
         self._impl_class: Any = partial(_Files, folder=folder)
@@ -62,27 +62,27 @@ class _FolderCache(FunctionCache):
             return None
 
     def discard(self) -> None:
-        """Forget what is damaged."""
+        """Discard the damaged code."""
         self.flush()
 
 
 class LevelCache(_FolderCache):
-    """Code of one function for a level of processors: found on all of them, and never changed where it is used."""
+    """Code of one function for a level of processors; all of them find it, and none changes it."""
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Leave out the processor's name and features, for which the folder's level has been chosen."""
+        """Return the key without the processor's name and features, which the folder's level replaces."""
         sig, _, code = super()._index_key(sig, codegen)
         return sig, code
 
     def discard(self) -> None:
-        """Load nothing more from the folder."""
+        """Stop loading from the folder."""
         self.disable()
 
 
 class _KernelCache(_Cache):
-    """Compiled code of one kernel: made beforehand for this level of processors, else compiled here and stored.
+    """Compiled code of one kernel: precompiled for this level of processors, else compiled here and stored.
 
-    The folder to store it in is made when it is needed.
+    The folder in which it is stored is created when it is needed.
     """
 
     def __init__(self, function: Any) -> None:
@@ -118,12 +118,12 @@ class _KernelCache(_Cache):
         self._own.flush()
 
 
-# Nobody takes a kernel for a C callback, and the wrapper for that is a seventh of the time of compiling.
+# Kernels are not used as C callbacks; the wrapper for that would take a seventh of the compile time.
 _COMMON: dict[str, Any] = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
 
 def _decorator(dispatcher: type[CPUDispatcher], **options: Any) -> Callable[[Any], Any]:
-    """Make a decorator that compiles, and caches in our folder the kernels that are defined among the kernels."""
+    """Return a decorator that compiles functions, and that caches in our folder the kernels of this package."""
 
     def decorate(function: Any) -> Any:
         if vars(config)["DISABLE_JIT"]:
@@ -136,20 +136,20 @@ def _decorator(dispatcher: type[CPUDispatcher], **options: Any) -> Callable[[Any
     return decorate
 
 
-# No reassociation, no finite-maths assumption: NaN must stay visible, results must not depend on the vector width.
+# No reassociation, no finite-maths assumption: NaN must be detected, and results must not depend on the vector width.
 _FASTMATH = {"contract", "nsz", "arcp"}
 
 formula = _decorator(InnerDispatcher, fastmath=_FASTMATH, forceinline=True, no_cpython_wrapper=True)
-"""A straight-line formula on scalars and tuples; always inlined, so that a loop around it may vectorise."""
+"""Straight-line formula on scalars and tuples; it is always inlined, which lets a loop around it vectorise."""
 
 kernel = _decorator(KernelDispatcher, fastmath=_FASTMATH, nogil=True)
-"""A loop over samples on preallocated arrays."""
+"""Loop over samples on preallocated arrays."""
 
 inner_kernel = _decorator(InnerDispatcher, fastmath=_FASTMATH, nogil=True, no_cpython_wrapper=True)
-"""A part of a kernel that only kernels call."""
+"""Part of a kernel that only kernels call."""
 
 exact_formula = _decorator(InnerDispatcher, fastmath={"contract"}, forceinline=True, no_cpython_wrapper=True)
-"""A formula whose rounding is part of it (argument reduction, polynomials): sums of products may be fused, no more.
+"""Formula that relies on its rounding (argument reduction, polynomials): only sums of products may be fused.
 
-Give the flags explicitly: otherwise numba inherits those of the first caller, and the cache holds what it compiled so.
+The flags are given explicitly: otherwise numba inherits those of the first caller, and the cache stores that code.
 """

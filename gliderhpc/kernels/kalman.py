@@ -1,7 +1,7 @@
 """Covariance of the filter (eqs. 19-27): ten sensed states and six Gauss-Markov disturbances.
 
-X and Y are left out: they are never measured and nothing depends on them. The covariance is kept symmetric by
-construction: one triangle is computed, and the update is the Joseph form of one scalar measurement at a time.
+X and Y are left out: they are never measured, and nothing depends on them. The covariance is symmetric by construction:
+only one triangle is computed, and the update is the Joseph form of one scalar measurement at a time.
 """
 
 from gliderhpc.kernels.elementwise import load, store, zero_like
@@ -11,7 +11,7 @@ from gliderhpc.kernels.tangent import decay_over, load_ten, pull_back
 
 @formula
 def _load_six(array, k):
-    """Last six entries of a row of sixteen: those of the disturbances."""
+    """Return the last six entries of a row of sixteen: those of the disturbances."""
     return (
         load(array, (k, 10)), load(array, (k, 11)), load(array, (k, 12)),
         load(array, (k, 13)), load(array, (k, 14)), load(array, (k, 15)),
@@ -39,7 +39,7 @@ def _both(matrix, i, j, value):
 
 @formula
 def _begin(transition, remaining, added):
-    """No step yet: the identity, no decay, no noise."""
+    """Initialise the sums over the steps: identity, no decay, no noise."""
     zero = zero_like(load(remaining, 0))
     for i in range(10):
         for j in range(16):
@@ -53,18 +53,18 @@ def _begin(transition, remaining, added):
 
 @inner_kernel
 def add_noise(noise, factor, transition, remaining, added):
-    """Add what the noise behind a step has become at the end of the block (the sum behind eq. 24's Q).
+    """Add a step's noise as carried to the end of the block (one term of the sum that is Q in eq. 24).
 
     Parameters
     ----------
     noise : (6,)
         Variance that a step adds to the disturbances.
     factor : float or lanes
-        Factor on it, of this step.
+        Factor on that variance for this step.
     transition, remaining : (10, 16), (6,)
-        From behind the step to the end of the block: of the sensed states, and the disturbances' decay.
+        Transition of the sensed states and decay of the disturbances, from the end of the step to the end of the block.
     added : (16, 16)
-        Lower triangle.
+        Sum of the noise, lower triangle.
     """
     q = (
         factor * load(noise, 0), factor * load(noise, 1), factor * load(noise, 2),
@@ -84,7 +84,7 @@ def add_noise(noise, factor, transition, remaining, added):
 
 @kernel
 def carry_covariance(transition, remaining, added, P, half):
-    """``P <- Phi P Phi' + N``: ``Phi = [[transition], [0, diag(remaining)]]``, ``N`` as `add_noise` leaves it."""
+    """Set ``P <- Phi P Phi' + N``: ``Phi = [[transition], [0, diag(remaining)]]``, ``N`` the sum from `add_noise`."""
     for i in range(10):
         t, tb = load_ten(transition, i), _load_six(transition, i)
         for j in range(16):
@@ -109,9 +109,9 @@ def predict_covariance(hull, durations, decay, noise, factors, partials, steps, 
     Parameters
     ----------
     hull, durations, decay, partials
-        As in `gliderhpc.kernels.tangent.advance`.
+        Arguments of `gliderhpc.kernels.tangent.advance`.
     noise, factors : (6,), (m,)
-        Variance that a step adds to the disturbances, and each step's factor on it.
+        Variance that a step adds to the disturbances, and the factor on that variance for each step.
     sweep : Sweep
         Scratch.
     P : (16, 16)
@@ -128,9 +128,9 @@ def predict_covariance(hull, durations, decay, noise, factors, partials, steps, 
 
 @kernel
 def update(x, P, index, innovation, variance, used, gain):
-    """Correct ``x (16)`` and ``P`` by a measurement of state ``index`` (eqs. 25-27, Joseph form), where ``used`` is 1.
+    """Update ``x (16)`` and ``P`` with a measurement of state ``index`` (eqs. 25-27, Joseph form) where ``used`` is 1.
 
-    Where it is 0 the innovation must be finite; nothing changes.
+    Where ``used`` is 0, nothing changes; the innovation must be finite even there.
     """
     total = load(P, (index, index)) + variance
     for i in range(16):

@@ -1,4 +1,4 @@
-"""Memory of a batch of windows, one window in each lane: the problem, the trial, and the quasi-Newton history."""
+"""Memory of a batch of windows, one in each lane: the problem, the trial, and the quasi-Newton history."""
 
 from typing import Any, NamedTuple
 
@@ -12,28 +12,31 @@ from gliderhpc.kernels.window import TAPE
 Array = Any
 
 IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
-"""States of a lane: idle; evaluating its start; searching; evaluating its last point again after a search that
-failed; done; done because its start cannot be flown."""
+"""States of a lane: idle; evaluating its start; searching; evaluating its last point again after a failed search; done;
+done because its start cannot be flown."""
 
 
 class Problem(NamedTuple):
-    """Windows of ``n`` steps, and buffers for their cost and gradient; every array has an axis of lanes behind these.
+    """Windows of ``n`` steps, and buffers for their cost and gradient; the arrays have an axis of lanes after these.
 
     Attributes
     ----------
     hull : (24,)
         Constants, as in `Hull`.
     bodies : (n, 11)
+        Mass properties of each step.
     state0 : (1, 10)
+        Sensed states at the start.
     measurements, weights : (n+1, 4), (n+1,)
+        Samples ``[phi, theta, psi, Z]`` and their weights.
     durations : (n,)
-        Length of each step, s; zero behind a window's own end.
+        Length of each step, s; zero after a window's own end.
     scale : (6,)
-        s of the control-variable transform.
+        Scale s of the control-variable transform.
     trial : (n, 6)
         Disturbance to be evaluated, N and N m.
     states, tape, gradient, gradient_state0, cost : (n+1, 10), (n, TAPE), (n, 6), (10,), (1,)
-        Of the trial.
+        Sensed states, tape, gradients and cost of the trial.
     """
 
     hull: Array
@@ -52,27 +55,29 @@ class Problem(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """Progress of each lane's descent, in the scaled unknown ``x = b / s``; an axis of lanes behind these shapes.
+    """Progress of each lane's descent in the scaled unknown ``x = b / s``; arrays have an axis of lanes after these.
 
     Attributes
     ----------
     point, slope, direction : (n, 6)
         Last accepted point, gradient there, direction of the search.
     taken, change : (n, 6)
-        Step and change of the gradient between the last two points accepted.
+        Step and change of the gradient between the last two accepted points.
     steps, changes : (m, n, 6)
-        The pairs stored; which slot is the newest differs from lane to lane.
+        Stored pairs of steps and changes; the slot of the newest pair differs from lane to lane.
     measured : (6,)
-        Of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite where the
-        gradient and the trajectory are, largest pitch and squared speed, and (where accepted) ``change . change``.
+        Properties of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite
+        if the gradient and the trajectory are, largest pitch and squared speed, and (where accepted)
+        ``change . change``.
     products : (5, m)
         Products of the pairs with the gradient and with the newest pair.
     weights : (2 m + 1,)
-        Of the pairs and of the gradient in the direction.
+        Weights of the pairs and of the gradient in the direction.
     aimed : (2,)
-        Gradient along the direction, and the direction's square.
+        Gradient along the direction, and the squared length of the direction.
     accepted, aiming, reach : (1,)
-        1 where the trial becomes the point; 1 where a direction is wanted; step along the direction.
+        1 where the trial becomes the point (2: with a new pair); 1 where a direction is needed; step along the
+        direction.
     """
 
     point: Array
@@ -92,17 +97,18 @@ class Descent(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Each lane's progress, as numbers: arrays ``(LANES,)`` except for the last three.
+    """Progress of each lane, as numbers: arrays ``(LANES,)`` except for the last three.
 
     Attributes
     ----------
     status, iterations, evaluations, tries, pairs, newest : int
-        What the lane is doing (`IDLE` ...); counts; evaluations of this search; pairs stored and slot of the newest.
+        State of the lane (`IDLE` ...); numbers of iterations, of evaluations, of evaluations in this search, and of
+        stored pairs; slot of the newest pair.
     value, norm, least_norm, curvature : float
-        Cost at the point; largest entry of the scaled gradient of the trial, and the one to stop at; scale of the first
-        inverse Hessian.
+        Cost at the point; largest entry of the scaled gradient of the trial, and its value at which the descent stops;
+        scale of the initial inverse Hessian.
     search : (LANES, 15)
-        The line search (`Search`).
+        State of the line search (`Search`).
     step_change, change_change : (LANES, m, m)
         Products ``s_i . y_j`` and ``y_i . y_j``.
     """
@@ -123,7 +129,7 @@ class Progress(NamedTuple):
 
 
 def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
-    """Memory for `LANES` windows of up to ``steps`` steps, ``history`` pairs each; all lanes idle."""
+    """Allocate the memory for `LANES` windows of up to ``steps`` steps and ``history`` pairs, with all lanes idle."""
     n, m = steps, history
     problem = Problem(
         hull=lane_array(24), bodies=lane_array(n, 11), state0=lane_array(1, 10), measurements=lane_array(n + 1, 4),
@@ -131,7 +137,7 @@ def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
         states=lane_array(n + 1, 10), tape=lane_array(n, TAPE), gradient=lane_array(n, 6),
         gradient_state0=lane_array(10), cost=lane_array(1),
     )  # fmt: skip
-    # A lane that was never used must fly too, if only straight ahead.
+    # A lane that is never used computes, too: it flies straight ahead.
     problem.hull[...] = 1.0
     problem.scale[...] = 1.0
     problem.state0[0, 4] = 1.0
@@ -155,7 +161,7 @@ def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
 def load_window(
     problem, descent, progress, lane, hull, bodies, state0, measurements, weights, step, scale, start, least_norm
 ):
-    """Put one window into a lane: arrays as in `WindowData`, ``start (n, 6)`` and the norm to stop at."""
+    """Load a window into a lane: arrays as in `WindowData`, ``start (n, 6)``, and the norm at which to stop."""
     own = bodies.shape[0]
     for i in range(24):
         problem.hull[i, lane] = hull[i]

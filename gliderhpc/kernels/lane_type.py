@@ -1,8 +1,8 @@
-"""Lanes: a vector of doubles, one profile in each, as a type that compiled formulas take where they take a number.
+"""Lanes: a vector of doubles, one for each profile, as a type that compiled formulas accept in place of a number.
 
-A formula written for scalars works on lanes unchanged: the operators below lower to LLVM's vector instructions, which
-run at the machine's full width without a loop for the compiler to recognise, and never mix lanes. Arrays hold lanes
-along their last axis (`gliderhpc.kernels.elementwise.load`).
+A formula written for scalars works on lanes unchanged. The operators below are lowered to LLVM's vector instructions,
+which use the machine's full width without a loop that the compiler must vectorise, and never mix lanes. Arrays contain
+lanes along their last axis (`gliderhpc.kernels.elementwise.load`).
 """
 
 import operator
@@ -16,7 +16,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 
 
 def _vector_doubles() -> int:
-    """Doubles in one vector register, of the machine or of the one that NUMBA_CPU_FEATURES pretends to be."""
+    """Return the doubles in a vector register of this machine, or of the one that NUMBA_CPU_FEATURES describes."""
     if config.CPU_FEATURES is not None:
         wide = "+avx512f" in config.CPU_FEATURES
     else:
@@ -25,8 +25,8 @@ def _vector_doubles() -> int:
 
 
 LANES = _vector_doubles()
-"""Profiles side by side: one full vector register each way (8 with AVX-512, 4 otherwise). Two registers a value were
-measured slower: the right-hand side keeps more numbers alive than there are registers."""
+"""Number of profiles computed together, those of one full vector register (8 with AVX-512, 4 otherwise). Two registers
+per value were slower in measurements: the right-hand side needs more values at once than there are registers."""
 
 
 class Lanes(types.Type):  # type: ignore[misc]
@@ -61,7 +61,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def as_vector(context, builder, value, kind):
-    """Give an operand as a vector: a number goes to every lane."""
+    """Return an operand as a vector, with a number repeated in every lane."""
     if kind == lanes:
         return value
     number = context.cast(builder, value, kind, types.float64)
@@ -134,7 +134,7 @@ for _operators, _name in (
 for _operator, _symbol in (
     (operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "=="),
 ):  # fmt: skip
-    # Ordered: a comparison with NaN is false, as it is for numbers.
+    # Ordered: a comparison with NaN is false, as for numbers.
     _register_binary(_operator, lane_mask, lambda builder, a, b, symbol=_symbol: builder.fcmp_ordered(symbol, a, b))
 _register_unary(operator.neg, lambda builder, value: builder.fneg(value))
 _register_unary(abs, lambda builder, value: vector_intrinsic(builder, "fabs", value))

@@ -1,6 +1,7 @@
-"""A line search for the strong Wolfe conditions, fed from outside: after Moré and Thuente (1994), ACM TOMS 20, 286-307.
+"""Line search for the strong Wolfe conditions, after Moré and Thuente (1994), ACM TOMS 20, 286-307.
 
-The constants are those of L-BFGS-B (Zhu et al., 1997, ACM TOMS 23, 550-560), so that both engines search alike.
+The caller evaluates the function at each trial step. The constants are those of L-BFGS-B (Zhu et al., 1997, ACM TOMS
+23, 550-560); both engines thus search in the same way.
 """
 
 from typing import NamedTuple
@@ -12,15 +13,15 @@ LONGEST = 1e10
 _EXPAND_MIN, _EXPAND_MOST, _SHRINK = 1.1, 4.0, 0.66
 
 CONTINUE, FOUND, EXHAUSTED = 0, 1, 2
-"""Answers of `advance_search`: evaluate at ``step``; the conditions hold there; they cannot be met any closer."""
+"""Results of `advance_search`: evaluate at ``step``; the conditions hold at the trial; no better step can be found."""
 
 
 class Search(NamedTuple):
     """Progress of a search.
 
-    ``step`` is the next trial; ``best_*`` is the step with the least value so far and ``other_*`` the other end of the
-    interval; ``least`` and ``most`` bound the trial; flags and the two-valued ``stage`` are numbers, so that a search
-    can be stored in a row of an array.
+    ``step`` is the next trial; ``best_*`` is the step with the least value so far, and ``other_*`` the other end of the
+    interval; ``least`` and ``most`` bound the trial. Flags and the two-valued ``stage`` are numbers, which allows a
+    search to be stored in a row of an array.
     """
 
     step: float
@@ -42,7 +43,7 @@ class Search(NamedTuple):
 
 @exact_formula
 def start_search(value, slope, step):
-    """Begin at a point with this value and (negative) slope along the direction, with a first trial step."""
+    """Start at a point with a given value and (negative) slope along the direction, with a first trial step."""
     return Search(
         step, value, slope, 0.0, 1.0, 0.0, value, slope, 0.0, value, slope, 0.0, step + _EXPAND_MOST * step,
         LONGEST, 2.0 * LONGEST,
@@ -51,7 +52,7 @@ def start_search(value, slope, step):
 
 @exact_formula
 def advance_search(search, value, slope):
-    """Take value and slope at the trial step; give the search with its next trial, and what to do."""
+    """Process value and slope at the trial step; return the search with its next trial, and the result."""
     s = search
     step = s.step
     bracketed = s.bracketed > 0.0
@@ -64,7 +65,7 @@ def advance_search(search, value, slope):
         return s, EXHAUSTED
     if (step == LONGEST and value <= bound and slope <= test) or (step == 0.0 and (value > bound or slope >= test)):
         return s, EXHAUSTED
-    # While only the decrease is lacking, an auxiliary function that is lower by it is searched instead.
+    # In the first stage, a lower value without sufficient decrease: use the function minus its required decrease.
     shift = test if (stage == 1.0 and value <= s.best_value and value > bound) else 0.0
     best = (s.best_step, s.best_value - s.best_step * shift, s.best_slope - shift)
     other = (s.other_step, s.other_value - s.other_step * shift, s.other_slope - shift)
@@ -97,7 +98,7 @@ def advance_search(search, value, slope):
 
 @exact_formula
 def _next_trial(best, other, now, bracketed, least, most):
-    """Safeguarded cubic or quadratic step from the interval's ends and the trial (step, value, slope) in between."""
+    """Return the new ends of the interval and a safeguarded step, from its ends and the trial (step, value, slope)."""
     x, fx, gx = best
     y, fy, gy = other
     t, f, g = now

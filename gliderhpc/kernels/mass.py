@@ -1,4 +1,4 @@
-"""Mass properties from the control alone (eqs. 5, 9): once a sample, never once a stage."""
+"""Mass properties (eqs. 5, 9), which depend on the control alone: computed once per sample, not once per stage."""
 
 from gliderhpc.kernels.elementary import sincos
 from gliderhpc.kernels.elementwise import load
@@ -10,7 +10,7 @@ GRAVITY = 9.81
 
 @formula
 def body_of_control(masses, battery_shift, battery_angle, bladder_mass, reservoir_mass, rudder):
-    """First moment, point-mass inertia and net weight for one control ``[r_px, gamma, m_b, m_m]``."""
+    """Return first moment, point-mass inertia and net weight of one control ``[r_px, gamma, m_b, m_m]``."""
     sin_gamma, cos_gamma = sincos(battery_angle)
     mh, mp, mb, mm = masses.hull, masses.battery, bladder_mass, reservoir_mass
     hx, hy, hz = masses.hull_x, masses.hull_y, masses.hull_z
@@ -39,7 +39,7 @@ def body_of_control(masses, battery_shift, battery_angle, bladder_mass, reservoi
 
 @kernel
 def bodies_of_controls(masses, controls, bodies):
-    """Fill ``bodies (n, 11)`` from ``controls (n, 5)`` = [r_px, gamma, m_b, m_m, rudder]."""
+    """Fill ``bodies (n, 11)`` from the first five columns of ``controls``: [r_px, gamma, m_b, m_m, rudder]."""
     for k in range(controls.shape[0]):
         body = body_of_control(masses, controls[k, 0], controls[k, 1], controls[k, 2], controls[k, 3], controls[k, 4])
         for i in range(11):
@@ -48,7 +48,7 @@ def bodies_of_controls(masses, controls, bodies):
 
 @formula
 def load_body(bodies, k):
-    """Row ``k`` of an array of mass properties, as a `Body`."""
+    """Return row ``k`` of an array of mass properties, as a `Body`."""
     return Body(
         load(bodies, (k, 0)), load(bodies, (k, 1)), load(bodies, (k, 2)), load(bodies, (k, 3)), load(bodies, (k, 4)),
         load(bodies, (k, 5)), load(bodies, (k, 6)), load(bodies, (k, 7)), load(bodies, (k, 8)), load(bodies, (k, 9)),

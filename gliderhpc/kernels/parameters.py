@@ -1,4 +1,4 @@
-"""Parameters of a hull (constant) and of its internal masses (one set a sample), as kernels take them."""
+"""Parameters of a hull, and its mass properties (one set for each sample), in the form that kernels use."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Rates, their derivatives and moments at one point or at many, for callers that hold arrays."""
+"""Rates, their derivatives and moments at one or many points, for callers with arrays."""
 
 from gliderhpc.kernels.dynamics import horizontal_velocity, rates
 from gliderhpc.kernels.hydrodynamics import flow_of, load_of, to_body
@@ -21,9 +21,9 @@ def rhs(hull, bodies, state, b, out):
 
 @kernel
 def rates_and_partials(hull, bodies, states, values, entries):
-    """Fill the undisturbed rates ``values (n, 10)`` of sensed states ``(n, 10)``, and their Jacobians' entries.
+    """Fill the undisturbed rates ``values (n, 10)`` of sensed states ``(n, 10)``, and the entries of their Jacobians.
 
-    ``entries (n, ENTRIES)`` is the list of `gliderhpc.kernels.jacobian`, row by row.
+    A row of ``entries (n, ENTRIES)`` is the list of `gliderhpc.kernels.jacobian`.
     """
     for k in range(states.shape[0]):
         y = (
@@ -39,7 +39,7 @@ def rates_and_partials(hull, bodies, states, values, entries):
 
 @kernel
 def viscous_yaw_moments(hull, motion, rudder, moments):
-    """Fill the body's viscous yaw moments ``moments (n,)`` (eqs. 12, 14) at ``motion (n, 6)``: u, v, w, p, q, r.
+    """Fill the viscous yaw moments ``moments (n,)`` about the body axis (eqs. 12, 14), at ``motion (n, 6)``: u ... r.
 
     ``rudder (n,)`` is in rad.
     """

@@ -1,9 +1,9 @@
-"""Limited-memory BFGS with a strong-Wolfe line search, a window in each lane, all in step.
+"""Limited-memory BFGS with a strong-Wolfe line search for one window in each lane, with synchronous evaluations.
 
-Every lane has its own iterations, steps and history; what is common is the rhythm: one evaluation of all lanes, then
-each decides. The two-loop recursion (Nocedal, 1980, Math. Comp. 35, 773-782) runs on the products of the pairs alone
-(a few hundred numbers a lane), so that the pairs themselves are read twice an iteration, in long streams. What a lane
-does depends on nothing outside it: arithmetic is elementwise, and sums run over one lane in a fixed order.
+Every lane has its own iterations, steps and history. All lanes are evaluated together; then each lane is updated by
+itself. The two-loop recursion (Nocedal, 1980, Math. Comp. 35, 773-782) uses only the products of the pairs (a few
+hundred numbers per lane); the pairs themselves are read only twice per iteration, in long streams. A lane does not
+depend on the others: arithmetic is elementwise, and sums are taken over one lane in a fixed order.
 """
 
 import math
@@ -15,17 +15,17 @@ from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, star
 from gliderhpc.kernels.window import cost_and_gradient
 
 MAX_TRIES = 20
-"""Evaluations of one line search after which it has failed (as in L-BFGS-B)."""
+"""Number of evaluations after which a line search has failed (as in L-BFGS-B)."""
 MAX_PITCH = math.radians(89.0)
 MAX_SPEED2 = 25.0
-"""The model's domain: rad, and m2/s2."""
+"""Bound of the model's domain on the squared speed, m2/s2; that on the pitch, `MAX_PITCH`, is in rad."""
 _EPSILON = 2.220446049250313e-16
 _SLOPE, _NORM, _FINITE, _PITCH, _SPEED2, _CHANGE2 = range(6)
 
 
 @kernel
 def run_until_done(problem, descent, progress, max_iterations):
-    """Evaluate and decide until a lane is done (`ENDED` or `UNFLYABLE`) or none is left at work."""
+    """Evaluate and decide until a lane is done (`ENDED` or `UNFLYABLE`) or none is active."""
     done = False
     while not done:
         done = advance(problem, descent, progress, max_iterations)
@@ -33,7 +33,7 @@ def run_until_done(problem, descent, progress, max_iterations):
 
 @kernel
 def advance(problem, descent, progress, max_iterations):
-    """Evaluate every lane's trial once and place its next; whether a lane is done or none is left at work."""
+    """Evaluate every lane's trial once and place its next; return whether a lane is done or none is active."""
     p = problem
     cost_and_gradient(
         p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.tape, p.gradient,
@@ -44,7 +44,7 @@ def advance(problem, descent, progress, max_iterations):
 
 @kernel
 def proceed(problem, descent, progress, max_iterations):
-    """Take every lane's trial as evaluated, by whomever, and place its next; as `advance` whether a lane is done."""
+    """Process every lane's evaluated trial and place its next; return the same as `advance`."""
     measure_trial(problem, descent)
     done, accepted, aiming = decide(problem, descent, progress, max_iterations)
     if accepted:
@@ -59,7 +59,7 @@ def proceed(problem, descent, progress, max_iterations):
 
 @kernel
 def measure_trial(problem, descent):
-    """Slope, largest gradient and extremes of the trajectory, into ``measured``."""
+    """Store slope, largest gradient and extremes of the trajectory in ``measured``."""
     zero = zero_like(load(problem.scale, 0))
     slope, norm, finite = zero, zero, zero
     for k in range(problem.gradient.shape[0]):
@@ -85,7 +85,7 @@ def measure_trial(problem, descent):
 
 @kernel
 def decide(problem, descent, progress, max_iterations):
-    """Advance each lane's account by its evaluation: any done (or none at work), any accepted, any to be aimed."""
+    """Update each lane with its evaluation; return whether any is done (or none active), accepted, or to be aimed."""
     done, accepted, aiming, working = False, False, False, False
     for lane in range(LANES):
         descent.accepted[0, lane] = 0.0
@@ -110,7 +110,7 @@ def decide(problem, descent, progress, max_iterations):
 
 @kernel
 def flyable(problem, descent, lane):
-    """Test whether a lane's trial is finite and stays inside the model's domain."""
+    """Return whether a lane's trial is finite and stays inside the model's domain."""
     measured = descent.measured
     return (
         math.isfinite(problem.cost[0, lane])
@@ -122,7 +122,7 @@ def flyable(problem, descent, lane):
 
 @inner_kernel
 def begin_descent(problem, descent, progress, lane):
-    """Take the start as the first point, if it can be flown."""
+    """Accept the start as the first point, if it can be flown."""
     if not flyable(problem, descent, lane):
         progress.status[lane] = UNFLYABLE
         return
@@ -137,7 +137,7 @@ def begin_descent(problem, descent, progress, lane):
 
 @inner_kernel
 def load_search(progress, lane):
-    """A lane's line search."""
+    """Return a lane's line search."""
     row = progress.search[lane]
     return Search(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
@@ -147,14 +147,14 @@ def load_search(progress, lane):
 
 @inner_kernel
 def store_search(progress, lane, search):
-    """Keep a lane's line search."""
+    """Store a lane's line search."""
     for i in range(15):
         progress.search[lane, i] = search[i]
 
 
 @inner_kernel
 def search_on(problem, descent, progress, lane, max_iterations):
-    """Feed the evaluation to the lane's line search, and end, accept or restart by its result."""
+    """Advance the lane's line search with the evaluation: accept the trial, give up, or try the next step."""
     search = load_search(progress, lane)
     progress.tries[lane] += 1
     value, slope = problem.cost[0, lane], descent.measured[_SLOPE, lane]
@@ -162,7 +162,7 @@ def search_on(problem, descent, progress, lane, max_iterations):
     if flyable(problem, descent, lane):
         search, verdict = advance_search(search, value, slope)
     else:
-        # A steep bowl about the last point: higher and uphill, so that the search comes back to where one can fly.
+        # Replace the cost by a steep bowl about the last point, higher and uphill; the search then shortens its step.
         search, verdict = advance_search(
             search, search.value0 + 0.5 * (1.0 + search.value0), (1.0 + search.value0) / search.step
         )
@@ -177,7 +177,7 @@ def search_on(problem, descent, progress, lane, max_iterations):
 
 @kernel
 def accept(descent, progress, lane, search, value, slope, max_iterations):
-    """Take the trial as the point; end there, or ask for the next direction."""
+    """Accept the trial as the point; end there, or request the next direction."""
     progress.iterations[lane] += 1
     fallen = progress.value[lane] - value
     progress.value[lane] = value
@@ -203,7 +203,7 @@ def accept(descent, progress, lane, search, value, slope, max_iterations):
 
 @inner_kernel
 def give_up_search(descent, progress, lane):
-    """Start again from the last point along the steepest descent; where that was tried, return to the point and end."""
+    """Restart from the last point along the steepest descent; if that has been tried, return to the point and end."""
     if progress.pairs[lane] == 0:
         descent.reach[0, lane] = 0.0
         progress.status[lane] = RETURNING
@@ -214,14 +214,14 @@ def give_up_search(descent, progress, lane):
 
 @inner_kernel
 def clear_pairs(progress, lane):
-    """Drop a lane's history; the next pair goes to the first slot."""
+    """Discard a lane's history; the next pair is stored in the first slot."""
     progress.pairs[lane] = 0
     progress.newest[lane] = -1
 
 
 @kernel
 def accept_trial(problem, descent):
-    """Move the accepted lanes to their trial; leave step and change of gradient in ``taken`` and ``change``."""
+    """Move the accepted lanes to their trial; store step and change of gradient in ``taken`` and ``change``."""
     moves = load(descent.accepted, 0) > 0.0
     reach = load(descent.reach, 0)
     square = zero_like(reach)
@@ -241,7 +241,7 @@ def accept_trial(problem, descent):
 
 @inner_kernel
 def keep_pairs(descent, progress):
-    """Write the new pairs into their lanes' slots, and bring the products of the pairs up to date."""
+    """Write the new pairs into their lanes' slots, and update the products of the pairs."""
     most = 0
     for lane in range(LANES):
         if descent.accepted[0, lane] == 2.0:
@@ -266,7 +266,7 @@ def keep_pairs(descent, progress):
 
 @kernel
 def multiply_pair(descent, slot):
-    """Products of one slot's pairs with the gradient and with the newest pair: s.g, y.g, s.y', y.s', y.y'."""
+    """Store products of one slot's pairs with the gradient and with the newest pair: s.g, y.g, s.y', y.s', y.y'."""
     zero = zero_like(load(descent.reach, 0))
     sg, yg, sy, ys, yy = zero, zero, zero, zero, zero
     for k in range(descent.slope.shape[0]):
@@ -287,7 +287,7 @@ def multiply_pair(descent, slot):
 
 @kernel
 def combine_pairs(descent, progress):
-    """Two-loop recursion on the products: weights of the pairs and of the gradient in each wanted direction."""
+    """Run the two-loop recursion on the products: weights of pairs and gradient in each requested direction."""
     slots = descent.steps.shape[0]
     for lane in range(LANES):
         if descent.aiming[0, lane] == 0.0:
@@ -322,21 +322,21 @@ def combine_pairs(descent, progress):
 
 @kernel
 def aim(descent, progress):
-    """Form the wanted directions and begin their searches; return whether one leads uphill and is to be redone."""
+    """Form the requested directions and start their searches; return whether one is uphill and must be formed again."""
     point_directions(descent, progress)
     again = False
     for lane in range(LANES):
         if descent.aiming[0, lane] == 0.0:
             continue
         slope = descent.aimed[0, lane]
-        # Uphill, or no number where rounding has left a pair without curvature.
+        # Uphill, or NaN if rounding has left a pair without curvature.
         if not slope < 0.0 and progress.pairs[lane] > 0:
             clear_pairs(progress, lane)
             again = True
             continue
         descent.aiming[0, lane] = 0.0
         progress.tries[lane] = 0
-        # The first step of all has no scale: unit length at most.
+        # The very first step has no scale; it gets unit length.
         first = progress.iterations[lane] == 0
         step = 1.0 / math.sqrt(descent.aimed[1, lane]) if first else 1.0
         store_search(progress, lane, start_search(progress.value[lane], slope, step))
@@ -346,7 +346,7 @@ def aim(descent, progress):
 
 @kernel
 def point_directions(descent, progress):
-    """Write the direction of the lanes that want one, as their weights say."""
+    """Write the direction of the lanes that need one, from their weights."""
     wanted = load(descent.aiming, 0) > 0.0
     slots = descent.steps.shape[0]
     most = 0
@@ -372,7 +372,7 @@ def point_directions(descent, progress):
 
 @kernel
 def place_trial(problem, descent):
-    """Write the trial of every lane: the point and its reach along the direction, unscaled."""
+    """Write the unscaled trial of every lane: the point plus its step along the direction."""
     reach = load(descent.reach, 0)
     for k in range(problem.trial.shape[0]):
         for i in range(6):

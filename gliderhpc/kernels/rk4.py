@@ -1,4 +1,4 @@
-"""One classical Runge-Kutta step of the ten sensed states, and its exact transpose.
+"""Classical Runge-Kutta step of the ten sensed states, and its exact transpose.
 
 A state, a stage or a costate is a tuple of ten; the disturbance (six) is constant over the step.
 """
@@ -9,7 +9,7 @@ from gliderhpc.kernels.jit import formula
 
 @formula
 def shifted(y, a, k):
-    """``y + a k``, elementwise."""
+    """Return ``y + a k``, elementwise."""
     return (
         y[0] + a * k[0], y[1] + a * k[1], y[2] + a * k[2], y[3] + a * k[3], y[4] + a * k[4],
         y[5] + a * k[5], y[6] + a * k[6], y[7] + a * k[7], y[8] + a * k[8], y[9] + a * k[9],
@@ -18,7 +18,7 @@ def shifted(y, a, k):
 
 @formula
 def scaled(a, y):
-    """``a y``, elementwise."""
+    """Return ``a y``, elementwise."""
     return (a * y[0], a * y[1], a * y[2], a * y[3], a * y[4], a * y[5], a * y[6], a * y[7], a * y[8], a * y[9])
 
 
@@ -32,7 +32,7 @@ def _sum6(a, b, c, d):
 
 @formula
 def advanced(y, a, k1, k2, k3, k4):
-    """``y + a (k1 + 2 k2 + 2 k3 + k4)``, summed first so that a depth of hundreds of metres is rounded once a step."""
+    """Return ``y + a (k1 + 2 k2 + 2 k3 + k4)``; the sum comes first, and a large depth is rounded once per step."""
     return (
         y[0] + a * (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
         y[1] + a * (k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
@@ -49,7 +49,7 @@ def advanced(y, a, k1, k2, k3, k4):
 
 @formula
 def step(hull, body, y, b, h):
-    """Advance ``y`` by ``h``: the new state, the four stages and their geometry (what the transpose needs)."""
+    """Advance ``y`` by ``h``: return the new state, and for the transpose the four stages and their geometry."""
     g1 = geometry_of(y)
     k1 = rates_at(hull, body, y, g1, b)
     y2 = shifted(y, 0.5 * h, k1)
@@ -66,7 +66,7 @@ def step(hull, body, y, b, h):
 
 @formula
 def step_vjp(hull, body, stages, geometry, a, h):
-    """Transpose of the derivative of `step` applied to ``a`` (ten): by the state and by the disturbance."""
+    """Apply the transposed derivative of `step` to ``a`` (ten): parts of the state and of the disturbance."""
     y, y2, y3, y4 = stages
     e4, b4 = rates_vjp(hull, body, y4, geometry[3], scaled(h / 6.0, a))
     e3, b3 = rates_vjp(hull, body, y3, geometry[2], shifted(scaled(h / 3.0, a), h, e4))
@@ -77,7 +77,7 @@ def step_vjp(hull, body, stages, geometry, a, h):
 
 @formula
 def displacement(stages, h):
-    """Horizontal displacement over the step: the Runge-Kutta quadrature of eq. 1 along the stages."""
+    """Return the horizontal displacement over the step: the Runge-Kutta quadrature of eq. 1 along the stages."""
     x1, e1 = horizontal_velocity(stages[0])
     x2, e2 = horizontal_velocity(stages[1])
     x3, e3 = horizontal_velocity(stages[2])

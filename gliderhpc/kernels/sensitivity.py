@@ -1,14 +1,15 @@
-"""Sensitivity of filter and smoother to constant errors ``eta``, and what the record says of these (Friedland 1969).
+"""Sensitivity of filter and smoother to constant errors ``eta``, and the record's information on them (Friedland 1969).
 
-To a linearised problem constants are unknowns like any other. They need no states: filter and smoother are linear in
-what they are given, so beside their mean runs its derivative ``V = d x / d eta``, with their own gains,
+In a linearised problem constants are unknowns like any other, but they need no states. Filter and smoother are linear
+in their inputs; the derivative ``V = d x / d eta`` of their mean is therefore computed alongside it, with the same
+gains:
 
     step        V <- F V + d step / d eta
     sample      h = H V - d z / d eta;   I += h' h / S;   g += h' e / S;   V <- V - K h
-    backwards   as the costate does:  W <- F' W;   W <- (I - K H)' W + H' h / S;   V smoothed = V - P W
+    backwards   like the costate:  W <- F' W;   W <- (I - K H)' W + H' h / S;   V smoothed = V - P W
 
-and what they leave of the constants, ``I`` and ``g``, is exactly that of the problem with the constants as states
-(model.md 12). Filter, mean and costate here are those of `gliderhpc.kernels.smoother`.
+Information ``I`` and score ``g`` of the constants are exactly those of the problem with the constants as states
+(docs/smoother.md). Filter, mean and costate are those of `gliderhpc.kernels.smoother`.
 """
 
 import math
@@ -27,7 +28,7 @@ from gliderhpc.kernels.window import sensed_of
 
 @formula
 def _add_gradient(hull, body, y, geometry, b, a, lanes, group):
-    """Add the gradient of one stage's rates by the constants to a group of ``lanes (CONSTANTS, 16)``."""
+    """Add the gradient of one stage's rates with respect to the constants to a group of ``lanes (CONSTANTS, 16)``."""
     gradient = by_constants(hull, body, y, geometry, b, a)
     for i in range(CONSTANTS):
         store(lanes, (i, group), load(lanes, (i, group)) + gradient[i])
@@ -35,14 +36,14 @@ def _add_gradient(hull, body, y, geometry, b, a, lanes, group):
 
 @kernel
 def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity):
-    """Step from row ``k`` of the path, its transition left in row ``at`` of the block, and its derivative by constants.
+    """Step from row ``k`` of the path; store its transition in row ``at`` of the block, and derivatives by constants.
 
-    As `gliderhpc.kernels.smoother_tangent.linearised_step`, which knows the transition alone.
+    `gliderhpc.kernels.smoother_tangent.linearised_step` is the same without the derivatives by constants.
 
     Returns
     -------
     tuple of 10, float, float
-        Sensed states behind the step, and how far it goes north and east (m).
+        Sensed states after the step, and its displacement north and east (m).
     """
     body, h = load_body(dive.bodies, k), dive.step
     disturbance = disturbances[k]
@@ -74,7 +75,7 @@ def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, 
 
 @inner_kernel
 def _carry(forcing, block, sensitivity, k, at):
-    """Sensitivity over the step of row ``at``: ``V <- F V + d step / d eta``, X and Y with it."""
+    """Carry the sensitivity over the step of row ``at``: ``V <- F V + d step / d eta``, including X and Y."""
     before, after = sensitivity.states[at], sensitivity.states[at + 1]
     track, track_after = sensitivity.track[at], sensitivity.track[at + 1]
     multiply(before, block.tangent_lanes[at], sensitivity.state_lanes[at + 1])
@@ -98,7 +99,7 @@ def _carry(forcing, block, sensitivity, k, at):
 
 @inner_kernel
 def _force(states, track, row, slope):
-    """Add what a constant changes of the sensed states, X and Y, by the constant's own slope."""
+    """Add a constant's effect on the sensed states, X and Y, times the derivative of the constant itself."""
     for i in range(10):
         states[i] += slope * row[i]
     track[0] += slope * row[10]
@@ -107,7 +108,7 @@ def _force(states, track, row, slope):
 
 @inner_kernel
 def _absorb(forcing, sensitivity, information, k, at, channel, gain, cross, innovation, inverse):
-    """Account for one channel's innovation: information, score, and ``V <- V - K h``."""
+    """Update information and score with one channel's innovation, and set ``V <- V - K h``."""
     states, track, h = sensitivity.states[at], sensitivity.track[at], sensitivity.predicted[at, channel]
     parameters = states.shape[0]
     for j in range(parameters):
@@ -154,7 +155,7 @@ def _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivit
 
 @inner_kernel
 def _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity):
-    """Predict row ``at + 1`` from row ``at`` by the transition that the step to the sensed states ``new`` has left."""
+    """Predict row ``at + 1`` from row ``at``, with the stored transition of the step to the sensed states ``new``."""
     following = sensed_of(states[k + 1])
     mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]
     for i in range(16):
@@ -172,7 +173,7 @@ def _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity
 
 @inner_kernel
 def _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information):
-    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` where the dive has it."""
+    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` if the dive has it."""
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, forcing, states, k, block, at, sensitivity, information)
@@ -183,7 +184,7 @@ def _filter_block(hull, dive, forcing, states, disturbances, first, stop, block,
 
 @inner_kernel
 def _begin(dive, forcing, states, disturbances, block, sensitivity):
-    """Predicted deviation, covariance and sensitivity of row 0 from the prior."""
+    """Set predicted deviation, covariance and sensitivity of row 0 from the prior."""
     y = sensed_of(states[0])
     for i in range(16):
         value = y[i] if i < 10 else disturbances[0, i - 10]
@@ -198,14 +199,14 @@ def _begin(dive, forcing, states, disturbances, block, sensitivity):
 
 @kernel
 def sweep(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, scratch, out):
-    """Filter the dive with the sensitivity, and smooth that: both sweeps, since most of the code is common to them.
+    """Filter the dive with the sensitivity, then smooth the sensitivity: one kernel, since most code is common to both.
 
     Parameters
     ----------
     hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information
-        As for `filter_with_sensitivity`.
+        Arguments of `filter_with_sensitivity`.
     scratch, out : Information, SmoothedSensitivity
-        As for `smooth_sensitivity`.
+        Arguments of `smooth_sensitivity`.
     """
     filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information)
     smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, scratch, out)
@@ -213,19 +214,19 @@ def sweep(hull, dive, forcing, states, disturbances, block, sensitivity, checkpo
 
 @inner_kernel
 def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information):
-    """Filter the dive about a path with the sensitivity, leaving checkpoints, and sum up what it says of ``eta``.
+    """Filter the dive about a path with the sensitivity, store checkpoints, and sum up its information on ``eta``.
 
     Parameters
     ----------
     hull, dive, forcing : Hull, Dive, Forcing
-        The problem, with the variances and the noise that hold, and its derivatives; its damping and its mean shift are
-        not used.
+        The problem, with its final variances and noise, and its derivatives; its damping and its mean shift are not
+        used.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation.
     block, sensitivity : Block, Sensitivity
         Scratch.
     checkpoints, information : SensitivityCheckpoints, Information
-        Filled.
+        Results, to be filled.
     """
     clear(information.matrix)
     clear(information.score)
@@ -243,7 +244,7 @@ def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, se
 
 @inner_kernel
 def _begin_next(block, sensitivity):
-    """Make the row behind the last of a block the first of the next one."""
+    """Make the row after a block the first row of the next block."""
     copy_row(block, BLOCK, block, 0)
     copy(sensitivity.states[BLOCK], sensitivity.states[0])
     copy(sensitivity.track[BLOCK], sensitivity.track[0])
@@ -251,22 +252,22 @@ def _begin_next(block, sensitivity):
 
 @kernel
 def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitivities, sums):
-    """Sum up what a dive says of ``eta`` under several assumptions of its noise, about one path.
+    """Sum up the information of a dive on ``eta`` under several assumptions of its noise, about one path.
 
-    The step and its derivatives, most of the work, are the same for all of them.
+    The step and its derivatives, which take most of the time, are common to all assumptions.
 
     Parameters
     ----------
     hull, forcing : Hull, Forcing
-        As for `filter_with_sensitivity`.
+        Arguments of `filter_with_sensitivity`.
     dives : tuple of Dive
         The problem under each assumption; they differ in their variances and their noise.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation.
     blocks, sensitivities : tuple of Block, tuple of Sensitivity
-        Scratch of each, with the memory of the first's transitions and derivatives by constants in common.
+        Scratch for each assumption; all share the memory of the transitions and of the derivatives by constants.
     sums : tuple of Information
-        Filled, one for each assumption.
+        Results, one for each assumption, to be filled.
     """
     rows, count = states.shape[0], len(dives)
     for i in range(count):
@@ -298,11 +299,11 @@ def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensiti
     Parameters
     ----------
     hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints
-        As there.
+        Arguments of `filter_with_sensitivity`.
     information : Information
         Scratch.
     out : SmoothedSensitivity
-        Filled.
+        Result, to be filled.
     """
     rows = states.shape[0]
     clear(sensitivity.costate)
@@ -331,7 +332,7 @@ def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensiti
 
 @inner_kernel
 def _undo_step(block, at, sensitivity):
-    """Carry the costate's sensitivity from behind the step of row ``at`` to before it."""
+    """Carry the costate's sensitivity from after the step of row ``at`` to before it."""
     transpose(block.tangent[at])
     multiply(sensitivity.costate, block.tangent_lanes[at], sensitivity.half_lanes)
     copy(sensitivity.half, sensitivity.costate)
@@ -339,7 +340,7 @@ def _undo_step(block, at, sensitivity):
 
 @inner_kernel
 def _undo_update(block, at, channel, sensitivity):
-    """Carry the costate's sensitivity from behind an update to before it, ``W <- (I - K H)' W + H' h / S``."""
+    """Carry the costate's sensitivity from after an update to before it, ``W <- (I - K H)' W + H' h / S``."""
     gain, inverse, costate = block.gain[at, channel], block.information[at, channel], sensitivity.costate
     for j in range(costate.shape[0]):
         along = 0.0
@@ -350,7 +351,7 @@ def _undo_update(block, at, channel, sensitivity):
 
 @inner_kernel
 def _smoothed(block, at, sensitivity, states, track):
-    """Sensitivity of the smoothed row ``at``: ``V - P W``, with X and Y."""
+    """Compute the sensitivity of the smoothed row ``at``: ``V - P W``, including X and Y."""
     multiply(sensitivity.costate, block.covariance_lanes[at], sensitivity.half_lanes)
     for j in range(states.shape[0]):
         for i in range(16):

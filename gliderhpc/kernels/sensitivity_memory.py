@@ -1,7 +1,7 @@
 """Memory of the sensitivity of filter and smoother to errors of the hull and of its records.
 
-Errors are a vector ``eta`` of ``p`` parameters. Sensitivities lie a parameter a row, the sixteen states (or costates)
-along the row, as lanes in the same memory.
+Errors are a vector ``eta`` of ``p`` parameters. Sensitivities have one row for each parameter, with the sixteen states
+(or costates) along the row; the same memory is viewed as lanes.
 """
 
 from typing import Any, NamedTuple
@@ -16,18 +16,18 @@ Array = Any
 
 
 class Forcing(NamedTuple):
-    """Derivatives of a dive's problem by ``eta``, of ``n`` steps and ``f`` rows with a sample.
+    """Derivatives with respect to ``eta`` of a dive's problem with ``n`` steps and ``f`` rows with a sample.
 
     Attributes
     ----------
     constant, parameter, slope : (e,), (e,), (e,)
-        Derivatives of the hull's constants that are not zero: which constant, by which parameter, and how much.
+        Non-zero derivatives of the hull's constants: index of the constant, index of the parameter, and derivative.
     moving, bodies : (m,), (n, m, 11)
-        Parameters that change the mass properties, and the derivatives of these.
+        Parameters that change the mass properties, and the derivatives of these properties.
     reading, samples : (r,), (f, 4, r)
         Parameters that change the records, and the derivatives of the samples ``[phi, theta, psi, Z]``.
     number : (n+1,)
-        Number of a row among those with a sample.
+        Position of each row among those with a sample.
     start : (p, 16)
         Derivative of the prior's initial state.
     """
@@ -44,21 +44,22 @@ class Forcing(NamedTuple):
 
 
 class Sensitivity(NamedTuple):
-    """Sensitivities along one block of rows and one more, and scratch.
+    """Sensitivities along the rows of one block and the row after it, and scratch.
 
     Attributes
     ----------
     states, state_lanes : (m, p, 16)
-        Of the filtered states and disturbances, ``d x / d eta``, transposed (in the row behind the last one filtered:
-        predicted).
+        Sensitivity ``d x / d eta`` of the filtered states and disturbances, transposed (predicted in the row after the
+        last filtered one).
     track : (m, p, 2)
-        Of the filtered X and Y.
+        Sensitivity of the filtered X and Y.
     predicted : (m, 4, p)
-        Of the measured less the predicted sample, of opposite sign, as each channel was assimilated.
+        Sensitivity of the predicted minus the measured sample, when each channel was assimilated.
     by_constant, by_constant_lanes : (CONSTANTS, 16)
-        Derivatives of a step's ten sensed states, X and Y by the constants (`gliderhpc.kernels.constants_gradient`).
+        Derivatives of a step's ten sensed states, X and Y with respect to the constants
+        (`gliderhpc.kernels.constants_gradient`).
     costate, costate_lanes, half, half_lanes : (p, 16)
-        Of the smoother's costate, and scratch.
+        Sensitivity of the smoother's costate, and scratch.
     """
 
     states: Array
@@ -85,14 +86,14 @@ class SensitivityCheckpoints(NamedTuple):
 
 
 class Information(NamedTuple):
-    """What a dive says of ``eta``.
+    """Information of a dive on ``eta``.
 
     Attributes
     ----------
     matrix : (p, p)
-        Information, lower triangle.
+        Information matrix, lower triangle.
     score : (p,)
-        Gradient of the record's log likelihood.
+        Gradient of the record's log-likelihood.
     filtered : (n+1, 16)
         Filtered deviation of every row from the path of linearisation.
     """
@@ -108,11 +109,11 @@ class SmoothedSensitivity(NamedTuple):
     Attributes
     ----------
     rows : (m,)
-        Rows in ascending order.
+        Selected rows in ascending order.
     states, track : (m, p, 16), (m, p, 2)
-        ``d x / d eta`` there, of X and Y apart.
+        Sensitivities ``d x / d eta`` in these rows, of the sixteen states, and of X and Y.
     displacement : (p, 2)
-        Of X and Y in the last row.
+        Sensitivity of X and Y in the last row.
     """
 
     rows: Array
@@ -122,7 +123,7 @@ class SmoothedSensitivity(NamedTuple):
 
 
 def allocate_sensitivity(parameters: int) -> Sensitivity:
-    """Memory of one block for so many parameters."""
+    """Allocate the memory of one block for a number of parameters."""
     m, p = BLOCK + 1, parameters
     states, constants, costate, half = (lane_array(*shape, GROUPS) for shape in ((m, p), (CONSTANTS,), (p,), (p,)))
     return Sensitivity(
@@ -133,14 +134,14 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
 
 
 def allocate_information(steps: int, parameters: int) -> Information:
-    """Memory for the information of a dive."""
+    """Allocate the memory for the information of a dive."""
     return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((steps + 1, 16)))
 
 
 def allocate_alternatives(
     steps: int, parameters: int, count: int
 ) -> tuple[tuple[Block, ...], tuple[Sensitivity, ...], tuple[Information, ...]]:
-    """Memory for so many assumptions of a dive's noise, with the transitions and derivatives by constants in common."""
+    """Allocate the memory for `count` assumptions of a dive's noise, with common transitions and derivatives."""
     block, sensitivity = allocate_block(), allocate_sensitivity(parameters)
     transitions = {name: getattr(block, name) for name in ("tangent", "tangent_lanes", "track_tangent", "seeds")}
     derivatives = {name: getattr(sensitivity, name) for name in ("by_constant", "by_constant_lanes")}
@@ -151,7 +152,7 @@ def allocate_alternatives(
 
 
 def allocate_sensitivity_checkpoints(steps: int, parameters: int) -> SensitivityCheckpoints:
-    """Memory for the checkpoints of a dive."""
+    """Allocate the memory for the checkpoints of a dive."""
     m, p = steps // BLOCK + 1, parameters
     return SensitivityCheckpoints(
         np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)), np.zeros((m, p, 16)),
@@ -160,7 +161,7 @@ def allocate_sensitivity_checkpoints(steps: int, parameters: int) -> Sensitivity
 
 
 def allocate_smoothed(rows: Any, parameters: int) -> SmoothedSensitivity:
-    """Memory for the sensitivities in rows in ascending order."""
+    """Allocate the memory for the sensitivities in `rows`, which are in ascending order."""
     wanted = np.asarray(rows, dtype=np.int64)
     m, p = len(wanted), parameters
     return SmoothedSensitivity(wanted, np.zeros((m, p, 16)), np.zeros((m, p, 2)), np.zeros((p, 2)))

@@ -1,9 +1,10 @@
 """One pass of the iterated smoother over a dive: the filter forwards about a path, its costates backwards.
 
-The pass is a Gauss-Newton step of the dive's maximum a posteriori problem, with the path free in every row (what a row
-lacks of the step from the row before is its defect). In deviations from the path the problem is linear: the forward
-sweep solves it up to each row, the backward sweep adds what the later samples say (Bierman's modified Bryson-Frazier
-form). Covariances are stored at every `BLOCK`-th row and recomputed in between.
+The pass is a Gauss-Newton step of the dive's maximum a posteriori problem, with the path free in every row; the defect
+of a row is the difference between the step from the previous row and the row itself. In deviations from the path the
+problem is linear. The forward sweep solves it up to each row, and the backward sweep adds the information of the later
+samples (Bierman's modified Bryson-Frazier form). Covariances are stored at every `BLOCK`-th row and recomputed in
+between.
 """
 
 import math
@@ -29,7 +30,7 @@ from gliderhpc.kernels.window import sensed_of
 
 @inner_kernel
 def _begin(dive, states, disturbances, block, tally):
-    """Predicted deviation and covariance of row 0 from the prior, and what the path's start costs."""
+    """Set predicted deviation and covariance of row 0 from the prior; add the cost of the path's initial state."""
     y = sensed_of(states[0])
     for i in range(16):
         value = y[i] if i < 10 else disturbances[0, i - 10]
@@ -45,7 +46,7 @@ def _begin(dive, states, disturbances, block, tally):
 
 @inner_kernel
 def _assimilate(dive, states, k, block, at, gate, tally):
-    """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are widened to the gate."""
+    """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are inflated to the gate."""
     clear(block.information[at])
     if not dive.fed[k]:
         return
@@ -70,7 +71,7 @@ def _assimilate(dive, states, k, block, at, gate, tally):
 
 @inner_kernel
 def _apply_mean_shift(dive, k, block, at):
-    """Shift the mean of row ``at`` by the cost's linear term for row ``k`` of the dive."""
+    """Shift the mean of row ``at`` according to the cost's linear term for row ``k`` of the dive."""
     covariance = block.covariance[at]
     for i in range(16):
         total = 0.0
@@ -105,7 +106,7 @@ def _advance(hull, dive, states, disturbances, k, block, at, tally):
 
 @inner_kernel
 def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, tally):
-    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` where the dive has it."""
+    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` if the dive has it."""
     for k in range(first, stop):
         at = k - first
         _assimilate(dive, states, k, block, at, gate, tally)
@@ -116,16 +117,16 @@ def _filter_block(hull, dive, states, disturbances, first, stop, block, gate, ta
 
 @kernel
 def sweep(backwards, hull, dive, states, disturbances, gate, block, checkpoints, tally, costates, out):
-    """Sweep `backward`, or `forward`: one kernel, since both contain the filter and its step.
+    """Sweep `backward` or `forward`: one kernel, since both contain the filter and its step.
 
     Parameters
     ----------
     hull, dive, states, disturbances, gate, block, checkpoints, tally
-        As for `forward`; the gate is of no account backwards.
+        Arguments of `forward`; the gate is not used backwards.
     costates : tuple of (16,), (16, 16), (16, 16)
         Scratch of `backward`.
     out : Backward
-        Filled by `backward`.
+        Results, filled by `backward`.
     """
     if backwards:
         backward(hull, dive, states, disturbances, block, checkpoints, tally, costates, out)
@@ -135,19 +136,21 @@ def sweep(backwards, hull, dive, states, disturbances, gate, block, checkpoints,
 
 @inner_kernel
 def forward(hull, dive, states, disturbances, gate, block, checkpoints, tally):
-    """Filter the dive about a path, leaving checkpoints, and sum up what the path costs.
+    """Filter the dive about a path, store checkpoints, and sum up the cost of the path.
 
     Parameters
     ----------
     hull, dive : Hull, Dive
+        The problem.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path; its X and Y are replaced by the displacement along it.
     gate : float
-        Variances are widened, for good, until no innovation exceeds this many standard deviations; infinite: never.
+        Number of standard deviations that no innovation may exceed; variances are inflated permanently to achieve this
+        (infinite: never).
     tally : (14,)
-        Filled with the costs of initial state, measurements and noise (half the sums of squares over variances), the
-        sums of the sensed states' absolute defects, and half the logarithm of the Hessian's determinant over that of
-        the prior's.
+        Costs of initial state, measurements and noise (half the sums of squares over variances), sums of the sensed
+        states' absolute defects, and half the logarithm of the ratio of the Hessian's determinant to that of the prior;
+        to be filled.
     """
     clear(tally)
     rows = states.shape[0]
@@ -167,9 +170,9 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, costat
     Parameters
     ----------
     tally, costates : (14,), tuple of (16,), (16, 16), (16, 16)
-        Scratch; the latter: the costate, and its covariance as numbers and as lanes in the same memory.
+        Scratch; `costates` are the costate, and its covariance as numbers and as lanes in the same memory.
     out : Backward
-        Filled; the mean shift where memory is allocated for it.
+        Results, to be filled; the mean shift only if memory is allocated for it.
     """
     rows = states.shape[0]
     costate, information, information_lanes = costates
@@ -213,7 +216,7 @@ def backward(hull, dive, states, disturbances, block, checkpoints, tally, costat
 
 @inner_kernel
 def _smooth_noise(dive, k, costate, information, out):
-    """Mean of the noise of step ``k``, ``-Q costate``, and the share of its variance ``Q`` that the record resolves."""
+    """Compute the mean of step ``k``'s noise, ``-Q costate``, and the resolved fraction of its variance ``Q``."""
     for i in range(6):
         out.noise_mean[k, i] = -dive.noise[k, i] * costate[10 + i]
         out.noise_resolved[k, i] = dive.noise[k, i] * information[10 + i, 10 + i]

@@ -1,7 +1,7 @@
-"""Covariances forwards and their costates backwards (modified Bryson-Frazier): no covariance is ever inverted.
+"""Covariances forwards and costates' covariances backwards (modified Bryson-Frazier): no covariance is ever inverted.
 
-Every product of two matrices of sixteen runs along their rows in lanes; a matrix that must stay symmetric is made so by
-averaging with its transpose.
+Every product of two 16 by 16 matrices is computed along their rows in lanes; a matrix that must remain symmetric is
+averaged with its transpose.
 """
 
 from gliderhpc.kernels.elementwise import copy, load, store, zero_like
@@ -11,7 +11,7 @@ from gliderhpc.kernels.smoother_memory import GROUPS
 
 @inner_kernel
 def multiply(left, right, out):
-    """``out = left right``; ``left`` as numbers ``(m, 16)``, the others as lanes, ``(16, 16)`` and ``(m, 16)``."""
+    """Set ``out = left right``; ``left`` is numbers ``(m, 16)``, the others are lanes, ``(16, 16)`` and ``(m, 16)``."""
     for i in range(left.shape[0]):
         for group in range(GROUPS):
             total = left[i, 0] * load(right, (0, group))
@@ -37,7 +37,7 @@ def predict(decay, noise, block, at):
     Parameters
     ----------
     decay, noise : (6,), (6,)
-        The disturbances' decay over the step, and the variance that it adds.
+        Decay of the disturbances over the step, and the variance that the step adds.
     """
     tangent, tangent_lanes = block.tangent[at], block.tangent_lanes[at]
     half_lanes, new, new_lanes = block.half_lanes, block.covariance[at + 1], block.covariance_lanes[at + 1]
@@ -57,7 +57,7 @@ def predict(decay, noise, block, at):
 
 @inner_kernel
 def _predict_track(block, at):
-    """Covariance of X and Y over the step: with ``U = C + T P``, ``C <- U Phi'`` and ``R <- R + U T' + T C'``."""
+    """Carry the covariance of X and Y over the step: ``U = C + T P``, ``C <- U Phi'``, ``R <- R + U T' + T C'``."""
     tangent, moved = block.tangent[at], block.track_tangent[at]
     covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
     for r in range(2):
@@ -81,7 +81,7 @@ def _predict_track(block, at):
 
 @inner_kernel
 def update(block, at, index, innovation, variance):
-    """Correct row ``at`` by a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is stored."""
+    """Update row ``at`` with a measurement of state ``index`` (eqs. 25-27, Joseph form); the gain is stored."""
     covariance, gain = block.covariance[at], block.gain[at, index]
     cross, track = block.cross[at], block.track[at]
     total = covariance[index, index] + variance
@@ -109,7 +109,7 @@ def update(block, at, index, innovation, variance):
 
 @inner_kernel
 def undo_update(block, at, index, costate, information):
-    """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from behind an update to before it.
+    """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from after an update to before it.
 
     ``costate <- (I - K H)' costate - H' e / S`` and ``information <- (I - K H)' information (I - K H) + H' H / S``.
     """
@@ -131,13 +131,13 @@ def undo_update(block, at, index, costate, information):
 
 @inner_kernel
 def undo_step(block, at, costate, information, information_lanes):
-    """Carry the costate and its covariance from behind the step of row ``at`` to before it, by the transposed tangent.
+    """Carry the costate and its covariance from after the step of row ``at`` to before it, by the transposed tangent.
 
     ``costate <- Phi' costate`` is the adjoint equation; ``information <- Phi' information Phi``.
     """
     tangent, half, half_lanes = block.tangent[at], block.half, block.half_lanes
     _apply(tangent, costate, half[0])
-    # Transposed in place of the tangent itself, which nobody needs any more.
+    # The transpose overwrites the tangent, which is not needed any more.
     multiply(tangent, information_lanes, half_lanes)
     transpose(tangent)
     multiply(half, block.tangent_lanes[at], information_lanes)
@@ -146,7 +146,7 @@ def undo_step(block, at, costate, information, information_lanes):
 
 @inner_kernel
 def _apply(tangent, costate, before):
-    """``costate <- tangent costate``, with scratch for sixteen."""
+    """Set ``costate <- tangent costate``, with scratch for sixteen."""
     copy(costate, before)
     for i in range(16):
         total = 0.0
@@ -157,7 +157,7 @@ def _apply(tangent, costate, before):
 
 @inner_kernel
 def transpose(matrix):
-    """Transpose ``matrix (16, 16)`` in its place."""
+    """Transpose ``matrix (16, 16)`` in place."""
     for i in range(1, 16):
         for j in range(i):
             matrix[i, j], matrix[j, i] = matrix[j, i], matrix[i, j]
@@ -165,7 +165,7 @@ def transpose(matrix):
 
 @inner_kernel
 def smoothed_mean(block, at, costate, correction):
-    """``correction (16,) = mean - P costate``."""
+    """Set ``correction (16,) = mean - P costate``."""
     covariance = block.covariance[at]
     for i in range(16):
         total = block.mean[at, i]
@@ -176,7 +176,7 @@ def smoothed_mean(block, at, costate, correction):
 
 @inner_kernel
 def smoothed_variances(block, at, information, states, disturbances, track):
-    """Diagonals of ``P - P information P``: of the ten sensed states, the disturbances, and X and Y."""
+    """Compute the diagonal of ``P - P information P`` for the ten sensed states, the disturbances, and X and Y."""
     covariance, lanes, half_lanes = block.covariance[at], block.covariance_lanes[at], block.half_lanes
     multiply(information, lanes, half_lanes)
     for group in range(GROUPS):
@@ -201,7 +201,7 @@ def smoothed_variances(block, at, information, states, disturbances, track):
 
 @inner_kernel
 def smoothed_covariance(block, at, information, out):
-    """Whole covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
+    """Compute the full covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
     covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
     for i in range(18):
         left = covariance[i] if i < 16 else cross[i - 16]

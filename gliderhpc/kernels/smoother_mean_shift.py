@@ -1,14 +1,14 @@
-"""From the most probable path to the mean path: the term that the log determinant adds to the costate's equation.
+"""Shift from the most probable path to the mean path: the term of the log-determinant in the costate's equation.
 
-The costate of every path obeys ``l[k] = F(x[k])' l[k+1]`` over a step. Its mean over the posterior therefore obeys the
-same with the mean's transition, but for the covariance of the transition, which varies with the state, and the costate:
-to second order
+The costate of every path obeys ``l[k] = F(x[k])' l[k+1]`` over a step. Its posterior mean obeys the same equation with
+the transition of the mean, plus the covariance of the costate with the transition, which depends on the state. To
+second order this term is
 
     mean_shift[k] = sum over i of (second derivatives of the step's output i) M[:, i],   M = P F' L
 
-with the filtered covariance ``P`` before the step and the costate's covariance ``L`` behind it; ``M`` is the covariance
-of the state before the step with the costate behind it. It is the gradient of half the logarithm of the determinant
-of the cost's Hessian: it is larger where the record determines the noise less (docs/smoother.md).
+with the filtered covariance ``P`` before the step and the costate's covariance ``L`` after it; ``M`` is the covariance
+of the state before the step with the costate after it. The term is the gradient of half the logarithm of the
+determinant of the cost's Hessian; it is larger where the record determines the noise less well (docs/smoother.md).
 """
 
 import math
@@ -22,18 +22,18 @@ from gliderhpc.kernels.smoother_memory import GROUPS
 from gliderhpc.kernels.window import sensed_of
 
 _OUTPUTS = 10
-"""Outputs of the step that bend: the sensed states. The disturbances' are linear."""
+"""Number of nonlinear outputs of the step, the sensed states; the disturbances are linear."""
 
 
 @inner_kernel
 def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shift):
-    """Mean shift ``(16,)`` of the step of row ``at``, which is row ``k`` of the dive, right behind its `undo_step`.
+    """Compute the mean shift ``(16,)`` of the step of row ``at``, row ``k`` of the dive, right after its `undo_step`.
 
-    The second derivatives are differences of the step's transpose over at most a standard deviation to either side of
-    the path, an output a lane.
+    The second derivatives are differences of the step's transpose over at most one standard deviation to either side of
+    the path, with one output in each lane.
     """
     covariance, ahead, behind = block.covariance[at], block.ahead, block.behind
-    # `undo_step` has left F' L in the scratch.
+    # `undo_step` has stored F' L in the scratch.
     multiply(covariance, block.half_lanes, block.ahead_lanes)
     length = block.half[0]
     for i in range(_OUTPUTS):
@@ -61,7 +61,7 @@ def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shi
 
 @inner_kernel
 def _transposes(hull, dive, k, lanes, seeds):
-    """Replace the states and disturbances of each lane by the derivatives of its own output there."""
+    """Replace the states and disturbances in each lane by the derivatives of the lane's output at that point."""
     body, h = load_body(dive.bodies, k), dive.step
     for group in range(GROUPS):
         y = (

@@ -1,8 +1,8 @@
 """Memory of the smoother for one dive: the problem, a block of steps, and a checkpoint at the start of each block.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
-go along as a track of two. Matrices of sixteen columns lie in `GROUPS` vectors of `LANES` columns, and a second view of
-the same memory gives their numbers.
+are carried separately as the track. Matrices with sixteen columns are stored in `GROUPS` vectors of `LANES` columns; a
+second view of the same memory gives their numbers.
 """
 
 from typing import Any, NamedTuple
@@ -15,40 +15,40 @@ from gliderhpc.kernels.jit import inner_kernel
 Array = Any
 
 BLOCK = 64
-"""Rows between checkpoints. A block (290 kB) stays in the second-level cache; the checkpoints of a dive of three hours
-take 5 MB."""
+"""Number of rows between checkpoints. A block (290 kB) fits into the second-level cache; the checkpoints of a dive of
+three hours take 5 MB."""
 
 GROUPS = 16 // LANES
-"""Vectors in a row of sixteen."""
+"""Number of vectors in a row of sixteen."""
 
 DEFECTS = 3
-"""Index in the tally of the first of the ten sensed states' sums of defects; before them are the costs of the initial
+"""Index in the tally of the first of the ten sums of the sensed states' defects; before it are the costs of the initial
 state, of the measurements and of the noise."""
 
 LOG_DETERMINANT = 13
-"""Index in the tally of half the logarithm of the determinant of the cost's Hessian, over that of the prior's."""
+"""Index in the tally of half the logarithm of the ratio of the Hessian's determinant to that of the prior."""
 
 
 class Dive(NamedTuple):
-    """The problem, of ``n`` steps.
+    """Problem of one dive with ``n`` steps.
 
     Attributes
     ----------
     bodies : (n, 11)
-        Mass properties a step.
+        Mass properties of each step.
     step : float
-        h, s.
+        Length of a step h, s.
     fed : (n+1,) bool
-        Rows with a sample.
+        True in rows with a sample.
     measured, variance : (n+1, 4), (n+1, 4)
-        ``[phi, theta, psi, Z]`` (NaN: missing) and its variances; those are widened where a gate is given.
+        Samples ``[phi, theta, psi, Z]`` (NaN: missing) and their variances, which a gate inflates.
     mean, deviation : (16,), (16,)
         Prior of the initial state.
     decay, noise : (6,), (n, 6)
-        The disturbances' decay over a step, and the variance that each step adds.
+        Decay of the disturbances over a step, and the variance that each step adds.
     damping : (6,)
-        Levenberg-Marquardt damping: variances with which velocities and rates are held to the path in rows with a
-        sample; infinite: not at all.
+        Levenberg-Marquardt damping: variances of pseudo-measurements that tie velocities and rates to the path in rows
+        with a sample (infinite: no damping).
     mean_shift : (n+1, 16)
         Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_mean_shift` for the mean.
     """
@@ -67,23 +67,23 @@ class Dive(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Rows of one block and one more, numbered from its first; matrices as lanes, and the same memory as numbers.
+    """Rows of one block and the row after it, numbered from its first; matrices as lanes and, in place, as numbers.
 
     Attributes
     ----------
     mean : (m, 16)
-        Filtered deviation from the path of linearisation (in the row behind the last one filtered: predicted).
+        Filtered deviation from the path of linearisation (predicted in the row after the last filtered one).
     covariance, covariance_lanes : (m, 16, 16)
-        Of the sixteen states.
+        Covariance of the sixteen states.
     cross, track : (m, 2, 16), (m, 2, 2)
-        Covariance of X and Y with the sixteen, and their own.
+        Covariance of X and Y with the sixteen states, and of X and Y.
     tangent, tangent_lanes : (m, 16, 16)
         Transpose of the step's transition matrix: a row for each state before the step.
     track_tangent : (m, 2, 16)
-        X and Y by the states before the step.
+        Derivatives of X and Y with respect to the states before the step.
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
-        Of the update by each sensed state, the four measured and the six that may be damped: its gain, its innovation
-        over the innovation's variance, and one over that variance (zero where there was none).
+        Gain, innovation over its variance, and reciprocal of that variance (zero where there was no update), for the
+        update with each sensed state: the four measured ones and the six that may be damped.
     seeds : (12, 16)
         Unit costates of the ten sensed states, X and Y, as lanes.
     half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)
@@ -111,7 +111,7 @@ class Block(NamedTuple):
 
 
 class Checkpoints(NamedTuple):
-    """Predicted mean, covariance, cross covariance and track's covariance at the first row of each block."""
+    """Predicted mean, covariance, cross-covariance and covariance of the track at the first row of each block."""
 
     mean: Array
     covariance: Array
@@ -129,18 +129,18 @@ class Backward(NamedTuple):
     state_variance, disturbance_variance, track_variance : (n+1, 10), (n+1, 6), (n+1, 2)
         Smoothed variances.
     noise_mean, noise_resolved : (n, 6), (n, 6)
-        Smoothed mean of each step's noise, and the share of its variance that the record resolves: what is left of the
+        Smoothed mean of each step's noise, and the fraction of its variance that the record resolves: the posterior
         variance is ``noise (1 - noise_resolved)``.
     steepest : (10,)
-        Largest costate of each sensed state.
+        Largest absolute costate of each sensed state.
     displacement : (2, 2)
         Covariance of X and Y in the last row.
     mean_shift : (n+1, 16) or (0, 16)
-        The mean shift about this path; computed only where memory is allocated for it.
+        Mean shift about this path; computed only if memory is allocated for it.
     every : int
-        Steps of a stretch that shares the mean shift of its middle one.
+        Number of steps in a stretch that uses the mean shift of its middle step.
     rows, covariances : (m,), (m, 18, 18)
-        Rows in ascending order whose whole covariance is wanted (the sixteen states, X and Y), and it.
+        Selected rows in ascending order, and their full covariances (the sixteen states, X and Y).
     """
 
     correction: Array
@@ -158,7 +158,7 @@ class Backward(NamedTuple):
 
 
 def allocate_block() -> Block:
-    """Memory of one block."""
+    """Allocate the memory of one block."""
     m = BLOCK + 1
     covariance, tangent, half, ahead, behind = (
         lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,), (16,), (16,))
@@ -181,7 +181,7 @@ def _seeds() -> Array:
 
 @inner_kernel
 def copy_row(source, i, target, j):
-    """Copy row ``i`` of a `Block` or `Checkpoints` to row ``j`` of another, as far as checkpoints have it."""
+    """Copy row ``i`` of a `Block` or `Checkpoints` to row ``j`` of another: the entries that checkpoints have."""
     copy(source.mean[i], target.mean[j])
     copy(source.covariance[i], target.covariance[j])
     copy(source.cross[i], target.cross[j])
@@ -189,15 +189,15 @@ def copy_row(source, i, target, j):
 
 
 def allocate_checkpoints(steps: int) -> Checkpoints:
-    """Memory for the checkpoints of a dive."""
+    """Allocate the memory for the checkpoints of a dive."""
     m = steps // BLOCK + 1
     return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
 
 
 def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -> Backward:
-    """Memory for the results of the sweep from the end.
+    """Allocate the memory for the results of the backward sweep.
 
-    `rows` are those whose whole covariance is wanted; the mean shift is computed ``every`` so many steps, or never.
+    The full covariance is computed in `rows`, and the mean shift once every `every` steps, or never.
     """
     wanted = np.asarray(rows, dtype=np.int64)
     n = steps
@@ -209,6 +209,6 @@ def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -
 
 
 def allocate_costate() -> tuple[Array, Array, Array]:
-    """Memory for the costate, and for its covariance as numbers and as lanes."""
+    """Allocate the memory for the costate, and for its covariance as numbers and as lanes."""
     lanes = lane_array(16, GROUPS)
     return np.zeros(16), lanes.reshape(16, 16), lanes

@@ -1,4 +1,4 @@
-"""The step's transition matrix, made by the adjoint's own transpose: twelve unit costates side by side, in lanes."""
+"""Transition matrix of the step, computed by the adjoint's transpose from twelve unit costates, in lanes."""
 
 from gliderhpc.kernels.dynamics import horizontal_velocity_vjp, rates_vjp
 from gliderhpc.kernels.elementwise import load, store
@@ -11,17 +11,17 @@ from gliderhpc.kernels.window import sensed_of
 
 @formula
 def _stage_vjp(hull, body, y, geometry, a, north, east):
-    """Transpose of one stage's rates, the horizontal velocity's among them."""
+    """Apply the transposed derivative of one stage's rates, including those of X and Y."""
     e, g = rates_vjp(hull, body, y, geometry, a)
     return shifted(e, 1.0, horizontal_velocity_vjp(y, north, east)), g
 
 
 @formula
 def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
-    """`gliderhpc.kernels.rk4.step_vjp` with the costates of X and Y in addition to the ten of ``a``.
+    """Return `gliderhpc.kernels.rk4.step_vjp` for the costates of X and Y in addition to the ten of ``a``.
 
-    Those two do not change over the step; what they add to the others is the transpose of the displacement. The third
-    result are the costates of the four stages' rates.
+    Those two do not change over the step; their contribution to the others is the transpose of the displacement. The
+    third result contains the costates of the four stages' rates.
     """
     outer, inner = h / 6.0, h / 3.0
     y, y2, y3, y4 = stages
@@ -43,7 +43,7 @@ def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
 
 @kernel
 def linearised_step(hull, dive, states, disturbances, k, block, at):
-    """Step from row ``k`` of the path, its transition left in row ``at`` of the block.
+    """Step from row ``k`` of the path; store its transition in row ``at`` of the block.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def linearised_step(hull, dive, states, disturbances, k, block, at):
     Returns
     -------
     tuple of 10, float, float
-        Sensed states behind the step, and how far it goes north and east (m).
+        Sensed states after the step, and its displacement north and east (m).
     """
     body, h = load_body(dive.bodies, k), dive.step
     row, disturbance = states[k], disturbances[k]
@@ -81,7 +81,7 @@ def linearised_step(hull, dive, states, disturbances, k, block, at):
 
 @inner_kernel
 def separate_track(decay, tangent, track_tangent):
-    """Take the columns of X and Y out of the transposed transition and put those of the disturbances in."""
+    """Move the columns of X and Y out of the transposed transition, and fill in those of the disturbances."""
     for j in range(16):
         track_tangent[0, j] = tangent[j, 10]
         track_tangent[1, j] = tangent[j, 11]

@@ -1,9 +1,9 @@
-"""The filter's Runge-Kutta step and its exact tangent, applied from the end of a block of steps to its beginning.
+"""Runge-Kutta step of the filter and its exact tangent, applied from the end of a block of steps to its beginning.
 
-A block runs from one fed sample to the next. The covariance at its end is ``Phi P Phi' + N``: ``Phi`` the product of
-the steps' tangents, ``N`` what the steps' noise has become by then. Swept backwards, ten costates (the rows of ``Phi``)
-cost less than the covariance carried step by step: the sensed states' Jacobians, 67 entries a stage, are all that is
-multiplied, and the disturbances' columns come with the costates.
+A block extends from one fed sample to the next. The covariance at its end is ``Phi P Phi' + N``: ``Phi`` is the product
+of the steps' tangents, and ``N`` the steps' noise as carried to the end. Sweeping ten costates (the rows of ``Phi``)
+backwards is cheaper than carrying the covariance step by step: only the Jacobians of the sensed states, 67 entries per
+stage, are multiplied, and the columns of the disturbances follow from the costates.
 """
 
 from gliderhpc.kernels.dynamics import horizontal_velocity, rates
@@ -17,7 +17,7 @@ from gliderhpc.kernels.window import hull_in
 
 @formula
 def load_ten(array, k):
-    """First ten entries of row ``k``, as a tuple: the sensed states, or a costate."""
+    """Return the first ten entries of row ``k``, as a tuple: the sensed states, or a costate."""
     return (
         load(array, (k, 0)), load(array, (k, 1)), load(array, (k, 2)), load(array, (k, 3)), load(array, (k, 4)),
         load(array, (k, 5)), load(array, (k, 6)), load(array, (k, 7)), load(array, (k, 8)), load(array, (k, 9)),
@@ -26,16 +26,16 @@ def load_ten(array, k):
 
 @kernel
 def advance(hull, bodies, durations, decay, path, partials, k):
-    """Step ``k`` of a block: from row ``k`` of ``path`` to the next, the stages' Jacobians left in ``partials``.
+    """Compute step ``k`` of a block, from row ``k`` of ``path`` to the next, and the stages' Jacobians, ``partials``.
 
     Parameters
     ----------
     hull : (24,)
         Constants, as in `Hull`.
     bodies, durations : (m, 11), (m,)
-        Mass properties and length of each step, s; a step of no length changes nothing, to the bit.
+        Mass properties and length of each step, s; a step of zero length changes nothing, to the bit.
     decay : (6,)
-        Decay of the disturbances over a step that has length.
+        Decay of the disturbances over a step of non-zero length.
     path : (m+1, 18)
         Sensed states, disturbances, X and Y.
     partials : (m, 4, 67)
@@ -62,7 +62,7 @@ def advance(hull, bodies, durations, decay, path, partials, k):
         north = north + weight * to_north
         east = east + weight * to_east
         stage = shifted(y, h if number == 2 else 0.5 * h, rate)
-    # Summed first, so that a depth of hundreds of metres is rounded once a step.
+    # Summed first: a depth of hundreds of metres is then rounded only once per step.
     new = shifted(y, h / 6.0, total)
     moves = h > 0.0
     for i in range(10):
@@ -76,13 +76,13 @@ def advance(hull, bodies, durations, decay, path, partials, k):
 
 @formula
 def decay_over(decay, h, i):
-    """Decay of disturbance ``i`` over a step of length ``h``: none over a step of no length."""
+    """Return the decay of disturbance ``i`` over a step of length ``h``; there is none over a step of zero length."""
     return select(h > 0.0, load(decay, i), 1.0)
 
 
 @formula
 def _with_psi(f, n_psi):
-    """Nine entries by all states but psi, and psi's own, which nothing but itself depends on."""
+    """Insert psi's entry into the nine of the other states; no rate depends on psi."""
     return f[0], f[1], n_psi, f[2], f[3], f[4], f[5], f[6], f[7], f[8]
 
 
@@ -90,12 +90,12 @@ def _with_psi(f, n_psi):
 def pull_back(hull, durations, decay, partials, transition, k):
     """Multiply ``transition (10, 16)`` from the right by the tangent of step ``k`` (eq. 24's matrix).
 
-    Its rows are costates of the sensed states at the end of the block; its columns the sensed states and the
+    Its rows are costates of the sensed states at the end of the block; its columns are the sensed states and the
     disturbances.
 
     Notes
     -----
-    With ``a`` the costate behind the step, the stages' costates are ``h/6`` times ``n4 = a``, ``n3 = 2a + f4``,
+    With ``a`` the costate after the step, the stages' costates are ``h/6`` times ``n4 = a``, ``n3 = 2a + f4``,
     ``n2 = 2a + f3``, ``n1 = a + f2``, where ``f4 = (h J4)' n4``, ``f3 = (h/2 J3)' n3``, ``f2 = (h/2 J2)' n2`` and
     ``f1 = (h J1)' n1``; the costate before it is ``a + (f1 + 2 f2 + 2 f3 + f4) / 6``.
     """

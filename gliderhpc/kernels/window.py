@@ -1,8 +1,8 @@
 """Forward runs, and the cost of a window with its gradient (eq. 28 and its exact discrete adjoint).
 
-`cost_and_gradient` and what it calls take one window, or one in each lane (`gliderhpc.kernels.elementwise`): arrays
-then have an axis of `LANES` behind those given here, ``hull`` is an array too, and every step has its own length, so
-that a window shorter than its neighbours ends in steps of no duration.
+`cost_and_gradient` and the functions that it calls process one window, or one in each lane
+(`gliderhpc.kernels.elementwise`). With lanes, arrays have an axis of `LANES` after those given here, ``hull`` is an
+array too, and every step has its own length; a window shorter than its neighbours ends with steps of zero length.
 """
 
 import numpy as np
@@ -19,15 +19,15 @@ from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.rk4 import displacement, step, step_vjp
 
 TAPE = 62
-"""Numbers a step on the adjoint's tape, apart from the states: three later stages of ten, and all four geometries.
+"""Numbers per step on the adjoint's tape, besides the states: three later stages of ten, and all four geometries.
 
-To recompute sines and cosines, the angles of the flow and reciprocal speeds would cost a third of the sweep.
+Recomputing sines and cosines, the angles of the flow and reciprocal speeds would take a third of the sweep.
 """
 
 
 @formula
 def load_state(states, k):
-    """Row ``k`` of an array of ten-state rows, as a tuple."""
+    """Return row ``k`` of an array of ten-state rows, as a tuple."""
     return (
         load(states, (k, 0)), load(states, (k, 1)), load(states, (k, 2)), load(states, (k, 3)), load(states, (k, 4)),
         load(states, (k, 5)), load(states, (k, 6)), load(states, (k, 7)), load(states, (k, 8)), load(states, (k, 9)),
@@ -43,17 +43,17 @@ def store_state(states, k, y):
 
 @formula
 def load_disturbance(b, k):
-    """Row ``k`` of the disturbance, as a tuple."""
+    """Return row ``k`` of the disturbance, as a tuple."""
     return load(b, (k, 0)), load(b, (k, 1)), load(b, (k, 2)), load(b, (k, 3)), load(b, (k, 4)), load(b, (k, 5))
 
 
 def hull_in(hull):
-    """The constants as a `Hull`: already one, or read from an array ``(24,)`` with an axis of lanes."""
+    """Return the constants as a `Hull`, given as one or as an array ``(24,)`` with an axis of lanes."""
     return hull if isinstance(hull, Hull) else Hull(*hull)
 
 
 def duration(h, k):
-    """Length of step ``k`` (s): ``h`` itself, or its entry."""
+    """Return the length of step ``k`` (s): ``h`` itself, or its entry."""
     return h if np.ndim(h) == 0 else h[k]
 
 
@@ -86,7 +86,7 @@ operation(duration, lambda h, k: kind_loaded(h, k) if _is_array(h) else types.fl
 
 @formula
 def sensed_of(y):
-    """The ten sensed states of a twelve-state row."""
+    """Return the ten sensed states of a twelve-state row."""
     return y[0], y[1], y[2], y[5], y[6], y[7], y[8], y[9], y[10], y[11]
 
 
@@ -116,7 +116,7 @@ def simulate(hull, bodies, state0, b, h, trajectory):
 
 @kernel
 def moves(hull, bodies, states, b, h, track):
-    """Fill ``track (n, 2)``: displacement north and east over each step from its state ``(n+1, 10)``, m."""
+    """Fill ``track (n, 2)``: displacement north and east, m, over each step from its row of ``states (n+1, 10)``."""
     for k in range(b.shape[0]):
         _, stages, _ = step(hull, load_body(bodies, k), load_state(states, k), load_disturbance(b, k), h)
         track[k, 0], track[k, 1] = displacement(stages, h)
@@ -124,7 +124,7 @@ def moves(hull, bodies, states, b, h, track):
 
 @formula
 def load_stage(tape, k, number):
-    """The later stage ``number`` (0 to 2) of step ``k``, as a tuple."""
+    """Return the later stage ``number`` (0 to 2) of step ``k``, as a tuple."""
     at = 10 * number
     return (
         load(tape, (k, at)), load(tape, (k, at + 1)), load(tape, (k, at + 2)), load(tape, (k, at + 3)),
@@ -135,7 +135,7 @@ def load_stage(tape, k, number):
 
 @formula
 def load_geometry(tape, k, number):
-    """The geometry of stage ``number`` (0 to 3) of step ``k``."""
+    """Return the geometry of stage ``number`` (0 to 3) of step ``k``."""
     at = 30 + 8 * number
     return (
         Attitude(load(tape, (k, at)), load(tape, (k, at + 1)), load(tape, (k, at + 2)), load(tape, (k, at + 3))),
@@ -171,7 +171,7 @@ def forward(hull, bodies, y0, b, h, states, tape):
 
 @formula
 def misfit(states, measurements, k):
-    """Model less sample ``k``: roll, pitch, heading (the short way round) and depth."""
+    """Return model minus sample ``k``: roll, pitch, heading (the short way round) and depth."""
     return (
         load(states, (k, 0)) - load(measurements, (k, 0)),
         load(states, (k, 1)) - load(measurements, (k, 1)),
@@ -184,7 +184,7 @@ def misfit(states, measurements, k):
 def adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost):
     """Sweep the exact transpose backwards (terminal costate zero): dJ/db ``(n, 6)`` and dJ/dy0 ``(10,)``.
 
-    On the way the cost of eq. 28, over samples 1..n, is summed into ``cost (1,)``: radians and metres squared, seconds.
+    The sweep also sums the cost of eq. 28, over samples 1..n, into ``cost (1,)``: rad2 s and m2 s.
     """
     constants = hull_in(hull)
     total = zero_like(load(weights, 0))
@@ -215,6 +215,6 @@ def adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, grad
 
 @kernel
 def cost_and_gradient(hull, bodies, y0, b, measurements, weights, h, states, tape, gradient, gradient_state0, cost):
-    """Leave the cost of one window in ``cost (1,)``, its gradient in ``gradient`` and ``gradient_state0``."""
+    """Store the cost of one window in ``cost (1,)``, and its gradient in ``gradient`` and ``gradient_state0``."""
     forward(hull, bodies, y0, b, h, states, tape)
     adjoint(hull, bodies, states, tape, measurements, weights, h, gradient, gradient_state0, cost)

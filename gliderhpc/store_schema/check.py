@@ -32,7 +32,7 @@ Arrays = dict[str, zarr.Array[Any]]
 
 
 def check_archive(place: Place) -> list[str]:
-    """List the differences between an archive and the schema; a study that has not been run is none.
+    """List the differences between an archive and the schema; a study that has not been run is not a difference.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def check_archive(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        One line for each difference, with group, variable and deviation; empty where the archive conforms.
+        One line for each difference, with group, variable and deviation; empty if the archive conforms.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check_archive(place: Place) -> list[str]:
 
 
 def structure_differences(place: Place, studies: bool = True) -> list[str]:
-    """List the differences of the metadata alone, with or without those of studies, which no resumed run can repair.
+    """List only the differences of the metadata, with or without those of studies, which no resumed run can repair.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def structure_differences(place: Place, studies: bool = True) -> list[str]:
 
 
 def other_version(place: Place) -> str:
-    """Say that an archive was made with another version of the schema; empty where it was not.
+    """Return a message if an archive was made with another version of the schema, else an empty text.
 
     Raises
     ------
@@ -94,9 +94,9 @@ def _opened(place: Place) -> zarr.Group:
 
 
 def _with_members(place: Place) -> tuple[zarr.Group, bool]:
-    """Open an archive, and return whether its consolidated metadata is that of every group and variable.
+    """Open an archive, and return whether its consolidated metadata equals that of every group and variable.
 
-    Where it is, the members are taken from there, which takes half the time of opening each by itself.
+    If it does, the members are read from it, in half the time of opening each of them separately.
     """
     root = _opened(place)
     if not _is_consolidated(place):
@@ -178,7 +178,7 @@ def variable_differences(
 
 
 def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> bool:
-    """Return whether chunks are the schema's; rows that have grown continue in further chunks."""
+    """Return whether chunks have the schema's shape; rows that have grown continue in further chunks."""
     if variable.is_row:
         return array.chunks[0] == 1 and array.chunks[1:] <= array.shape[1:]
     return array.chunks == chunks(group, variable, array.shape)

@@ -1,4 +1,4 @@
-"""Zarr's codecs of texts and of compressed chunks, as archives are read and written with them.
+"""Zarr's codecs of texts and of compressed chunks, as used to read and write archives.
 
 Importing this module registers them. Every store of an archive is opened by `gliderhpc.store_schema.place`, which
 imports it.
@@ -13,10 +13,10 @@ from zarr.codecs import BloscCodec, vlen_utf8
 from zarr.registry import register_codec
 
 MAX_INLINE_BYTES = 2**20
-"""Largest chunk that is read and decoded in the thread that asks for it."""
+"""Largest chunk that is read and decoded in the calling thread, bytes."""
 
 _LENGTH_BYTES = 4
-"""Size of the number of texts, and of the length before each text."""
+"""Size of the number of texts, and of the length before each text, bytes."""
 
 
 # Zarr selects the text codec by this class name.
@@ -55,9 +55,9 @@ _DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
 
 
 class InlineBloscCodec(BloscCodec):
-    """Zarr's Blosc codec, which handles a chunk of ordinary size in the thread that asks for it.
+    """Zarr's Blosc codec, which handles a chunk of ordinary size in the calling thread.
 
-    Zarr hands every chunk to another thread, which takes several times as long as to decode a row of an archive.
+    Zarr hands every chunk to another thread, which takes several times as long as decoding a row of an archive.
     """
 
     async def _decode_single(self, chunk_bytes: Any, chunk_spec: Any) -> Any:

@@ -1,7 +1,7 @@
 """Names of the columns that studies add to an archive, by quantity, phase, estimate, part or statistic.
 
-The table ``studies.txt`` spells out every name. Studies, tables and figures derive the names of families of columns by
-the functions here, so that a search for such a function finds every place at which a column is written or read.
+The table ``studies.txt`` spells out every name. Studies, tables and figures derive the names of families of columns
+with the functions of this module; a search for such a function finds every place that writes or reads the column.
 """
 
 from typing import NamedTuple
@@ -12,22 +12,22 @@ from gliderhpc.store_schema.schema import STUDIES
 
 
 def tracked_column(prefix: str, quantity: str) -> str:
-    """Name of a tracked quantity's residual: ``steady_roll``, ``open_loop_adjoint_depth``."""
+    """Return the name of a tracked quantity's residual: ``steady_roll``, ``open_loop_adjoint_depth``."""
     return f"{prefix}_{quantity}"
 
 
 def regime_column(estimator: str, regime: str, statistic: str) -> str:
-    """Name of a statistic of the yaw moment: ``yaw_prior_resting_std``."""
+    """Return the name of a statistic of the yaw moment: ``yaw_prior_resting_std``."""
     return f"yaw_{estimator}_{regime}_{statistic}"
 
 
 def truth_column(name: str) -> str:
-    """Name of a value by channel and estimator against a truth: ``truth_lag``."""
+    """Return the name of a value, by channel and estimator, of the comparison with a truth: ``truth_lag``."""
     return f"truth_{name}"
 
 
 def impulse_column(name: str) -> str:
-    """Name of a value of a true impulse: ``impulse_amplitude``."""
+    """Return the name of a value of a true impulse: ``impulse_amplitude``."""
     return f"impulse_{name}"
 
 
@@ -38,12 +38,12 @@ COMPONENTS = ("north", "east")
 
 
 def component_column(name: str, component: str) -> str:
-    """Name of a component: ``current_north``, ``both_shear_east``."""
+    """Return the name of a component: ``current_north``, ``both_shear_east``."""
     return f"{name}_{component}"
 
 
 def bin_column(phase: str, kind: str) -> str:
-    """Name, without a component, of a value of the bins of a phase: ``dive_count``, ``both_shear_noise_std``."""
+    """Return the name, without component, of a value of a phase's bins: ``dive_count``, ``both_shear_noise_std``."""
     return f"{phase}_{kind}"
 
 
@@ -53,12 +53,12 @@ LEGS = ("dive", "climb")
 
 
 def leg_column(name: str, leg: str) -> str:
-    """Name of a value of the dives or of the climbs of a profile: ``mean_dive``."""
+    """Return the name of a value of a profile's dive or climb: ``mean_dive``."""
     return f"{name}_{leg}"
 
 
 def effect_column(parameter: str, leg: str) -> str:
-    """Name of the change of a leg's mean by a parameter of the hull: ``by_K_D0_climb``."""
+    """Return the name of the change of a leg's mean due to a parameter of the hull: ``by_K_D0_climb``."""
     return leg_column(f"by_{parameter}", leg)
 
 
@@ -90,7 +90,7 @@ def actuated_column(name: str) -> str:
 WHOLE = "whole"
 
 PARTS = (WHOLE, "shallow", "middle", "deep")
-"""Parts of a profile that have a spectrum of their own, in the order of the thirds by depth."""
+"""Parts of a profile that have a spectrum: the whole, then the thirds by depth from the top."""
 
 BETA, BETA_RESOLVED = "beta", "beta_resolved"
 """Exponents of a fit over its band, and over the part of the band that the records resolve."""
@@ -105,7 +105,7 @@ class ExtentColumns(NamedTuple):
 
 
 class FitColumns(NamedTuple):
-    """Columns of a power law: its exponent, the ends of the 95 % interval, the coefficient of determination."""
+    """Columns of a power law: its exponent, the ends of its 95 % interval, and the coefficient of determination."""
 
     exponent: str
     low: str
@@ -121,7 +121,7 @@ def extent_columns(part: str) -> ExtentColumns:
 def fit_columns(exponent: str, part: str | None = WHOLE) -> FitColumns:
     """Return the columns of the fit of exponent `BETA` or `BETA_RESOLVED`.
 
-    That of part ``whole`` over the band of the fit has ``whole_beta``, ``whole_beta_low``, ``whole_beta_high`` and
+    For part ``whole`` and exponent `BETA` they are ``whole_beta``, ``whole_beta_low``, ``whole_beta_high`` and
     ``whole_beta_r2``. Without a part the fit is that of the whole profile with actuated samples included: ``beta_all``,
     ``beta_all_low``, ``beta_all_high`` and ``beta_all_r2``.
     """
@@ -130,11 +130,11 @@ def fit_columns(exponent: str, part: str | None = WHOLE) -> FitColumns:
 
 
 RANGE = "range"
-"""Dimension of the ranges of lags that exponents are fitted over."""
+"""Dimension of the ranges of lags over which exponents are fitted."""
 
 
 class CurveColumns(NamedTuple):
-    """Variables of a curve: its values, the ends of their 95 % interval, the surrogates' envelope."""
+    """Variables of a curve: its values, the ends of their 95 % interval, and the surrogates' envelope."""
 
     value: str
     low: str
@@ -170,7 +170,7 @@ FAMILIES = (NOISE_ONLY, MODEL_ERROR, GAUSSIAN)
 """Values of `family`."""
 
 REALISATIONS = tuple(variable for variable in STUDIES["nulls"].variables if variable.dims == (NULL,))[1:]
-"""Variables with one value a realisation, in the order of the table of nulls."""
+"""Variables with one value for each realisation, in the order of the table of nulls."""
 
 
 # Study `events`.
@@ -179,10 +179,10 @@ EVENT = "event"
 """Dimension of the catalogue."""
 
 MODEL = "model"
-"""Dimension of the ocean models that study `reanalysis` was given, by name."""
+"""Dimension of the ocean models given to study `reanalysis`, by name."""
 
 CATALOGUE = tuple(variable for variable in STUDIES["events"].variables if variable.dims == (EVENT,))[1:]
-"""Variables with one value an event, in the order of the catalogue."""
+"""Variables with one value for each event, in the order of the catalogue."""
 
 
 # Study `drift`.
@@ -197,15 +197,15 @@ FORWARD_ERROR_COLUMN = "forward_rmse"
 
 
 def median_column(quantity: str, phase: str, estimate: str) -> str:
-    """Name of a median: ``B_cu_dive_adjoint``."""
+    """Return the name of a median: ``B_cu_dive_adjoint``."""
     return f"{quantity}_{phase}_{estimate}"
 
 
 def phase_column(name: str, phase: str) -> str:
-    """Name of a value of a phase that no estimate enters: ``count_dive``, ``weight_effect_climb``."""
+    """Return the name of a phase's value that is common to all estimates: ``count_dive``, ``weight_effect_climb``."""
     return f"{name}_{phase}"
 
 
 def change_column(quantity: str, part: str, estimate: str, end: str = "") -> str:
-    """Name of the size of a change: ``K_D0_change_together_adjoint``, and its ends with ``_low`` and ``_high``."""
+    """Return the name of a change's size: ``K_D0_change_together_adjoint``; ``_low`` and ``_high`` end its interval."""
     return f"{quantity}_change_{part}_{estimate}{end}"

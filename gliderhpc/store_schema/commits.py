@@ -1,8 +1,8 @@
 """Commits of profiles: a manifest of a profile's chunks and, written last, a commit marker.
 
-Zarr does not store chunks that hold only fill values, so an absent chunk is no proof of damage; the manifest names
+Zarr does not store chunks that contain only fill values, so an absent chunk does not prove damage. The manifest names
 every possible chunk of the profile with its digest, or with null where there must be none. The marker contains the
-manifest's digest, so that both are valid only together.
+manifest's digest; both are valid only together.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class Commit:
     Attributes
     ----------
     row : mapping
-        The profile's row of the archive's table, missing values left out.
+        The profile's row of the archive's table, without its missing values.
     inputs : mapping of str to str
         Digests of the profile's inputs, by kind.
     manifest : mapping of str to str or None
-        Digest by key of every possible chunk of the profile, None where it has none.
+        Digest by key of every possible chunk of the profile, None where there is no chunk.
     """
 
     row: Mapping[str, Any]
@@ -115,7 +115,7 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
 
 
 def _all_commits(markers: zarr.Array[Any], manifests: zarr.Array[Any]) -> dict[int, Commit | str | None]:
-    """Read all commits, which takes a fraction of the time of one after the other; singly where a text is damaged."""
+    """Read all commits at once, which is much faster than one by one; read them one by one if a text is damaged."""
     try:
         texts = list(zip(np.asarray(markers[:]), np.asarray(manifests[:]), strict=True))
         return {index: parsed_commit(str(marker), str(text)) for index, (marker, text) in enumerate(texts)}
@@ -209,7 +209,7 @@ def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: D
 
 
 def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
-    """Open arrays of an archive by path, concurrently, which takes a third of the time of one after the other.
+    """Open arrays of an archive by path, concurrently, in a third of the time of opening them one by one.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[An
 
 
 def writable_arrays(root: zarr.Group, names: Iterable[str]) -> dict[str, AsyncArray]:
-    """Open arrays of an archive by path, concurrently, as `write_values` takes them; errors as in `arrays_at`."""
+    """Open arrays of an archive by path, concurrently, for `write_values`; errors as in `arrays_at`."""
     found = _opened(root.store_path, names)
     for name, array in found.items():
         if isinstance(array, FileNotFoundError):
@@ -233,8 +233,8 @@ def writable_arrays(root: zarr.Group, names: Iterable[str]) -> dict[str, AsyncAr
 def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
     """Write values into arrays, each given with its selection, several at a time.
 
-    Waiting for every array by itself takes three times as long. When one fails those at hand are finished first, so
-    that nothing is written after the error.
+    Waiting for each array separately takes three times as long. If one write fails, those under way finish first;
+    nothing is written after the error is raised.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Differences between two archives: attributes, profiles, tables and series.
 
-Rows whose chunks have equal digests in both are equal, so that only the others are read, one profile at a time.
+Rows whose chunks have equal digests in both archives are equal; only the others are read, one profile at a time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gliderhpc.store_schema.rows import read_attributes, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE
 
 TIMED = ("run_seconds",)
-"""Variables of computing time, in which two runs always differ."""
+"""Variables of computing time, which differ between any two runs."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Difference:
     profiles : tuple of int
         Numbers of the profiles in which it differs.
     largest : float
-        Largest difference of two known values, NaN where only missing values, or text, differ.
+        Largest difference between two known values; NaN if only missing values, or texts, differ.
     typical : float
-        Root mean square of the known values of the first archive in these profiles, NaN likewise.
+        Root mean square of the known values of the first archive in these profiles; NaN in the same cases.
     missing : int
         Number of values that are missing in only one archive.
     """
@@ -63,11 +63,11 @@ class ArchiveComparison:
     attributes : tuple of str
         One line for each attribute, setting or platform value that differs.
     only_first, only_second : tuple of int
-        Profiles that one archive holds alone.
+        Profiles that only one archive holds.
     variables : tuple of Difference
         Variables that differ in the profiles of both.
     same : int
-        Profiles of both in which nothing differs.
+        Number of profiles of both archives in which nothing differs.
     """
 
     attributes: tuple[str, ...]
@@ -141,7 +141,7 @@ def _row_differences(
 
 
 def _digests(array: Mapping[str, zarr.Array[Any]], commit: Commit | str | None, index: int) -> object:
-    """Return the digests of a row's chunks; without a commit a value that equals no other."""
+    """Return the digests of a row's chunks and its length; without a commit, a value that equals no other."""
     if not isinstance(commit, Commit):
         return object()
     return [commit.manifest.get(key) for key in row_chunks(array, index)], {a.shape[1] for a in array.values()}

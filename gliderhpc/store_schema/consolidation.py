@@ -1,6 +1,6 @@
-"""Consolidated metadata: that of every group and variable, copied into the root, so that an archive opens at once.
+"""Consolidated metadata: a copy in the root of the metadata of every group and variable, for fast opening.
 
-Zarr's own function gives the same, but makes an object of every array on the way, which takes ten times as long.
+Zarr's own function gives the same result, but creates an object for every array, which takes ten times as long.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Metadata = dict[str, Any]
 
 
 def consolidate(place: Place) -> None:
-    """Consolidate all metadata of an archive at its root; needed after every change of metadata.
+    """Consolidate all metadata of an archive at its root; this is necessary after every change of metadata.
 
     Raises
     ------
@@ -39,13 +39,13 @@ def consolidate_store(store: Store) -> None:
     for member in members.values():
         if member["node_type"] == "group":
             member[CONSOLIDATED] = _inline({})
-    # Without indentation, which would take most of the time of writing and of reading it.
+    # Without indentation, which would take up most of the time of writing and reading.
     content = json.dumps({**root, CONSOLIDATED: _inline(members)}, separators=(",", ":"), allow_nan=False)
     wait_for(store.set(ROOT, default_buffer_prototype().buffer.from_bytes(content.encode())))
 
 
 def stored_metadata(store: Store) -> dict[str, Metadata]:
-    """Read the metadata of every group and variable by its path, the root's by "".
+    """Read the metadata of every group and variable by its path; the path of the root is "".
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _without_members(metadata: Metadata) -> Metadata:
 
 
 def _in_folder(store: FolderStore) -> dict[str, bytes]:
-    """Read a folder in this thread: zarr would hand every file to another."""
+    """Read a folder in this thread; zarr would hand every file to another thread."""
     found, groups = {"": store.content(ROOT)}, [""]
     while groups:
         group = groups.pop()

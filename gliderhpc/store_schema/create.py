@@ -1,7 +1,7 @@
 """Creation of an archive: the whole schema at once, before the first profile.
 
-Only chunks change afterwards, so the metadata is consolidated immediately and an unfinished archive opens like a
-finished one. Module `replacement` handles an existing archive.
+Only chunks change afterwards. The metadata is therefore consolidated immediately, and an unfinished archive opens like
+a finished one. Module `replacement` handles an existing archive.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def new_archive(
     Parameters
     ----------
     place, profiles, sizes, attributes
-        As for :func:`create_archive`.
+        Arguments of :func:`create_archive`.
     token : str
         Sixteen hexadecimal digits, unique to the run.
 
@@ -92,7 +92,7 @@ def check_place(place: Place, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        Something else exists there, or an archive that may not be replaced.
+        Something other than an archive exists there, or an archive that may not be replaced.
     """
     if is_empty(place):
         return
@@ -108,7 +108,7 @@ def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[
 
 
 def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
-    """Add or replace root attributes (anything that JSON holds) and consolidate; for the coordinator alone."""
+    """Add or replace root attributes (anything that JSON holds) and consolidate; only for the coordinator."""
     root = group_at(place, writable=True)
     root.attrs.update(as_json(attributes))
     consolidate(place)
@@ -123,7 +123,7 @@ def mission_sizes(place: Place) -> dict[str, int]:
 def sizes_of(root: zarr.Group) -> dict[str, int]:
     """Return the sizes of the mission's own dimensions, from their coordinates."""
     sizes: dict[str, int] = {}
-    # The groups repeat the coordinates; while an archive grows the last groups have the new sizes first.
+    # The groups repeat the coordinates; while an archive grows, the last groups get the new sizes first.
     for group in reversed(MISSION.groups):
         for variable in group.variables:
             if variable.dims == (variable.name,) and variable.name not in sizes:
@@ -148,7 +148,7 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
         "schema": SCHEMA_NAME,
         "schema_version": MISSION.version,
     }
-    # Created in memory: an object store would receive a thousand requests, one after the other.
+    # Created in memory first: an object store would otherwise receive a thousand requests, one after the other.
     content: dict[str, Buffer] = {}
     memory = MemoryStore(content)
     root = zarr.create_group(memory, zarr_format=3, attributes=root_attributes)
@@ -160,10 +160,10 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
 
 
 def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:
-    """Create all variables of a group, with its numeric coordinates and those that the schema labels."""
+    """Create all variables of a group, with its numeric coordinates and those whose labels are in the schema."""
     sizes = {**sizes, **group.label_sizes}
     for variable in group.variables:
-        # Dimensions of size 0, as in a mission without windows or segments, get size 1, so that the arrays open.
+        # Dimensions of size 0, as in a mission without windows or segments, get size 1; otherwise no array would open.
         array = create_variable(node, group, variable, tuple(max(1, int(sizes[dim])) for dim in variable.dims))
         if variable.dims == (variable.name,) and (variable.dtype != "string" or variable.labels is not None):
             array[:] = coordinate_values(variable, numbers, array.shape[0])
@@ -183,7 +183,7 @@ def create_variable(
     shape: tuple[int, ...],
     chunk_shape: tuple[int, ...] | None = None,
 ) -> zarr.Array[Any]:
-    """Create a variable's empty array in its group, with the schema's chunks or those of rows that have grown."""
+    """Create a variable's empty array in its group, with the schema's chunks or with those of rows that have grown."""
     return node.create_array(
         variable.name,
         shape=shape,

@@ -1,4 +1,4 @@
-"""Comparison of every chunk of an archive with the digest with which it was written."""
+"""Comparison of every chunk of an archive with the digest that was recorded when it was written."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, Group
 from gliderhpc.store_schema.study_groups import studies_in, table_damages
 
 _MAX_NAMED_CHUNKS = 3
-"""Chunks of a profile that are named."""
+"""Largest number of damaged chunks of a profile that are listed one by one."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +71,14 @@ def damaged_chunks(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        One line for each chunk, with profile and variable, or one line for a profile with many; empty where all chunks
-        are as they were written.
+        One line for each chunk, with profile and variable, or one line for a profile with many; empty if all chunks are
+        unchanged.
     """
     return as_lines(_damaged(place))
 
 
 def missing_chunks(place: Place) -> list[str]:
-    """List the missing chunks of an archive, and rows of its tables that differ from the commits; others are not read.
+    """List the missing chunks of an archive, and rows of its tables that differ from the commits; read nothing else.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def missing_chunks(place: Place) -> list[str]:
     Returns
     -------
     list of str
-        As for :func:`damaged_chunks`.
+        Lines like those of :func:`damaged_chunks`.
     """
     return as_lines(_missing(place))
 

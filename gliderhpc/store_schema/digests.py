@@ -22,7 +22,7 @@ def digest_of(content: bytes) -> str:
 class RecordingStore(WrapperStore[Store]):
     """Wrapper of a store that records the digest of everything written through it.
 
-    The digest is that of the bytes before they are written, so that a disk that stores others is detected.
+    The digest is computed from the bytes before they are written; a disk that stores other bytes is thus detected.
 
     Attributes
     ----------

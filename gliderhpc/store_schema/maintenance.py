@@ -36,7 +36,7 @@ from gliderhpc.store_schema.schema import (
 from gliderhpc.store_schema.study_groups import has_study, studies_in, table_damages, table_digests
 
 OUTDATED = "outdated"
-"""Attribute of a study's group with the change of the archive that made it outdated."""
+"""Attribute of a study's group that describes the change of the archive that made it outdated."""
 
 
 def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]) -> None:
@@ -99,7 +99,7 @@ def mark_studies_outdated(place: Place, why: str) -> None:
 def _grow_study(
     place: Place, node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]
 ) -> None:
-    """Grow a study, which is marked incomplete meanwhile, and permanently if its tables are damaged."""
+    """Grow a study; it is marked incomplete in the meantime, and permanently if its tables are damaged."""
     sound = bool(node.attrs.get(COMPLETE)) and not table_damages(place, group)
     node.attrs[COMPLETE] = False
     _grow_group(node, group, sizes, profiles)
@@ -140,7 +140,7 @@ def _replace(
 
 
 def _values_of(array: zarr.Array[Any]) -> Any:
-    """Read an array, fill values where it is damaged: a mission's table is rewritten from the commits."""
+    """Read an array, or return its fill value if it is damaged; a mission's table is rewritten from the commits."""
     try:
         return np.asarray(array[:])
     except UNREADABLE:
@@ -156,7 +156,7 @@ def mend_metadata(place: Place) -> list[str]:
     Parameters
     ----------
     place : str or Path
-        The archive; nothing is done where too little is left to determine its sizes.
+        The archive; nothing is done if too little is left to determine its sizes.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def _is_of_another_version(place: Place) -> bool:
 
 
 class _Shapes:
-    """Sizes of the dimensions and of their chunks, by majority of the readable arrays."""
+    """Sizes of the dimensions and of their chunks, from the majority of the readable arrays."""
 
     def __init__(self, arrays: Arrays, groups: list[Group]) -> None:
         sizes: dict[str, Counter[int]] = {dim: Counter() for group in groups for dim in group.dims}

@@ -1,6 +1,6 @@
 """Location of an archive, a folder or a prefix of an object store, and the stores that read and write it.
 
-All access to an archive is through zarr stores, so that readers and writers are independent of the kind of location.
+All access to an archive is through zarr stores; readers and writers are independent of the kind of location.
 Importing this module registers the codecs of `gliderhpc.store_schema.codecs`.
 """
 
@@ -45,7 +45,7 @@ _AT_ONCE = 32
 
 _SCHEME = "://"
 _PARTIAL = re.compile(r".+\.[0-9a-f]{32}\.partial")
-"""Names that zarr gives to files while writing them."""
+"""Pattern of the names that zarr gives to files while writing them."""
 
 
 _IN_MEMORY: dict[str, MemoryStore] = {}
@@ -54,7 +54,7 @@ _IN_MEMORY: dict[str, MemoryStore] = {}
 
 @contextmanager
 def place_in_memory() -> Iterator[Place]:
-    """Address of an archive in this process's memory, which is gone when the block ends."""
+    """Yield the address of an archive in this process's memory, which is removed when the block ends."""
     address = f"memory://{secrets.token_hex(8)}"
     _IN_MEMORY[address] = MemoryStore()
     try:
@@ -84,7 +84,7 @@ def store_at(place: Place, *, read_only: bool = False) -> Store:
     Raises
     ------
     InputError
-        The address is of no known kind, or the extra that reads it is not installed.
+        The address is of an unknown kind, or the extra that reads it is not installed.
     """
     if place in _IN_MEMORY:
         return _IN_MEMORY[str(place)].with_read_only(read_only)
@@ -94,12 +94,12 @@ def store_at(place: Place, *, read_only: bool = False) -> Store:
 
 
 class FolderStore(LocalStore):
-    """An archive in a folder, none of whose files keeps its reader waiting: a pipe in place of a chunk is refused."""
+    """Archive in a folder; a pipe in place of a chunk, which would block its reader, is refused."""
 
     async def get(
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
     ) -> Buffer | None:
-        """Return what is stored under a key, None where there is nothing.
+        """Return the value stored under a key, None if there is none.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class FolderStore(LocalStore):
         return None if content is None else (prototype or default_buffer_prototype()).buffer.from_bytes(content)
 
     def get_sync(self, key: str, **options: Any) -> Buffer | None:
-        """Return what is stored under a key, in versions of zarr that do without waiting; errors as in `get`."""
+        """Return the value stored under a key, in versions of zarr with synchronous access; errors as in `get`."""
         self._size(key)
         return super().get_sync(key, **options)
 
@@ -134,7 +134,7 @@ class FolderStore(LocalStore):
         try:
             status = os.stat(self.root / key)  # noqa: PTH116 - a path's own method takes three times as long
         except OSError:
-            return 0  # The store reports what is wrong, or that there is nothing.
+            return 0  # The store itself reports the error, or that there is no file.
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             raise InputError(f"{self.root}: {key} is a pipe, socket or device, not a file; remove it")
         return status.st_size
@@ -163,7 +163,7 @@ def own_metadata(content: bytes | None) -> dict[str, Any] | None:
 
 @lru_cache(maxsize=4)
 def _own_text(content: bytes) -> str:
-    """Return the root's own metadata, which takes a hundredth of the time of the whole to parse; empty if damaged."""
+    """Return the root's own metadata, which parses in a hundredth of the time of the whole; empty if damaged."""
     try:
         metadata = parsed_root(content)
     except ValueError:
@@ -175,7 +175,7 @@ def _own_text(content: bytes) -> str:
 
 @lru_cache(maxsize=1)
 def parsed_root(content: bytes) -> Any:
-    """Parse the root's whole metadata, which is not to be changed.
+    """Parse the root's whole metadata; the result is cached and must not be changed.
 
     Raises
     ------
@@ -197,7 +197,7 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
 
 
 def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
-    """Write the content of a store in memory to a place, or to one of its groups, the metadata of the root last."""
+    """Write the content of a store in memory to a place, or to one of its groups, with the root's metadata last."""
     prefix = f"{group}/" if group else ""
     last = [key for key in content if key == ROOT]
     keys = [key for key in content if key != ROOT]
@@ -206,7 +206,7 @@ def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") ->
         for at_once in (keys, last):
             wait_for(_set_many(target, {prefix + key: content[key] for key in at_once}))
         return
-    # In this thread, so that no other thread goes on writing after Ctrl-C.
+    # In this thread: another thread would go on writing after Ctrl-C.
     for key in (*keys, *last):
         path = Path(place, group, key)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -224,7 +224,7 @@ async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:
 
 
 def read_group(place: Place, group: str) -> dict[str, Buffer]:
-    """Read the content of a group by key, as `write_group` takes it; empty where the group does not exist."""
+    """Read the content of a group by key, in the form for `write_group`; empty if the group does not exist."""
     if is_address(place):
         return wait_for(_get_many(store_at(place, read_only=True), f"{group}/"))
     folder, as_buffer = Path(place, group), default_buffer_prototype().buffer.from_bytes
@@ -282,7 +282,7 @@ def is_archive(place: Place) -> bool:
 
 
 def remove_partial_files(place: Place) -> None:
-    """Remove the files that zarr had not completed when its writer was killed."""
+    """Remove the incomplete files that zarr left when its writer was killed."""
     if is_address(place):
         return
     for file in Path(place).rglob("*.partial"):
@@ -293,7 +293,7 @@ def remove_partial_files(place: Place) -> None:
 def object_store_at(address: str, *, read_only: bool = False) -> Store:
     """Open the store of an address such as ``s3://bucket/mission.zarr``.
 
-    Keys, region and endpoint come from the environment by the usual names (``AWS_ACCESS_KEY_ID``,
+    Keys, region and endpoint come from the usual environment variables (``AWS_ACCESS_KEY_ID``,
     ``AWS_SECRET_ACCESS_KEY``, ``AWS_REGION``, ``AWS_ENDPOINT_URL``, ``AWS_ALLOW_HTTP``).
 
     Raises

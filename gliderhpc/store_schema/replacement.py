@@ -1,8 +1,8 @@
 """Replacement of an archive: the old one is retained in the same folder until the new one holds a profile.
 
-A new archive is created under a temporary name and renamed, so that no partial one is ever visible. Names contain the
-run's token, so that nothing is removed that the run did not create. An object store cannot rename, so there the old
-archive is removed when the new one is created.
+A new archive is created under a temporary name and renamed; a partial one is never visible. Temporary names contain the
+run's token, which keeps runs from removing each other's archives. An object store cannot rename; there, the old archive
+is removed when the new one is created.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ def replacing(place: Place, create: Callable[[Place], None], token: str) -> Iter
     place : str or Path
         Location of the new archive; missing parent folders are created.
     create : callable
-        Creates the empty archive in a given place.
+        Function that creates the empty archive in a given place.
     token : str
         Sixteen hexadecimal digits, unique to the run.
 
     Yields
     ------
     callable
-        To be called when a profile is committed; it removes the replaced archive. Without a committed profile at the
+        Function to call when a profile is committed; it removes the replaced archive. If no profile is committed at the
         end, the new archive is removed and the replaced one restored.
 
     Raises
@@ -115,7 +115,7 @@ def replace(place: Place, create: Callable[[Place], None], token: str) -> Predec
 def restore_set_aside(place: Place) -> None:
     """Restore the archive that a killed run had set aside without completing a single profile.
 
-    Only for the holder of the archive's lock, since a running run owns the archive that it has set aside.
+    Only for the holder of the archive's lock: a run in progress owns the archive that it has set aside.
     """
     if is_address(place):
         return

@@ -1,7 +1,7 @@
 """Writing of an archive's rows, commits and tables, and reading of its attributes and profiles.
 
 A worker owns its profile's chunks in every group but the root; the coordinator alone owns the tables. All writes are
-whole chunks at integer positions, so that writing a row twice has the effect of writing it once.
+whole chunks at integer positions; writing a row twice has the same effect as writing it once.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int,
 
 def check_position(index: int, count: int) -> None:
     """Check that a position lies within the archive."""
-    # zarr interprets -1 as the last row, so that a worker's error would overwrite another profile's data.
+    # Zarr interprets -1 as the last row; a worker's error could then overwrite another profile's data.
     if not 0 <= index < count:
         raise ValueError(f"position {index} is outside the archive's {count} profiles")
 
@@ -86,7 +86,7 @@ class ArchiveRows:
         group : str
             Name of a group with a second dimension, ``series`` for one.
         values : mapping of str to array_like
-            Rows by variable, of the dimensions behind the profile, each up to its length, in the units of the file
+            Rows by variable, with the dimensions after the profile and at most their lengths, in the units of the file
             (degrees); the rest of the row is filled. Times are seconds since 1970 or datetime64.
 
         Raises
@@ -94,7 +94,7 @@ class ArchiveRows:
         KeyError
             The schema has no such group or variable.
         ValueError
-            A row is too long or of other dimensions, or the position is outside the archive.
+            A row is too long or has other dimensions, or the position is outside the archive.
         """
         labels = {f"{group}/{name}": group_called(group)[name] for name in values}
         for label, variable in labels.items():
@@ -107,7 +107,7 @@ class ArchiveRows:
         )
 
     def begin(self, profile_index: int) -> None:
-        """Clear a profile's marker: until it is committed it counts as missing."""
+        """Clear a profile's marker; the profile is treated as missing until it is committed."""
         self._put_text(MARKER, profile_index, "")
         self._store.digests.clear()
 
@@ -119,9 +119,9 @@ class ArchiveRows:
         profile_index : int
             Position of the profile along the profile dimension.
         row : mapping
-            Its row of the table, anything that JSON holds.
+            The profile's row of the table, anything that JSON holds.
         inputs : mapping of str to str
-            Digests of its inputs, by kind.
+            Digests of the profile's inputs, by kind.
         finished : str
             Time of completion, ISO 8601.
         """
@@ -147,7 +147,7 @@ class ArchiveRows:
         )
 
     def _opened(self, names: Iterable[str], profile_index: int) -> dict[str, AsyncArray]:
-        """Return arrays by path, opened where they are not yet."""
+        """Return arrays by path, and open those that are not open yet."""
         names = list(names)
         unopened = [name for name in names if name not in self._arrays]
         if unopened:
@@ -163,7 +163,7 @@ def write_profile(place: Place, profile_index: int, group: str, values: Mapping[
 
 
 def clear_marker(place: Place, profile_index: int) -> None:
-    """Clear a profile's commit marker, before it is computed again."""
+    """Clear a profile's commit marker before the profile is computed again."""
     ArchiveRows(place).begin(profile_index)
 
 
@@ -214,7 +214,7 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
         other values are unchanged. Times are seconds since 1970 or datetime64. A variable with `whole` set takes a row
         of values.
     group : str
-        The root, or a study's group.
+        Name of the group: the root, or a study's group.
 
     Raises
     ------
@@ -239,14 +239,14 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
 
 
 def write_mission_table(place: Place, rows: Rows) -> None:
-    """Write the whole table of the mission: profiles and values that are not given become missing.
+    """Write the whole table of the mission; profiles and values that are not given become missing.
 
     Parameters
     ----------
     place : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
-        As for `write_table_rows`, of the root.
+        Rows as for `write_table_rows` at the root.
     """
     root = group_at(place, writable=True)
     size = array_at(root, PROFILE).shape[0]
@@ -277,16 +277,16 @@ def write_coordinates(place: Place) -> None:
 
 
 def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:
-    """Write variables that belong to no profile, each whole; only for the coordinator.
+    """Write whole variables that do not belong to profiles; only for the coordinator.
 
     Parameters
     ----------
     place : str or Path
         The archive.
     group : str
-        A study's group.
+        Name of a study's group.
     values : mapping of str to array_like
-        Values by variable, of the array's shape, or empty to leave it unchanged. Times are seconds since 1970 or
+        Values by variable, in the array's shape, or empty to leave it unchanged. Times are seconds since 1970 or
         datetime64.
 
     Raises

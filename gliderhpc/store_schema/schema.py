@@ -1,7 +1,7 @@
 """The archive's schema: elements, groups of the mission and of the studies, and chunks.
 
-The groups are tables of text, one line a variable: ``mission.txt`` and ``studies.txt``. Creation, writing, checks and
-``docs/archive.md`` follow them.
+The groups are listed in text tables with one line for each variable: ``mission.txt`` and ``studies.txt``. Creation,
+writing, checks and ``docs/archive.md`` are derived from them.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ COMMITS = "commits"
 """Group of the commit markers."""
 
 COMPLETE = "complete"
-"""Attribute of a study's group: true once the study has come to its end."""
+"""Attribute of a study's group: true once the study is finished."""
 
 DIGESTS = "chunk_digests"
 """Attribute of a study's group: digest of every chunk of its tables."""
 
 MANIFEST = "manifest"
-"""Variable of every study that has rows: digests of the chunks of each profile's."""
+"""Variable of every study that has rows: digests of the chunks of each profile's rows."""
 
 Dtype = Literal["float32", "float64", "int64", "int32", "int8", "uint8", "string"]
 
@@ -72,7 +72,7 @@ class Variable:
     fill : optional
         Fill value; NaN, 0 or empty text by default.
     masked : bool
-        True where `fill` means missing (CF ``_FillValue``; integers then decode to floats).
+        True if `fill` means missing (CF ``_FillValue``; integers then decode to floats).
     flags : Flags, optional
         Meanings of the values of a flag variable.
     attributes : mapping
@@ -98,12 +98,12 @@ class Variable:
 
     @property
     def is_table(self) -> bool:
-        """Return whether it is a column of a table, filled by one writer: one value, or a few, for each profile."""
+        """Return whether it is a column of a table, written by one writer: one value, or a few, for each profile."""
         return self.dims == (PROFILE,) or (self.whole and self.dims[0] == PROFILE)
 
     @property
     def is_row(self) -> bool:
-        """Return whether it holds a row for each profile, in chunks of its own that the profile's worker writes."""
+        """Return whether it holds a row for each profile, in separate chunks that the profile's worker writes."""
         return len(self.dims) > 1 and self.dims[0] == PROFILE and not self.whole
 
     @property
@@ -194,7 +194,7 @@ DISTURBANCE_PRIOR = Flags("flag_values", {"usual": 0, "rough_water": 1})
 """Values of a profile's `disturbance_prior`: the hull's usual one, or the one that lets sway and roll follow gusts."""
 
 BUOYANCY = Flags("flag_values", {"depth_slope": 0, "density": 1})
-"""Values of a profile's `buoyancy`: by the hull's depth slope, or by density and compressibility."""
+"""Values of a profile's `buoyancy`: computed from the hull's depth slope, or from density and compressibility."""
 
 _FLAGS = {
     "QUALITY": QUALITY,
@@ -203,7 +203,7 @@ _FLAGS = {
     "BUOYANCY": BUOYANCY,
     "YES_NO": Flags("flag_values", {"no": 0, "yes": 1}),
 }
-"""Flags by the names that the tables give them."""
+"""Flags by their names in the tables."""
 
 
 _LABELS = {
@@ -214,11 +214,11 @@ _LABELS = {
     "COMPONENTS": COMPONENTS,
     "QUANTITIES": (*STATES, *CHANNELS),
 }
-"""Labels along a dimension by the names that the tables give them."""
+"""Labels along a dimension by their names in the tables."""
 
 
 def _read_schema(file: str) -> Schema:
-    """Read the groups of a table of the schema."""
+    """Read the groups of the schema from a text table."""
     groups: list[tuple[str, str, list[Variable]]] = []
     for line in (resources.files(__package__) / file).read_text("utf-8").splitlines():
         if line.startswith("["):
@@ -230,7 +230,7 @@ def _read_schema(file: str) -> Schema:
 
 
 def _read_variable(line: str) -> Variable:
-    """Read a line of a table: name, dimensions, type, unit, long name, and where given CF standard name and options."""
+    """Read a line of a table: name, dimensions, type, unit, long name, and optionally CF standard name and options."""
     cells = [cell.strip() for cell in line.split("|")]
     name, dims, dtype, units, long_name, standard_name, options = (*cells, "", "")[:7]
     attributes = dict(option.partition("=")[::2] for option in options.split("; ") if option)
@@ -290,7 +290,7 @@ def group_called(name: str) -> Group:
     Raises
     ------
     KeyError
-        There is none of that name.
+        There is no group of that name.
     """
     groups = [group for group in (*MISSION, *STUDIES) if group.name == name]
     if not groups:
@@ -299,20 +299,20 @@ def group_called(name: str) -> Group:
 
 
 def is_shared(study: Group) -> bool:
-    """Return whether a study adds its variables to one of the mission's groups, which stays where the study goes."""
+    """Return whether a study adds its variables to one of the mission's groups, which outlives the study."""
     return any(group.name == study.name for group in MISSION)
 
 
 CODECS = (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec())
-"""Byte shuffling compresses times and slowly varying series several times better than zstd alone; by the checksum any
-reader can detect a damaged chunk."""
+"""Codecs of the chunks: byte shuffling compresses times and slowly varying series several times better than zstd alone,
+and the checksum lets any reader detect a damaged chunk."""
 
 CHUNK_KEYS: dict[str, Any] = {"name": "default", "separator": "."}
-"""Chunk keys with a dot: all chunks of a variable are files of its folder; with a slash each would have its own."""
+"""Chunk keys with a dot: all chunks of a variable are files in its folder; with a slash, there would be subfolders."""
 
 
 def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the chunk shape of a variable: one row for profiles' rows, the whole array for tables and coordinates."""
+    """Return the chunk shape of a variable: one profile for rows and commits, else the whole array."""
     if variable.dims == (variable.name,) or variable.whole:
         return shape
     if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == COMMITS):

@@ -77,8 +77,8 @@ def create_study(
 
     Notes
     -----
-    The group spans all of the archive's profiles, as the others do; profiles not studied stay missing. Until
-    `finish_study` the group is marked incomplete.
+    The group spans all profiles of the archive, as other groups do; values of profiles that are not studied remain
+    missing. The group is marked incomplete until `finish_study`.
     """
     group = study_called(name)
     root = group_at(place, writable=True)
@@ -100,7 +100,7 @@ def create_study(
 
 
 def remove_study(place: Place, group: Group) -> None:
-    """Remove what a study has written; of a group that it shares with the mission, the study's variables alone."""
+    """Remove everything that a study has written; in a group shared with the mission, only the study's variables."""
     if is_shared(group):
         _mark_incomplete(place, group)
     for path in _own_paths(group):
@@ -108,7 +108,7 @@ def remove_study(place: Place, group: Group) -> None:
 
 
 def _mark_incomplete(place: Place, group: Group) -> None:
-    """Mark a study of a shared group as interrupted, where it has been run."""
+    """Mark a study of a shared group as interrupted, if it has been run."""
     node = group_at(place, group.name, writable=True)
     if COMPLETE in node.attrs:
         node.attrs[COMPLETE] = False
@@ -120,7 +120,7 @@ def has_study(place: Place, group: Group) -> bool:
 
 
 def _own_paths(group: Group) -> list[str]:
-    """Return the paths of what a study alone has written: its group, or its variables in one of the mission's."""
+    """Return the paths that belong to a study alone: its group, or its variables in one of the mission's groups."""
     return [f"{group.name}/{v.name}" for v in group.variables] if is_shared(group) else [group.name]
 
 
@@ -158,7 +158,7 @@ class _Snapshot:
 
 @contextmanager
 def restored_on_error(place: Place, name: str) -> Iterator[None]:
-    """Restore a study's group, or remove it where there was none, when the block ends in an error.
+    """Restore a study's group, or remove it if there was none, when the block ends with an error.
 
     Parameters
     ----------
@@ -169,8 +169,8 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
 
     Notes
     -----
-    The group's bytes are held in memory, some megabytes for a mission of hundreds of profiles: an object store cannot
-    rename, and a copy in the archive would outlive a killed run.
+    The group's bytes are stored in memory, some megabytes for a mission of hundreds of profiles. An object store cannot
+    rename, and a copy in the archive would remain after a killed run.
     """
     group = study_called(name)
     earlier = _Snapshot.of(place, group)
@@ -186,7 +186,7 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
 
 
 def studies_in(root: zarr.Group, *, finished: bool = False) -> Iterator[tuple[Group, zarr.Group]]:
-    """Yield the studies of an archive, or only those that came to their end, with their groups."""
+    """Yield the studies of an archive, or only the finished ones, with their groups."""
     for study in STUDIES:
         node = root.get(study.name)
         if not isinstance(node, zarr.Group) or (is_shared(study) and COMPLETE not in node.attrs):
@@ -196,7 +196,7 @@ def studies_in(root: zarr.Group, *, finished: bool = False) -> Iterator[tuple[Gr
 
 
 def study_attributes(place: Place, name: str) -> dict[str, Any]:
-    """Return the attributes of a study's group, empty where the archive has no such group."""
+    """Return the attributes of a study's group, empty if the archive has no such group."""
     root = group_at(place)
     return dict(root[name].attrs) if name in root else {}
 
@@ -232,9 +232,9 @@ def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> 
     place : str or Path
         The archive.
     name : str
-        The study's group.
+        Name of the study's group.
     written : mapping of int to mapping of str to str or None
-        By position along the profile dimension, the digests of all chunks written.
+        Digests of all chunks written, by position along the profile dimension.
     """
 
     def digests(index: int, chunks: Mapping[str, str]) -> Digests:
@@ -244,7 +244,7 @@ def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> 
 
 
 def complete_manifests(place: Place, group: Group) -> None:
-    """Write the manifests of a study's rows from the stored chunks, where they are missing."""
+    """Write the manifests of a study's rows from the stored chunks, if any manifest is missing."""
     store = store_at(place)
     root = zarr.open_group(store, mode="r+", use_consolidated=False)
     if row_names([group]) and not all(np.asarray(array_at(root, f"{group.name}/{MANIFEST}")[:])):
@@ -267,7 +267,7 @@ def table_digests(place: Place, group: Group) -> Digests:
 
 
 def table_damages(place: Place, group: Group) -> list[Damage]:
-    """Find chunks of a study's tables that differ from those when it was finished; their profile is -1."""
+    """Find chunks of a study's tables that have changed since it was finished; their profile is -1."""
     store = store_at(place, read_only=True)
     node = zarr.open_group(store, mode="r", path=group.name, use_consolidated=False)
     attributes: dict[str, Any] = dict(node.attrs)
@@ -277,7 +277,7 @@ def table_damages(place: Place, group: Group) -> list[Damage]:
 
 
 def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:
-    """Return the variable by key of the tables' chunks; the profiles' numbers are compared with the root's instead."""
+    """Return the variables of the tables' chunks, by key, without the profiles' numbers, which the root repeats."""
     names = [f"{group.name}/{v.name}" for v in group.variables if not v.is_row and v.name != PROFILE]
     arrays = arrays_at(root, names)
     return {f"{name}/{array.metadata.encode_chunk_key((0,) * array.ndim)}": name for name, array in arrays.items()}

@@ -1,7 +1,7 @@
 """Store that compares every chunk it reads with the digest that its writer recorded.
 
-Zarr reads a missing chunk as fill values. The manifests name the chunks that must exist, with their digests, so that
-this store distinguishes a row without values from a lost one. A profile's manifest is read with its first chunk.
+Zarr reads a missing chunk as fill values. The manifests name the chunks that must exist, with their digests, and this
+store thereby distinguishes a row without values from a lost one. A profile's manifest is read with its first chunk.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class VerifiedStore(WrapperStore[Store]):
         return dict(json.loads(text)) if text else None
 
     async def _table_digests(self, variable: str) -> Digests:
-        """Return the digests of the tables of a variable's study; empty for the mission's, which the commits repeat."""
+        """Return the digests of the tables of a variable's study; empty for the mission, whose commits repeat them."""
         study = variable.partition("/")[0]
         if study not in _STUDIES or "/" not in variable:
             return {}

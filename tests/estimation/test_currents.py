@@ -1,4 +1,4 @@
-"""Currents: what GPS says beyond the glider's own motion (eqs. 39, 40), and the glide-angle method (eq. 15)."""
+"""Currents: GPS displacement minus the glider's own motion (eqs. 39, 40), and the glide-angle method (eq. 15)."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def fix(seconds, latitude, longitude):
 
 
 def moved_fix(origin, seconds, north, east):
-    """Fix that lies (north, east) metres of another, by the geodesic (not by the method under test)."""
+    """Return the fix (north, east) metres from another, along the geodesic (not with the method under test)."""
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
     point = Geodesic.WGS84.Direct(origin.latitude, origin.longitude, azimuth, distance)
     return fix(seconds, point["lat2"], point["lon2"])
@@ -83,7 +83,7 @@ ORIGIN = fix(-30.0, 18.0, 115.0)
 
 @st.composite
 def drifts(draw):
-    """A track through the water, the fixes about it and the cycles within it."""
+    """Draw a track through the water, the fixes about it and the cycles within it."""
     n = draw(st.integers(3, 400))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     steps = rng.normal(size=(n, 2)) * draw(st.floats(0.0, 1.0))
@@ -113,7 +113,7 @@ def test_the_segments_close_on_the_gps_residual(drift):
 
 
 def test_equations_39_and_40_by_hand():
-    """Each cycle gets its share of the GPS displacement by time, less its own displacement through the water."""
+    """Each cycle has its fraction of the GPS displacement by time, minus its own displacement through the water."""
     steps = np.concatenate([np.tile([0.03, 0.0], (600, 1)), np.tile([0.0, 0.02], (400, 1))])
     entry, end = fix(0.0, 10.0, 20.0), None
     end = moved_fix(entry, 100.0, 30.0, 14.0)
@@ -128,7 +128,7 @@ def test_equations_39_and_40_by_hand():
 
 
 def test_time_at_the_surface_counts_though_the_glider_rests():
-    """Ten minutes adrift after the dive are part of the drift's time, not of the glider's motion."""
+    """Ten minutes of drift after the dive are part of the drift's time, but not of the glider's motion."""
     steps = np.tile([0.02, 0.0], (1000, 1))
     entry = fix(0.0, 10.0, 20.0)
     end = moved_fix(entry, 700.0, 20.0 + 0.1 * 700.0, 0.0)
@@ -140,22 +140,22 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
 
 
 CERTAIN = CurrentErrors(fix_error=0.0)
-"""Fixes without error: their drift is taken at its word."""
+"""Fixes without error; their drift is used in full."""
 
 
 def taken_out(current):
-    """Time (s) and displacement (m) taken out on both sides together."""
+    """Return the total time (s) and displacement (m) that are removed on both sides."""
     time = current.entry.drift_removed + current.exit.drift_removed
     return time, current.entry.displacement + current.exit.displacement
 
 
 def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
-    """Record of a dive of 2000 s in one current, 300 s of drift before it and 200 s after it, and its motion.
+    """Return record, series and motion of a dive of 2000 s in one current, with 300 s of drift before and 200 s after.
 
-    The first of the fixes before lies 120 s before the last, the last of those after 150 s after the first.
+    The fixes before the dive span 120 s, and those after it 150 s.
     """
     steps = np.tile([0.03, -0.01], (round(2000.0 / STEP), 1))
-    # On the equator, where the legs of a track add up as plane vectors do.
+    # On the equator, where the legs of a track add up like plane vectors.
     entry = fix(-300.0, 0.0, -125.0)
     leaves = moved_fix(entry, 0.0, *(300.0 * drift_before))
     surfaces = moved_fix(leaves, 2000.0, *(2000.0 * current + steps.sum(axis=0)))
@@ -193,7 +193,7 @@ def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known)
 
 
 def test_an_uncertain_drift_is_taken_out_in_part():
-    """Errors of 7.07 m over 120 s and over 150 s against 0.1 m/s: the weighted mean with the current below, by hand."""
+    """Drift errors of 7.07 m over 120 s and 150 s, compared with 0.1 m/s: the weighted mean with the current below."""
     current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
     record, series, motion = afloat(current, drift, drift)
     uncertain = CurrentErrors(fix_error=5.0, surface_shear=0.1)
@@ -201,7 +201,7 @@ def test_an_uncertain_drift_is_taken_out_in_part():
     shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
     unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
     assert taken_out(found)[0] == pytest.approx(500.0 - unexplained)
-    # The balance: over the unexplained time the glider in truth drifted as at the surface.
+    # The balance: in the unexplained time the glider in fact drifted as at the surface.
     np.testing.assert_allclose(
         found.velocity, (2000.0 * current + unexplained * drift) / (2000.0 + unexplained), atol=1e-6
     )
@@ -229,14 +229,14 @@ def test_no_fix_no_current(missing):
     assert glide_angle_current(record, series, motion, CurrentErrors()) is None
 
 
-# The current by the smoother's displacement
+# The current from the smoother's displacement
 
 FIXES_ALONE = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0)
-"""Errors of an instrument whose speed and course are exact."""
+"""Errors of an instrument with exact speed and course."""
 
 
 def test_the_smoothed_current_by_hand():
-    """Ten metres north in 500 s of 700 s adrift, the fixes 80 m apart, 200 s at the surface unknown: units close."""
+    """The own motion is 10 m north, the fixes are 80 m apart after 700 s, of which 200 s at the surface are unknown."""
     entry = fix(0.0, 10.0, 20.0)
     end = moved_fix(entry, 700.0, 80.0, -14.0)
     covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
@@ -249,7 +249,7 @@ def test_the_smoothed_current_by_hand():
 
 
 def test_the_smoothed_current_has_the_same_drift_taken_out():
-    """Of one dive with one displacement the adjoint's current and the smoother's are one."""
+    """For one dive with one displacement, the currents of the adjoint and of the smoother are equal."""
     record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
     settings = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), settings)
@@ -279,7 +279,7 @@ def test_no_fix_no_smoothed_current(missing):
 @pytest.mark.parametrize("fixes", [1, 2])
 @pytest.mark.parametrize(("latitude", "velocity"), [(10.0, [0.5, -0.1]), (70.0, [-0.1, 0.4])])
 def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude, velocity, fixes):
-    """4000 draws: the sample covariance of the current stays within what so many draws leave open."""
+    """The sample covariance of the current from 4000 draws agrees within its sampling error."""
     rng = np.random.default_rng(5)
     covariance = np.array([[900.0, -350.0], [-350.0, 400.0]])
     options = FIXES_ALONE.model_copy(update={"fix_error": 12.0, "surface_shear": 0.2})
@@ -289,7 +289,7 @@ def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude
         return moved_fix(origin, seconds, *(place + rng.normal(0.0, 12.0, 2)))
 
     def drawn():
-        """Sixty seconds adrift on either side of the dive, and three minutes more between two fixes."""
+        """Return a draw with sixty seconds of drift on either side of the dive, and three minutes between two fixes."""
         before, after = velocity + rng.normal(0.0, 0.2, (2, 2))
         end = 500.0 * np.array(velocity)
         early = (measured(-240.0, -240.0 * before), measured(-60.0, -60.0 * before))[-fixes:]
@@ -348,7 +348,7 @@ def test_several_cycles_between_two_fixes():
     boundaries = cycles_of(series)
     assert boundaries[0] == 0
     assert boundaries[-1] == len(time) - 1
-    # The depth comes up through 5 % of the greatest just before each turning point near the surface.
+    # The depth rises above 5 % of the greatest just before each turning point near the surface.
     before = 1000.0 * np.arcsin(0.05) / np.pi
     np.testing.assert_allclose(boundaries[1:-1] * STEP, [1000.0 - before, 2000.0 - before], atol=2.0 * STEP)
 
@@ -426,7 +426,7 @@ def test_the_covariance_is_one(north, east, along_north, along_east):
 
 
 def test_the_covariance_by_hand():
-    """Northward current, eastward track of 0.5 m/s: the course's error goes with that, and not with the current."""
+    """Northward current, eastward track of 0.5 m/s: the course error is proportional to the track, not the current."""
     terms = CurrentErrors(axial_error=0.05, relative_error=0.2, heading_error=10.0, cross_track_error=0.01)
     found = current_uncertainty(drift_of([0.3, 0.0], [0.0, 500.0]), terms)
     across = (0.2 * 0.3) ** 2 + (np.radians(10.0) * 0.5) ** 2 + 0.01**2
@@ -446,7 +446,7 @@ def test_what_the_estimate_the_fixes_and_the_actuators_leave_open_adds_either_wa
 
 
 def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
-    """The displacement is turned by the stated error: in calm water, too, the current is off by one sigma."""
+    """The displacement is rotated by the stated error; even in calm water, the current is in error by one sigma."""
     record, series, motion = afloat(np.array([0.0, 0.0]), np.array([0.0, 0.0]), np.array([0.0, 0.0]))
     terms = FIXES_ALONE.model_copy(update={"heading_error": 3.0, "fix_error": 0.0, "surface_shear": 0.0})
     angle = np.radians(3.0)
@@ -462,7 +462,7 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
 
 
 def test_the_defaults_are_the_publications_and_the_calibrated_hulls_those_measured():
-    """Section 5.5 of the publication; docs/current-ellipses.md for a calibrated hull."""
+    """The sources are section 5.5 of the publication, and docs/current-ellipses.md for a calibrated hull."""
     published = CurrentErrors()
     assert (published.axial_error, published.relative_error, published.heading_error) == (0.055, 0.26, 8.0)
     assert (published.fix_error, published.surface_shear, published.actuation_error) == (5.0, 0.2, 0.2)
@@ -472,7 +472,7 @@ def test_the_defaults_are_the_publications_and_the_calibrated_hulls_those_measur
 
 @pytest.mark.parametrize("azimuth", [0.0, 30.0, 90.0, 150.0])
 def test_an_ellipses_axes_orientation_and_area_are_those_it_was_made_of(azimuth):
-    """Semi-axes 3 and 1 m/s, the longer one `azimuth` degrees clockwise from north."""
+    """The semi-axes are 3 and 1 m/s, the longer one `azimuth` degrees clockwise from north."""
     along = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
     across = np.array([-along[1], along[0]])
     covariance = 9.0 * np.outer(along, along) + np.outer(across, across)
@@ -484,7 +484,7 @@ def test_an_ellipses_axes_orientation_and_area_are_those_it_was_made_of(azimuth)
 
 
 def test_an_ellipse_of_rounding_errors_has_no_size():
-    """A covariance of rank one may come out slightly negative across."""
+    """A covariance of rank one may have a slightly negative eigenvalue."""
     flat = CurrentUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.array([[4.0, 0.0], [0.0, -1e-18]]))
     assert flat.axes == (2.0, 0.0)
     assert flat.area == 0.0
@@ -519,7 +519,7 @@ HULLS.append(with_overrides(read_platform("seawing"), {"viscous.K_L0": "3.0", "v
 @pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
 @pytest.mark.parametrize("direction", [-1.0, 1.0], ids=["dive", "climb"])
 def test_drag_balances_lift_along_the_path(platform, direction):
-    """``D = -L tan(xi)`` with ``xi = theta - alpha``, and the root is the small one of eq. 15."""
+    """The balance is ``D = -L tan(xi)`` with ``xi = theta - alpha``, and the root is the smaller one of eq. 15."""
     pitch = direction * np.radians(np.arange(1.0, 80.0, 0.5))
     alpha = angle_of_attack(platform, pitch)
     flown = np.isfinite(alpha)
@@ -530,7 +530,7 @@ def test_drag_balances_lift_along_the_path(platform, direction):
     drag = viscous.K_D0 + viscous.K_D * alpha**2
     lift = viscous.K_L0 + viscous.K_L * alpha
     np.testing.assert_allclose(drag, -lift * np.tan(xi), rtol=1e-9)
-    # Lift is up on the dive (alpha above that of no lift) and down on the climb.
+    # Lift is upward on the dive (alpha above that of zero lift) and downward on the climb.
     assert (np.sign(lift) == -direction).all()
     assert (np.abs(alpha + viscous.K_L0 / viscous.K_L) < np.radians(25.0)).all()
     cotangent = 1.0 / np.tan(xi)
@@ -542,7 +542,7 @@ def test_drag_balances_lift_along_the_path(platform, direction):
 
 @pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
 def test_it_is_the_steady_glides_angle_of_attack(platform):
-    """The same pitches fly, at the same angle, as by the balance that `steady_glide` scans for."""
+    """The same pitches can be flown, at the same angle, as in the balance that `steady_glide` finds by scanning."""
     for heavy in (True, False):
         pitch = np.radians(np.arange(2.0, 60.0, 1.0)) * (-1.0 if heavy else 1.0)
         expected = [steady_angle_of_attack(platform, float(one), heavy=heavy) for one in pitch]
@@ -559,8 +559,8 @@ def test_no_path_is_flatter_than_the_least_glide_angle(platform):
         path = np.abs(pitch - alpha)
         least = least_glide_angle(platform, heavy=heavy)
         assert (path[np.isfinite(path)] >= least - 1e-9).all()
-        # Flat pitches have none, steep ones all have one, and the flattest that has one flies the least glide angle
-        # (unless the hull glides level and flatter).
+        # Flat pitches have no angle of attack, all steep ones have one, and the flattest of these is flown at the least
+        # glide angle (unless the hull glides level and flatter).
         first = np.flatnonzero(np.isfinite(alpha))[0]
         assert np.isfinite(alpha[first:]).all()
         assert first == 0 or path[first] == pytest.approx(least, abs=np.radians(0.15))
@@ -587,7 +587,7 @@ def test_horizontal_speed_of_a_steady_glide(direction):
 
 @pytest.mark.compiled
 def test_the_glide_angle_track_of_a_flown_record():
-    """Heading 60 degrees, one minute unsolvable: its time is bridged, and its share is reported."""
+    """One minute at heading 60 degrees cannot be solved; its time is bridged, and its fraction is reported."""
     glide = steady_glide(Glider(PETREL), 0.4, np.radians(-23.0), 50.0)
     state = glide.state
     state[2] = np.radians(60.0)

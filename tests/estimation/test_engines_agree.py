@@ -1,4 +1,4 @@
-"""The lanes engine and the reference engine on a synthetic mission: same windows, same outcomes, same estimates."""
+"""Lanes engine and reference engine on a synthetic mission: same windows, same outcomes, same estimates."""
 
 import pytest
 from support.missions import estimate
@@ -21,7 +21,7 @@ def agreement(twin, lanes_store, preset):
 def assert_agree(found, bound):
     assert found.windows > 400
     assert found.same_outcome >= 0.99
-    # A median of whole numbers moves by whole numbers: one is as near as a tenth.
+    # A median of integers changes by integers; a difference of one is accepted like that of a tenth.
     assert found.iterations[0] == pytest.approx(found.iterations[1], rel=0.1, abs=1.0)
     assert len(found.rmse) == 11
     for name, (lanes, reference) in found.rmse.items():
@@ -30,17 +30,17 @@ def assert_agree(found, bound):
 
 
 def test_engines_agree_by_the_recommended_preset(twin, recommended):
-    """Every disturbance, the tracking and the current to three parts in a hundred."""
+    """Every disturbance, the tracking and the current agree to three per cent."""
     assert_agree(agreement(twin, recommended, "recommended"), 0.03)
 
 
 def test_engines_agree_by_the_papers_preset(twin, paper):
-    """As nearly as an engine agrees with itself where rounding differs (docs/engines.md): stopped early, paths part."""
+    """Paths that stop early diverge; the engines agree as well as one engine with other rounding (docs/engines.md)."""
     assert_agree(agreement(twin, paper, "paper"), 0.2)
 
 
 def test_the_page_tells_different_estimates_apart(twin, recommended, paper):
-    """The two presets leave other errors, and the table says how much other."""
+    """The two presets have different errors, and the table shows the difference."""
     with open_mission(recommended) as first, open_mission(paper) as second:
         found = engines_page.agreement(first, second, truth_path(twin))
     ours, theirs = found.rmse["B_cu surge force, N"]

@@ -1,4 +1,4 @@
-"""The prior: the filter's input and estimate, the vibration set, and the first guesses that it uses."""
+"""Prior: input and estimate of the filter, the vibration set, and the first guesses."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def filtered(series, settings=SETTINGS, platform=PETREL):
 
 
 def to_the_end(profiles, settings=SETTINGS):
-    """Filter profiles with the priors of their hulls, however much is rejected."""
+    """Filter profiles with the priors of their hulls, regardless of the number of rejections."""
     return filter_with_priors(profiles, [default_prior(one.glider.platform) for one in profiles], settings)
 
 
@@ -90,7 +90,7 @@ def test_the_set_is_the_motion_and_the_guard_on_either_side():
 def test_guesses_of_a_steady_glide_are_that_glide(direction):
     series, states = glide_record(direction)
     guesses = flight_guesses(PETREL, series)
-    # A hull that gains buoyancy with depth never flies quite steadily: the guess may be off by what that changes.
+    # A hull that gains buoyancy with depth never flies quite steadily; the guess may be in error by that effect.
     np.testing.assert_allclose(guesses[1000:2000, 6], states[1000:2000, 6], rtol=0.03)
     np.testing.assert_allclose(guesses[1000:2000, 8], states[1000:2000, 8], rtol=0.1)
     assert np.sign(guesses[1500, 8]) == direction
@@ -120,7 +120,7 @@ def test_slopes_of_straight_lines_are_exact_to_the_ends():
 @pytest.mark.parametrize("seconds", [0.1, 1.0, 3.7, 1e4])
 @pytest.mark.parametrize("every", [1, 3, 10, 1000])
 def test_slopes_are_those_of_the_straight_lines_fitted(seconds, every):
-    """Least squares about each sample that is asked for; near the ends over the first or last full length."""
+    """They are least-squares fits about each requested sample; near the ends, over the first or last full length."""
     values = np.random.default_rng(5).normal(size=(211, 2))
     width = min(round(seconds / 0.1), 210) // 2 * 2 + 1
     if width < 3:
@@ -190,7 +190,7 @@ def test_missing_samples_are_skipped(twin):
 
 
 def test_heading_may_turn_through_north():
-    """The innovation is wrapped: whole turns in the record change nothing."""
+    """The innovation is wrapped; whole turns in the record change nothing."""
     series, _ = glide_record()
     turned = series.measurements.copy()
     turned[1500:, 2] += 2.0 * np.pi
@@ -223,7 +223,7 @@ def test_inside_the_vibration_set_the_variance_gives_way_instead():
 
 
 def test_a_filter_that_lost_the_glider_restarts():
-    """From some moment on the record is another dive: after the patience the filter restarts and follows."""
+    """The record continues with another dive; after `patience` rejected samples the filter restarts and follows it."""
     series, states = glide_record(steps=3000)
     jumped = series.measurements.copy()
     jumped[1500:, 3] += 60.0
@@ -248,7 +248,7 @@ def assert_same(estimate, other):
 
 
 def cut(series, n):
-    """Give the first n steps of a record."""
+    """Return the first n steps of a record."""
     return replaced(
         series, time=series.time[: n + 1], measurements=series.measurements[: n + 1], weights=series.weights[: n + 1],
         controls=series.controls[:n], sample_index=series.sample_index[series.sample_index <= n],
@@ -256,7 +256,7 @@ def cut(series, n):
 
 
 def test_a_profile_gives_the_same_whatever_is_computed_with_it(twin):
-    """More profiles than lanes, of two hulls and many lengths: each as it comes out alone, to the bit."""
+    """Each of more profiles than lanes, of two hulls and many lengths, gives the same as alone, to the bit."""
     series = [cut(profile_series(twin, number, SETTINGS), 2000 + 117 * number) for number in (1, 2, 3, 4)]
     slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])
     seawing = read_platform("seawing")
@@ -267,7 +267,7 @@ def test_a_profile_gives_the_same_whatever_is_computed_with_it(twin):
 
 
 def spoilt(series, share):
-    """Give a record with junk in a share of its pitch samples."""
+    """Return a record with junk in a fraction of its pitch samples."""
     measurements = series.measurements.copy()
     bad = np.random.default_rng(0).choice(series.sample_index, round(share * len(series.sample_index)), replace=False)
     measurements[bad, 1] += np.radians(30.0)
@@ -275,7 +275,7 @@ def spoilt(series, share):
 
 
 def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
-    """Calm, gusty, hopeless and empty records together: what stands for each, or why nothing does."""
+    """Calm, gusty, hopeless and empty records are filtered together; each gets its result or the reason for none."""
     scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
     gusty = resample(simulate_profile(PETREL, scenario, 0)[0], SETTINGS.step, SETTINGS.gap_limit(1.0))
     calm = cut(profile_series(twin, 1, SETTINGS), 4000)
@@ -293,7 +293,7 @@ def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
 
 @pytest.mark.parametrize("hull", shipped_platforms())
 def test_every_hull_follows_the_default_scenario(hull):
-    """Also those with slow sensors: yaw impulses are beyond their usual prior."""
+    """Even hulls with slow sensors do, although yaw impulses are beyond their usual prior."""
     platform, scenario = read_platform(hull), load_scenario("impulses")
     record, _ = simulate_profile(platform, scenario, 1)
     series = resample(record, SETTINGS.step, SETTINGS.gap_limit(platform.sensors.sample_interval))
@@ -326,7 +326,7 @@ def test_a_slow_record_is_fed_interpolated_without_making_up_information():
     np.testing.assert_allclose(once, [quantum, quantum, quantum, PETREL.sensors.depth_noise**2])
     prior = filtered(slow)
     assert prior.fed == 301
-    # Information: fed samples over their variance, per second, as of the true samples.
+    # Information per second, fed samples over their variance, equals that of the true samples.
     np.testing.assert_allclose(1.0 / repeated / SETTINGS.filter.feed_interval, 1.0 / once / 20.0)
 
 
@@ -348,7 +348,7 @@ def test_slow_hulls_have_a_prior_of_their_own():
 
 
 def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
-    """An eighth of the pitch record is junk: the filter rejects it, and the profile fails rather than guess."""
+    """An eighth of the pitch record is junk; the filter rejects it, and the profile fails instead of being guessed."""
     series = profile_series(twin, 1, SETTINGS)
     rng = np.random.default_rng(0)
     spoilt = series.measurements.copy()
@@ -367,7 +367,7 @@ def test_a_profile_with_nothing_to_feed_fails():
 
 
 def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
-    """Lateral gusts in sheared water: the calm prior rejects far over 5 %, the one for rough water hardly anything."""
+    """In lateral gusts and sheared water, the calm prior rejects far over 5 %, and that for rough water hardly any."""
     scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
     record, _ = simulate_profile(PETREL, scenario, 0)
     series = resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))

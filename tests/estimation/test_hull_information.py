@@ -37,7 +37,7 @@ STEPS = 600
 
 @pytest.fixture(scope="module")
 def flown():
-    """A minute of a dive, and its profile as the smoother takes it."""
+    """Return a minute of a dive, and its profile in the form for the smoother."""
     dive = fly(21, STEPS)
     measured = np.where(np.isfinite(dive.dive.measured), dive.dive.measured, dive.states[:, MEASURED])
     profile = profile_of(PETREL, measured, steady_controls(PETREL.platform, STEPS))
@@ -45,7 +45,7 @@ def flown():
 
 
 def _map_cost(flown, forcing, parameters, eta):
-    """Least cost of the dive with the hull moved: half the sum of squares of the converged MAP."""
+    """Return the least cost of the dive with a changed hull: half the sum of squares of the converged MAP."""
     dive, profile, _ = flown
     platform = moved_platform(PETREL.platform, parameters, eta)
     moved = profile_of(Glider(platform), profile.series.measurements, profile.series.controls)
@@ -60,7 +60,7 @@ def _map_cost(flown, forcing, parameters, eta):
 
 
 def test_the_score_is_the_slope_of_the_evidence(flown):
-    """About the converged path: the cost of the MAP, by differences over the hull, to 1e-5 (model.md 12)."""
+    """About the converged path it equals differences of the MAP's cost over the hull, to 1e-5 (docs/smoother.md)."""
     dive, profile, parameters = flown
     at = profile.series.measurements
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, at)
@@ -77,7 +77,7 @@ def test_the_score_is_the_slope_of_the_evidence(flown):
 
 
 def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
-    """Those of the Gauss-Newton problem, so to the part that its curvature leaves."""
+    """They are those of the Gauss-Newton problem, and agree up to the neglected curvature."""
     dive, profile, parameters = flown
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
@@ -99,7 +99,7 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
 
 
 def test_samples_change_as_the_correction_of_the_record_changes():
-    """Every error of the records, behind other corrections, against differences of the correction itself."""
+    """For every error of the records, after other corrections, compare with differences of the correction itself."""
     sensors = {"sensors.pitch_scale": 1.02, "sensors.pitch_offset": 0.7, "sensors.heading_offset": 4.0}
     sensors |= {"sensors.heading_deviation.0": 2.0, "sensors.heading_deviation.3": -1.0, "sensors.roll_offset": -0.4}
     platform = with_values(PETREL.platform, sensors)
@@ -124,7 +124,7 @@ def test_samples_change_as_the_correction_of_the_record_changes():
         )
         expected = ((ahead - behind) / 2e-4)[inside]
         actual = sample_slopes(platform, settings, parameter, read(platform), np.full(n, 0.15))[inside]
-        # The second correction's own slope in the heading is not followed.
+        # The derivative of the second correction with respect to the heading is neglected.
         np.testing.assert_allclose(actual, expected, atol=1e-6, err_msg=parameter.key)
 
 
@@ -197,7 +197,7 @@ def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
 
 
 def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average(flown):
-    """``C + m m'`` over dives whose score has its stated covariance: the law of total variance."""
+    """The mean of ``C + m m'`` over dives whose score has its stated covariance obeys the law of total variance."""
     information = _information(flown[2], seed=3)
     before = stated_errors(PETREL.platform, information.parameters)
     rng, total = np.random.default_rng(5), np.zeros_like(before.covariance)
@@ -210,7 +210,7 @@ def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average
 
 
 def test_bursts_of_noise_have_their_own_scale():
-    """Quiet stretches get less, bursts more; disturbances with a long memory have the dive's scale."""
+    """Quiet stretches have a smaller scale, bursts a larger one; slow disturbances keep the dive's scale."""
     dive = fly(2, 400).dive
     assert (-dive.step / np.log(dive.decay) < 120.0).all()
     dive = dive._replace(decay=np.array([*np.full(5, np.exp(-dive.step / 3600.0)), dive.decay[5]]))
@@ -226,12 +226,12 @@ def test_bursts_of_noise_have_their_own_scale():
 
 
 def test_noise_of_one_scale_is_left_as_it_is():
-    """Sums of squares that vary no more than chance makes them do not give each stretch a scale of its own."""
+    """If sums of squares vary no more than by chance, stretches have no separate scales."""
     dive = fly(2, 4000).dive
     rng = np.random.default_rng(3)
     resolved = np.full((4000, 6), 0.1)
     spent = resolved * rng.standard_normal((4000, 6)) ** 2
-    # An independent value every ten steps, as the record resolves them.
+    # One independent value every ten steps, as resolved by the record.
     spent = np.repeat(spent.reshape(400, 10, 6)[:, :1], 10, axis=1).reshape(4000, 6)
     last = LastPass(dive, np.sqrt(spent * dive.noise), resolved)
     local = with_local_noise(last, 1.0, np.ones(4000, dtype=bool))
@@ -242,10 +242,10 @@ def test_noise_of_one_scale_is_left_as_it_is():
 
 @pytest.mark.parametrize(("variance", "tolerance"), [(0.0, 0.1), (1.0, 0.3)])
 def test_the_dispersion_of_the_noise_is_found(variance, tolerance):
-    """By moments of drawn stretches, whose scales have that relative variance."""
+    """It follows from moments of random stretches, whose scales have that relative variance."""
     rng, width, count = np.random.default_rng(4), 20, 4000
     scale = np.ones(count) if variance == 0.0 else 3.0 * rng.gamma(1.0 / variance, variance, count)
-    # Four resolved values a stretch, each over five steps.
+    # Four resolved values in each stretch, each over five steps.
     values = scale[:, None] * rng.standard_normal((count, 4)) ** 2
     spent = np.repeat(values / 5.0, 5, axis=1).reshape(-1, 1)
     resolved = np.full((count * width, 1), 4.0 / width)
@@ -260,7 +260,7 @@ def _forced(flown):
 
 
 def test_what_other_assumptions_change():
-    """A quieter noise where the dive was quieter, nowhere a louder one; no sample while actuators move."""
+    """They have less noise where the dive was quieter and nowhere more, or no samples while actuators move."""
     dive = fly(2, 400).dive
     spent = np.full((400, 6), 0.01)
     spent[150:200] = 30.0
@@ -278,7 +278,7 @@ def test_what_other_assumptions_change():
 
 
 def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
-    """A stretch that its linearised filter leaves by metres a second is counted about the smoothed path."""
+    """A stretch where the linearised filter is in error by metres per second is linearised about the smoothed path."""
     dive, profile, parameters = flown
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
     about, _ = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, dive.guess, np.arange(0, STEPS, 50))

@@ -1,4 +1,4 @@
-"""Windows of a path joined without seams: fading over overlaps, and one run along what results."""
+"""Windows of a path joined without seams: blending over overlaps, and one run along the result."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ DIVE = glide_of(PETREL)
 
 
 def path_problem(steps, plan=None, **options):
-    """Pose a dive whose windows start from the path that was flown, at no disturbance."""
+    """Return a dive whose windows start from the flown path, without disturbance."""
     problem = dive_problem(steps, plan, **options)
     states = problem.filtered.states - np.array([0, 0, 0, 50.0, -80.0, 0.01, 0.001, 0, 0, 0, 0, 0])
     return replace(problem, start=np.zeros((steps, 6)), path=states[:, SENSED])
@@ -50,7 +50,7 @@ def test_windows_of_a_path_start_from_its_states():
 def test_a_solution_fades_into_the_next_over_their_overlap():
     solution = solve_dive(path_problem(700), Scripted())
     steps = np.abs(np.diff(solution.disturbances, axis=0))
-    # The windows' solutions are 1e-4 apart, which is the step between two of them where one replaces the other.
+    # The solutions of the windows differ by 1e-4, which would be the step if one simply replaced the other.
     assert steps.max() < 0.2 * 1e-4
     roll = solution.disturbances[:, 3]
     np.testing.assert_allclose(roll[[100, 350, 650]], 1e-4 * np.array([1, 2, 3]), rtol=0.05)
@@ -59,7 +59,7 @@ def test_a_solution_fades_into_the_next_over_their_overlap():
 
 
 def test_what_is_joined_is_one_trajectory():
-    """States and track follow from the disturbances over the whole dive, seams that nothing overlaps included."""
+    """States and track follow from the disturbances over the whole dive, including seams without an overlap."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
     solution = solve_dive(path_problem(700), solver)
     np.testing.assert_allclose(solution.states, flown(solution.states, solution.disturbances, 700), atol=1e-9)
@@ -75,7 +75,7 @@ def test_a_failed_window_of_a_path_leaves_the_prior():
 
 
 def test_a_short_window_inside_an_overlap_leaves_no_step():
-    """A shorter plan's window may end inside the overlap; the solution before it goes on from there."""
+    """The window of a shorter plan may end inside the overlap; the earlier solution continues from there."""
     shorter = WindowPlan(length=60, margin=20, cost_threshold=0.2)
     problem = path_problem(700, WindowPlan(length=300, margin=100, cost_threshold=0.2, shorter=shorter))
     solution = solve_dive(problem, Scripted((0.1, Outcome.CONVERGED), (0.3, Outcome.STALLED)))
@@ -100,7 +100,7 @@ def test_a_run_that_cannot_be_flown_is_not_used(monkeypatch):
 
 
 def steered(offset, rate=0.5, steps=400):
-    """Follow a steady glide from a state off it: disturbances, states, and the glide's own."""
+    """Follow a steady glide from a state next to it; return disturbances, states, and those of the glide."""
     controls, path = np.tile(DIVE.control, (steps, 1)), np.empty((steps + 1, 10))
     path[:] = GLIDER.simulate(DIVE.state, controls, np.zeros((steps, 6)), STEP)[:, SENSED]
     states, disturbances = path.copy(), np.zeros((steps, 6))
@@ -117,7 +117,7 @@ def test_a_run_on_its_path_is_not_steered():
 
 @pytest.mark.parametrize("index", range(10))
 def test_a_distance_from_the_path_is_steered_away(index):
-    """At 0.5 1/s, and slower where the water's forces are larger: two hundredths are left after 39 s."""
+    """It decays at 0.5 1/s, or more slowly if the water's forces are larger: two per cent remain after 39 s."""
     offset = np.zeros(10)
     offset[index] = 0.01
     disturbances, states, path = steered(offset)
@@ -129,7 +129,7 @@ def test_a_distance_from_the_path_is_steered_away(index):
 
 
 def test_the_first_push_is_that_of_a_damped_oscillator():
-    """``M (2 rate dv + rate^2 dx)`` (`steering`), a channel each."""
+    """It is ``M (2 rate dv + rate^2 dx)`` (`steering`), for each channel."""
     offset = np.array([0.01, -0.02, 0.03, 0.5, 0.04, -0.05, 0.06, 0.001, -0.002, 0.003])
     disturbances, states, path = steered(offset)
     rate, hull, apart = 0.5, GLIDER.hull, (states - path)[1]

@@ -1,4 +1,4 @@
-"""The lanes engine: what a dive's estimate does not depend on, and what a bad dive cannot do to its neighbours."""
+"""Lanes engine: a dive's estimate does not depend on the batch, and a bad dive does not affect its neighbours."""
 
 from dataclasses import replace
 from functools import partial
@@ -36,11 +36,11 @@ pytestmark = pytest.mark.compiled
 SETTINGS = EstimationSettings()
 HULLS = ("petrel-l", "seawing", "seaglider")
 DIVES = LANES + 3
-"""More than there are lanes, so that some dives wait for a lane that another leaves."""
+"""Number of dives, larger than that of the lanes: some dives wait until a lane is free."""
 
 
 def dive(number):
-    """A dive of its own length, hull, disturbance and window length; its gaps make one of its windows empty."""
+    """Return a dive with its own length, hull, disturbance and window length, and with gaps that empty one window."""
     rng = np.random.default_rng(number)
     platform = read_platform(HULLS[number % len(HULLS)])
     glider, glide = Glider(platform), glide_of(platform)
@@ -63,7 +63,7 @@ def dives():
 
 @pytest.fixture(scope="module", params=["numba", "fortran"])
 def run(request):
-    """Whoever evaluates the batch's trials: Numba's kernels, or Fortran's where they are built."""
+    """Return the evaluation of the batch's trials: Numba's kernels, or Fortran's if they are built."""
     if request.param == "numba":
         return run_until_done
     implementation_named("fortran")
@@ -72,7 +72,7 @@ def run(request):
 
 @pytest.fixture(scope="module")
 def alone(dives, run):
-    """Each dive's solution when it is solved alone."""
+    """Return each dive's solution when it is solved alone."""
     return {number: solved({number: posed}, run)[number] for number, posed in dives.items()}
 
 
@@ -81,7 +81,7 @@ def solved(dives, run):
 
 
 def assert_same_bits(solution, expected):
-    """Everything but the time it took; NaN, which is the cost of an empty window, compares as itself."""
+    """Compare everything but the computing time; NaN, the cost of an empty window, is equal to itself."""
     for name in ("disturbances", "states", "source"):
         assert getattr(solution, name).tobytes() == getattr(expected, name).tobytes(), name
     assert list(map(repr, solution.windows)) == list(map(repr, expected.windows))
@@ -90,7 +90,7 @@ def assert_same_bits(solution, expected):
 @pytest.mark.parametrize("count", [1, 3, LANES, DIVES])
 @pytest.mark.parametrize("order", ["forwards", "backwards", "shuffled"])
 def test_a_dive_does_not_depend_on_what_is_solved_with_it(dives, alone, run, count, order):
-    """The same bits in any lane, with any neighbours, in batches of any size, in memory grown for longer windows."""
+    """The bits are the same in any lane, with any neighbours, batch size, or memory that was enlarged."""
     numbers = list(dives)
     if order == "backwards":
         numbers.reverse()
@@ -103,7 +103,7 @@ def test_a_dive_does_not_depend_on_what_is_solved_with_it(dives, alone, run, cou
 
 
 def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
-    """Same windows and outcomes; the handover is one code, fed by either engine."""
+    """Windows and outcomes are the same; both engines use the same code for the handover."""
     for number, problem in dives.items():
         expected = solve_dive(problem, partial(solve_window, settings=SETTINGS))
         ours = alone[number]
@@ -114,7 +114,7 @@ def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
 
 
 def test_every_kind_of_window_occurs(alone):
-    """The tests above compare solved and empty windows, several lengths and several iteration counts."""
+    """The tests above cover solved and empty windows, several lengths and several iteration counts."""
     windows = [window for solution in alone.values() for window in solution.windows]
     assert {window.outcome for window in windows} >= {Outcome.CONVERGED, Outcome.NO_DATA}
     assert len({window.stop - window.start for window in windows}) > 3
@@ -145,7 +145,7 @@ def with_nan(array, row):
 
 @pytest.mark.parametrize("what", SPOILT)
 def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
-    """One dive of the batch diverges, at its start or later: the others' bits are those of a run without it."""
+    """If one dive of the batch diverges, at its start or later, the others have the bits of a run without it."""
     problem = dives[2]
     spoilt = replace(problem, **SPOILT[what](problem))
     solutions = solved({**dives, 2: spoilt}, run)
@@ -158,7 +158,7 @@ def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
 @pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
-    """It leaves the model's domain, or the numbers: it is never accepted, and no neighbour learns of it."""
+    """A trial outside the model's domain, or with NaN, is never accepted and does not affect the neighbours."""
     wild = window_data(disturbance=impulse(), scale=factor * SCALE, seed=seed)
     calm = window_data(disturbance=impulse(), seed=seed)
     problem = WindowProblem(wild)
@@ -176,7 +176,7 @@ def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
 
 
 def test_a_longer_window_makes_room_while_others_are_under_way(run):
-    """Solved with a window that is amid its descent, it does not change that window."""
+    """It does not change a window that is solved at the same time."""
     short = window_data(150, disturbance=impulse()[:150], seed=1)
     long = window_data(disturbance=impulse(), seed=2)
     quick = window_data(20, seed=3)
@@ -196,7 +196,7 @@ def test_a_longer_window_makes_room_while_others_are_under_way(run):
 
 
 def test_a_profile_that_is_refused_leaves_the_others_alone(brief):
-    """Its error comes with its key; the rest are what they are without it."""
+    """Its error is returned by its key; the others are the same as without it."""
     series = {number: profile_series(brief, number, SETTINGS) for number in (1, 2, 3)}
     noise = np.random.default_rng(0).normal(size=series[2].measurements.shape)
     bad = replaced(series[2], measurements=series[2].measurements + noise)

@@ -1,4 +1,4 @@
-"""The nowcast's filter against dense least squares, and its ellipses on synthetic series."""
+"""Filter of the nowcast, compared with dense least squares, and its ellipses on synthetic series."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,9 @@ HOUR = 3600.0
 
 
 def _dense_covariance(spans, process, nodes=40):
-    """Covariance of the averages of one component over spans, by Gauss-Legendre quadrature of the kernel on both axes.
+    """Return the covariance of one component's averages over spans, by Gauss-Legendre quadrature on both axes.
 
-    Independent of the filter: no state, no transition.
+    It is independent of the filter: there is no state and no transition.
     """
     points, weights = np.polynomial.legendre.leggauss(nodes)
     times = np.array([0.5 * (a + b) + 0.5 * (b - a) * points for a, b in spans])
@@ -24,7 +24,7 @@ def _dense_covariance(spans, process, nodes=40):
 
 @pytest.mark.parametrize("tide", [{}, {"tidal_deviation": 0.07, "periods": (12.42 * HOUR, 23.93 * HOUR)}])
 def test_the_filter_is_dense_least_squares_on_averages_and_points(tide):
-    """`u = m + g + sum c_k` observed by averages and by values at instants; the next average is predicted."""
+    """Averages and instantaneous values of `u = m + g + sum c_k` are observed; the next average is predicted."""
     rng = np.random.default_rng(3)
     process = CurrentProcess(0.12, 9.0 * HOUR, 0.4, **tide)
     spans = [(0.0, 4.0), (4.2, 4.2), (4.5, 8.0), (8.3, 8.3), (20.0, 24.0)]
@@ -46,7 +46,7 @@ def test_the_filter_is_dense_least_squares_on_averages_and_points(tide):
 
     drift, variance = state.drift(*ahead)
     length = ahead[1] - ahead[0]
-    # The quadrature meets the kernel's kink on the diagonal to a few 1e-5 of its value.
+    # At the kernel's kink on the diagonal the quadrature is accurate to a few 1e-5 of its value.
     np.testing.assert_allclose(drift / length, mean, atol=2e-5)
     np.testing.assert_allclose(variance / length**2, covariance, atol=2e-6)
     likelihood = -0.5 * (
@@ -64,7 +64,7 @@ def test_a_transition_is_two_of_half_the_time():
 
 
 def test_a_line_is_its_cosine_and_its_integral_the_quadrature():
-    """`dc/dt = -w s`, `ds/dt = w c`: `c(t) = A cos(w t + phase)`, and the third state is the integral of `u`."""
+    """`dc/dt = -w s`, `ds/dt = w c` give `c(t) = A cos(w t + phase)`; the third state is the integral of `u`."""
     period, amplitude, phase, elapsed = 12.42 * HOUR, 0.11, 0.7, 5.3 * HOUR
     process = CurrentProcess(0.1, 7.0 * HOUR, tidal_deviation=0.1, periods=(period,))
     mean = np.zeros(10)
@@ -96,7 +96,7 @@ def test_a_batch_of_processes_is_each_alone():
 
 
 def _tidal_misses(amplitude):
-    """Miss of the next average (m/s) with and without tidal lines after 40 dives, over 20 series."""
+    """Return the errors of the next average (m/s) with and without tidal lines after 40 dives, over 20 series."""
     rng, misses = np.random.default_rng(11), []
     for _ in range(20):
         averages, measured = _series(rng, 40, CurrentProcess(0.03, 20.0 * HOUR))
@@ -120,7 +120,7 @@ def test_tidal_lines_halve_the_miss_where_there_is_a_tide_and_do_no_harm_where_t
 
 
 def _series(rng, dives, process, step=300.0):
-    """Current of a series of dives of four hours, by Euler steps of the process, and its averages with noise."""
+    """Draw the current of a series of four-hour dives, by Euler steps of the process, and its averages with noise."""
     count = round((dives + 1) * 4.0 * HOUR / step)
     mean = rng.normal(0.0, 0.15, 2)
     kick = process.deviation * np.sqrt(2.0 * step / process.correlation_time)
@@ -133,7 +133,7 @@ def _series(rng, dives, process, step=300.0):
 
 
 def test_the_ellipse_of_the_next_average_holds_its_part():
-    """The process is chosen by likelihood; within three standard deviations of a binomial share."""
+    """The process is chosen by likelihood; the fraction is within three standard deviations of a binomial."""
     rng, inside, runs = np.random.default_rng(7), 0, 120
     for _ in range(runs):
         process = CurrentProcess(rng.choice([0.05, 0.1]), rng.choice([10.0, 30.0]) * HOUR)

@@ -1,8 +1,8 @@
-"""*Converged* means that the preset's optimality measure is met and nothing else (docs/theory/estimate.md).
+"""*Converged* means only that the preset's optimality measure is met (docs/theory/estimate.md).
 
-The measure ``max |s g|``, ``g = (1/h) dJ/db``, is recomputed here from what is stored: the archive's disturbances,
-its states at the windows' starts, its platform and settings, and the observation file. Windows that start from the
-smoothed path are joined, so that what is stored is no single window's solution: that is tested apart.
+The measure ``max |s g|``, ``g = (1/h) dJ/db``, is recomputed here from stored values: the archive's disturbances, its
+states at the windows' starts, its platform and settings, and the observation file. Windows that start from the smoothed
+path are joined; the stored values are then not the solution of a single window, and are tested separately.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ ROUNDING = 0.02
 
 @dataclass(frozen=True)
 class Recomputed:
-    """A window's stored outcome and measures compared with those recomputed."""
+    """Stored outcome and measures of a window, and the recomputed ones."""
 
     outcome: str
     stored: float
@@ -40,7 +40,7 @@ class Recomputed:
 
 
 class Archive:
-    """A mission's archive with its observations, profile by profile."""
+    """Archive of a mission with its observations, profile by profile."""
 
     def __init__(self, store, observations):
         self.tree = xr.open_datatree(store, engine="zarr", chunks=None)
@@ -51,7 +51,7 @@ class Archive:
         self.names = {number: name for name, number in OUTCOME.meanings.items()}
 
     def scale(self, number):
-        """The transform's scale s of a profile, for sensors of 1 Hz and the default window."""
+        """Return the transform's scale s of a profile, for sensors of 1 Hz and the default window."""
         if self.settings.preset == "paper":
             return np.ones(6)
         stored = self.tree.to_dataset()["disturbance_prior"]
@@ -61,14 +61,14 @@ class Archive:
         return np.array(prior.deviation) * np.sqrt(share)
 
     def windows(self, number):
-        """Stored windows of a profile whose own solution stands from end to end."""
+        """Return the stored windows of a profile whose own solution was kept from end to end."""
         windows = self.tree["windows"].ds.sel(profile=number)
         count = int(self.tree.to_dataset()["window_count"].sel(profile=number))
         assert np.isnan(windows["start"].values[count:]).all()
         return windows.isel(window=slice(count))
 
     def recompute(self, number, windows):
-        """Measures of some of a profile's windows."""
+        """Recompute the measures of some of a profile's windows."""
         series = profile_series(self.observations, number, self.settings)
         controls = controls_of(self.platform, series)
         stored = self.tree["series"].ds.sel(profile=number)
@@ -108,7 +108,7 @@ def assert_agreement(found, tolerance):
 
 @pytest.mark.parametrize("preset", ["recommended", "paper"])
 def test_every_window_that_stands_whole_is_as_good_as_it_says(brief, tmp_path, preset):
-    """Without a margin nothing is overwritten: every window's measure can be recomputed."""
+    """Without a margin nothing is overwritten, and every window's measure can be recomputed."""
     store = tmp_path / "whole.zarr"
     estimate(brief, store, preset, {"window.margin": "0", "start": "prior"})
     archive = Archive(store, brief)
@@ -150,7 +150,7 @@ def test_windows_of_a_mission_that_were_not_retracted(twin, paper):
 
 
 def test_joined_windows_are_nearly_as_good_as_they_say(twin, recommended):
-    """Fading and steering move most windows by less than the tolerance does, and none by far more."""
+    """Blending and steering change most windows by less than the tolerance does, and none by far more."""
     archive = Archive(recommended, twin)
     found = [one for number in (1, 3) for one in archive.recompute(number, archive.windows(number))]
     costs = np.array([(one.cost, one.stored_cost) for one in found])
@@ -175,7 +175,7 @@ def test_stored_measure_and_outcome_agree_in_every_window(request, twin, preset)
 
 
 def test_a_window_cut_off_is_not_called_converged(brief, tmp_path):
-    """One iteration is not enough; what was met by chance is converged all the same, and everything else says why."""
+    """One iteration is not enough; windows that meet the measure by chance are converged, all others have a reason."""
     store = tmp_path / "cut.zarr"
     answer = program(
         "run-mission", brief, "--platform", "petrel-l", "--store", store, "--workers", 0, "--profiles", 2,
@@ -200,7 +200,7 @@ def test_a_window_cut_off_is_not_called_converged(brief, tmp_path):
 
 
 def test_the_tolerance_is_a_setting(brief, tmp_path):
-    """A bound a hundred times as wide is met sooner, and is in the archive as requested."""
+    """A tolerance a hundred times as large is met sooner, and is stored in the archive."""
     store = tmp_path / "loose.zarr"
     estimate(brief, store, "paper", {"optimizer.tolerance": "0.1"})
     archive = Archive(store, brief)

@@ -1,4 +1,4 @@
-"""The iterated smoother: the exact MAP of a dive, gaps and north, intervals that hold, and better than the windows."""
+"""Iterated smoother: exact MAP of a dive, gaps and north, correct intervals, and comparison with the windows."""
 
 import numpy as np
 import pytest
@@ -33,10 +33,10 @@ def smooth(flown, settings=USUAL, **options):
 
 
 def map_gradient(dive, state0, disturbances):
-    """Gradient of the MAP cost along its own trajectory, by initial state and noise in units of their deviations.
+    """Return the gradient of the MAP cost along its own trajectory, by normalised initial state and noise.
 
-    The measurements' part is the project's adjoint, one channel after the other; a channel whose measurements are the
-    model's own adds nothing.
+    The part of the measurements is from the project's adjoint, one channel after the other; a channel whose
+    measurements equal the model adds nothing.
     """
     n = len(dive.bodies)
     by_b, by_start = np.zeros((n, 6)), (state0[SENSED] - dive.mean[:10]) / dive.deviation[:10] ** 2
@@ -69,7 +69,7 @@ def map_gradient(dive, state0, disturbances):
 
 @pytest.fixture(scope="module")
 def flown():
-    """Five minutes, heading through north, with a gap, single channels missing and a stretch of more noise."""
+    """Return five minutes of a dive through north, with a gap, missing channels and a stretch of more noise."""
     flown = fly(11, 3000, turn=0.05)
     measured = flown.dive.measured.copy()
     measured[1000:1400] = np.nan
@@ -85,7 +85,7 @@ def flown():
 
 
 def test_the_map_cost_is_stationary(flown):
-    """Gauss-Newton ends where the gradient by the adjoint does: 1e-6 of its size at the prior mean, every entry."""
+    """Gauss-Newton ends at a zero of the adjoint's gradient: every entry is 1e-6 of its size at the prior mean."""
     dive, truth = flown
     start = truth.glide
     smoothed = smooth(dive, TIGHT, start=start)
@@ -104,7 +104,7 @@ def test_the_states_are_the_trajectory_of_the_disturbances(flown):
 
 
 def test_few_passes_from_far_away(flown):
-    """From an undisturbed glide, not even from the filter's estimate."""
+    """The first path is an undisturbed glide, which is farther away than the filter's estimate."""
     dive, truth = flown
     smoothed = smooth(dive, start=truth.guess)
     assert smoothed.outcome is Outcome.CONVERGED
@@ -147,7 +147,7 @@ def test_a_masked_sample_is_as_if_it_had_never_been(flown):
 
 
 def test_variances_are_sound(flown):
-    """Not above the prior's before noise is added, never negative; the track starts exact, and ends as it should."""
+    """They are within the prior's before noise is added, and positive; those of the track start at zero."""
     dive, truth = flown
     smoothed = smooth(dive, TIGHT, start=truth.guess)
     assert (smoothed.disturbances_std[:2500] <= DEVIATION * (1.0 + 1e-9)).all()
@@ -162,7 +162,7 @@ def test_variances_are_sound(flown):
 
 
 def test_intervals_hold_what_they_promise():
-    """Twins drawn from the prior, flown at half the smoother's step: 68 % and 95 % intervals in every channel."""
+    """For twins drawn from the prior, with half the smoother's step: 68 % and 95 % intervals in every channel."""
     errors, widths, displacement = [], [], []
     for seed in range(32):
         flown = fly(100 + seed, 5000)
@@ -176,14 +176,14 @@ def test_intervals_hold_what_they_promise():
     within, mostly = (error < 0.9945).mean(axis=0), (error < 1.96).mean(axis=0)
     assert ((within > 0.62) & (within < 0.74)).all(), within
     assert ((mostly > 0.92) & (mostly < 0.97)).all(), mostly
-    # Not bought by width: the strongly observed channels are far surer than the prior.
+    # The intervals are not simply wide: the strongly observed channels are far more certain than the prior.
     assert (np.mean(widths, axis=0)[[4, 5]] < 0.5).all()
     # Two components each, so a chi-square of 64: within its 0.1 % tails.
     assert 34.0 < np.sum(displacement) < 105.0
 
 
 def test_the_random_process_is_the_prior_s():
-    """Stationary deviation and correlation time, whatever the step."""
+    """It has the stationary deviation and the correlation time of the prior for any step."""
     settings = GaussMarkov(deviation=tuple(DEVIATION), correlation_time=tuple(TIME))
     for step in (0.05, 0.5):
         drawn = RandomProcess(settings, 3).sampled(round(20_000 / step), step)
@@ -198,7 +198,7 @@ def test_the_random_process_is_the_prior_s():
 
 @pytest.fixture(scope="module")
 def rows():
-    """Scores of usual twins (slow disturbances and impulses), by estimator."""
+    """Return the scores of usual twins (slow disturbances and impulses), by estimator."""
     hull, scenario = read_platform("petrel-l"), world(60.0)
     found = [
         row
@@ -269,7 +269,7 @@ def test_in_the_vibration_set_a_bad_sample_is_widened():
 
 
 def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch):
-    """Stopped while too much would still move: the filter's estimate, and no claim how sure it is."""
+    """If it stops before convergence, the result is the filter's estimate, without uncertainty."""
     monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
     flown = fly(31, 2000)
     series = replaced(
@@ -290,7 +290,7 @@ def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch
 
 
 def pulses(n):
-    """Yaw moment of 1 N m for three seconds, every forty seconds."""
+    """Return a yaw moment of 1 N m for three seconds, every forty seconds."""
     wave = np.zeros((n, 6))
     for begin in range(200, n - 100, 400):
         wave[begin : begin + 30, 5] = 1.0
@@ -298,7 +298,7 @@ def pulses(n):
 
 
 def test_heavy_tails_do_not_smear_pulses():
-    """Sudden pulses under a prior that is quiet: nearer in height and in the quiet between, and less sure inside."""
+    """For sudden pulses and a quiet prior, height and quiet intervals are more accurate; pulses are less certain."""
     n = 4000
     flown, wave = fly(21, n), pulses(n)
     rng = np.random.default_rng(5)
@@ -317,7 +317,7 @@ def test_heavy_tails_do_not_smear_pulses():
 
 
 def test_weights_are_those_of_student_s_t():
-    """A resolved square of R variances gives (nu + R) / (nu + 1); other channels keep theirs."""
+    """A resolved square of R variances gives the weight (nu + R) / (nu + 1); other channels keep theirs."""
     nominal = np.full((20, 6), 0.5)
     tails = HeavyTails(nominal, 4.0, (5,), 10)
     linear = allocate_backward(20)

@@ -1,4 +1,4 @@
-"""The smoother's model of record and noise: rounding that repeats, actuators that lag, a dive's own intensity."""
+"""The smoother's model of record and noise: repeated rounding, lagging actuators, and a dive's own intensity."""
 
 from types import SimpleNamespace
 
@@ -40,7 +40,7 @@ def test_no_move_no_noise():
 
 
 def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
-    """Ahead by v at pitch 0: over the lag the moment is off by m g v lag (eq. 9), at both ends of the move."""
+    """For a move at speed v and pitch 0, the moment is in error by m g v lag (eq. 9) at both ends of the move."""
     lag, step, speed, n = 1.0, 0.1, 1e-3, 200
     moving = np.tile(controls(1)[0], (n, 1))
     moving[:, 0] += speed * np.clip(np.arange(n) * step - 5.0, 0.0, 8.0)
@@ -50,7 +50,7 @@ def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
     assert begun[4] == pytest.approx(moment**2, rel=0.02)
     assert noise.sum(axis=0)[4] == pytest.approx(2.0 * moment**2, rel=0.02)
     assert not noise[:, :3].any()
-    # The moment about z needs roll, that about x none of the battery's place along x.
+    # The moment about z requires roll; that about x does not depend on the battery's position along x.
     assert noise.sum(axis=0)[[3, 5]] == pytest.approx(0.0, abs=1e-20)
 
 
@@ -69,7 +69,7 @@ def test_factors_are_spent_over_resolved():
 
 @pytest.mark.compiled
 def test_a_dive_tells_its_own_intensity():
-    """Under a prior nine times too strong in yaw, the factor comes out near a ninth, and the interval narrower."""
+    """With a prior nine times too strong in yaw, the factor is close to a ninth, and the interval is narrower."""
     flown = fly(41, 6000)
     truth = flown.dive.noise.copy()
     widths = {}
@@ -89,7 +89,7 @@ def test_a_dive_tells_its_own_intensity():
 
 @pytest.mark.compiled
 def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
-    """A quarter of the dive finds the ninth that the whole dive finds; one without an estimate gives no factor."""
+    """A quarter of the dive gives a ninth, like the whole dive; one without an estimate gives no factor."""
     flown = fly(41, 6000)
     noise = flown.dive.noise.copy()
     noise[:, 5] *= 9.0
@@ -123,7 +123,7 @@ def test_slow_sensors_on_an_uncalibrated_hull_are_smoothed_once():
 
 @pytest.fixture(scope="module")
 def wandering():
-    """A slow dive of a Seaglider sampled every 20 s, its heading wandering as in the sea: hull, record and truth."""
+    """Return hull, record and truth of a slow Seaglider dive, sampled every 20 s, with a heading that wanders."""
     hull = read_platform("seaglider")
     hull = hull.model_copy(update={"sensors": hull.sensors.model_copy(update={"sample_interval": 20.0})})
     scenario = load_scenario("calm").replaced(
@@ -143,7 +143,7 @@ def wandering():
 @pytest.mark.compiled
 @pytest.mark.parametrize("damping", [-250.0, -800.0, -100.0])
 def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
-    """Yaw damping is what glides hardly determine; held to it, the smoothed speed was up to 42 % too low."""
+    """Glides hardly determine the yaw damping; with fixed values, the smoothed speed was up to 42 % too low."""
     hull, record, truth = wandering
     assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
     profile = prepare_profile(assumed, on_steps(record, settings))
@@ -153,7 +153,7 @@ def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
 
 @pytest.mark.compiled
 def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
-    """Half the move is made where the whole leads to no path; the other half counts as uncertainty."""
+    """Half the move is made if the whole gives no flyable path; the other half is added to the uncertainty."""
     flown = fly(42, 3000)
     only = SmootherSettings(max_passes=1)
 

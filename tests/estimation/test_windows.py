@@ -1,4 +1,4 @@
-"""Windows: their lengths, their handover (eq. 38, Algorithm 1), and what the engine does with a window it is given."""
+"""Windows: their lengths, their handover (eq. 38, Algorithm 1), and their solution by the engine."""
 
 import itertools
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_what_is_set_holds_for_every_sensor():
 
 
 def test_windows_are_whole_records_and_move_on():
-    """A window starts at a stored record, whatever was asked for, and the next one starts later."""
+    """A window starts at a stored record, for any requested length, and the next one starts later."""
     settings = EstimationSettings.model_validate({"window": {"length": 24.7, "margin": 24.6}, "output_interval": 2.0})
     plan = plan_windows(settings, 1.0)
     assert plan.length % 20 == plan.margin % 20 == 0
@@ -69,7 +69,7 @@ def test_a_margin_as_long_as_its_window_is_refused():
 
 
 def test_scale_of_the_transform():
-    """``s = deviation sqrt(min(1, 2 T_seg / correlation time))`` (docs/theory/estimate.md); none for preset `paper`."""
+    """It is ``s = deviation sqrt(min(1, 2 T_seg / correlation time))`` (docs/theory/estimate.md), not with `paper`."""
     prior = DisturbancePrior(
         deviation=(0.4, 0.3, 0.2, 0.1, 0.15, 1.0), correlation_time=(3600.0, 240.0, 60.0, 30.0, 3600.0, 59.0)
     )
@@ -105,7 +105,7 @@ def test_windows_start_from_the_filter_and_its_slow_lateral_part(twin):
 
 
 class Scripted:
-    """Solver that returns one script entry a window: (cost, outcome); the disturbance is the window's number."""
+    """Solver that returns one script entry per window: (cost, outcome); the disturbance is the window's number."""
 
     def __init__(self, *script):
         self._script = itertools.chain(script, itertools.repeat((0.0, Outcome.CONVERGED)))
@@ -142,7 +142,7 @@ def dive_problem(steps, plan=None, *, vibrating=(), gap=None):
     weights = np.ones(steps + 1)
     if gap is not None:
         weights[gap] = 0.0
-    # A filter whose track has walked off sideways, as filters' tracks do: the dive must not jump to it.
+    # A filter whose track has drifted sideways, which is common; the dive must not jump to it.
     filtered = states + np.array([0, 0, 0, 50.0, -80.0, 0.01, 0.001, 0, 0, 0, 0, 0])
     return posed_dive(
         GLIDER, controls, states[:, [0, 1, 2, 5]].copy(), weights, filtered, fallback=0.02,
@@ -201,7 +201,7 @@ SPLIT = replace(PLAN, shorter=SHORT)
 
 
 def test_a_window_that_does_not_converge_is_solved_again_shorter():
-    """From the same state, with that length's scale; the next one is long again."""
+    """It starts from the same state, with the scale of the shorter length; the next one is long again."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.1, Outcome.ITERATION_LIMIT), (0.05, Outcome.CONVERGED))
     solution = solve_dive(dive_problem(1000, SPLIT), solver)
     assert spans(solution) == [(0, 300, True), (200, 300, True), (270, 570, True), (470, 770, True), (670, 970, True),
@@ -221,7 +221,7 @@ def test_windows_stay_short_until_one_converges(outcome):
 
 
 def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
-    """After one, two, four short windows that converge: a record on which they always fail costs little more."""
+    """They are tried after one, two, four converged short windows; a record on which they always fail costs little."""
     converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
     solver = Scripted(failed, converged, failed, converged, converged, failed, *[converged] * 4, failed)
     solve_dive(dive_problem(1500, SPLIT), solver)
@@ -256,7 +256,7 @@ def test_only_windows_that_follow_slow_sensors_may_be_shortened():
 
 
 def test_states_follow_from_the_stitched_disturbance():
-    """Each sample's state is that of the window whose solution stands there; X and Y are part of it."""
+    """Each sample's state, including X and Y, is that of the window whose solution is kept there."""
     problem = dive_problem(700)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
     solution = solve_dive(problem, solver)
@@ -306,7 +306,7 @@ def test_the_engine_finds_an_impulse():
     solution = solve_window(window_data(disturbance=impulse()), np.zeros((300, 6)), EstimationSettings())
     assert solution.outcome is Outcome.CONVERGED
     assert solution.gradient_norm <= 5e-4
-    # No later sample can tell what acts at the window's very end.
+    # No later sample determines the disturbance at the very end of the window.
     error = (solution.disturbances - impulse())[:250, 5]
     assert np.sqrt(np.mean(error**2)) < 0.15
     assert solution.evaluations >= solution.iterations > 0
@@ -321,7 +321,7 @@ def test_a_start_that_cannot_be_flown_diverges():
 
 
 def test_a_start_that_ends_beyond_the_models_domain_diverges():
-    """Finite, but nose up past the vertical: no trajectory to start from."""
+    """It is finite, but nose up past the vertical, and not a trajectory to start from."""
     start = np.zeros((300, 6))
     start[:, 4] = 40.0
     data = window_data()
@@ -335,7 +335,7 @@ def test_a_start_that_ends_beyond_the_models_domain_diverges():
 @pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
-    """With a scale this wrong the first step leaves the model's domain; what comes back is flyable and no worse."""
+    """With such a wrong scale the first step leaves the model's domain; the result is flyable and not worse."""
     scale = factor * np.array([0.05, 0.05, 0.05, 0.05, 0.02, 1.0])
     data = window_data(disturbance=impulse(), scale=scale, seed=seed)
     start = np.zeros(1800)
@@ -352,7 +352,7 @@ def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
 
 
 def test_masked_samples_do_not_count():
-    """Rubbish where the weight is zero changes nothing at all."""
+    """Arbitrary values with zero weight change nothing at all."""
     data = window_data(disturbance=impulse())
     data.weights[100:180] = 0.0
     spoilt = replace(data, measurements=data.measurements.copy())
@@ -363,7 +363,7 @@ def test_masked_samples_do_not_count():
 
 
 def test_a_gap_leaves_finite_results(twin):
-    """Two minutes without a record: the windows inside hold no data, the rest of the profile is as it was."""
+    """Windows inside two minutes without a record have no data; the rest of the profile is unchanged."""
     settings = EstimationSettings(start="prior")
     series = profile_series(twin, 1, settings)
     weights = series.weights.copy()
@@ -378,7 +378,7 @@ def test_a_gap_leaves_finite_results(twin):
     assert Outcome.NO_DATA in outcomes
     assert Outcome.DIVERGED not in outcomes
     np.testing.assert_array_equal(gappy.solution.disturbances[:7000], whole.solution.disturbances[:7000])
-    # Windows re-converge: ten minutes later only where they begin still tells the two apart.
+    # Windows re-converge: ten minutes later the two differ only by where the windows begin.
     later = slice(15000, -1)
     difference = (gappy.solution.disturbances - whole.solution.disturbances)[later]
     assert np.sqrt(np.mean(difference[:, 5] ** 2)) < 0.05

@@ -1,4 +1,4 @@
-"""The window's cost (eq. 28) and its gradient: the exact transpose of the Runge-Kutta step."""
+"""Cost of a window (eq. 28) and its gradient: the exact transpose of the Runge-Kutta step."""
 
 import math
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ LOPSIDED = Glider(lopsided_platform())
 HULL = np.array(LOPSIDED.hull)
 H = 0.1
 SENSED_AND_DISTURBED = np.append(SENSED, np.arange(12, 18))
-"""Places of the ten sensed states and the disturbances among the transition matrix's eighteen columns."""
+"""Indices of the ten sensed states and the disturbances among the transition matrix's eighteen columns."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +41,18 @@ class Window:
     weights: Array
 
     def cost(self, **changed):
-        """Cost and gradient, some of the window replaced."""
+        """Return cost and gradient, with some of the window replaced."""
         w = replace(self, **changed)
         return LOPSIDED.tracking_cost(w.state0, w.controls, w.disturbances, w.measurements, H, weights=w.weights)
 
     def cost_by(self, implementation):
-        """Cost, gradient and gradient by the initial sensed state, by one implementation of the kernels."""
+        """Return cost and gradients by disturbance and initial state, from one implementation of the kernels."""
         return implementation.window(
             HULL, LOPSIDED.bodies(self.controls), self.state0, self.disturbances, self.measurements, self.weights, H
         )
 
     def reference_cost(self, state0, disturbances):
-        """Cost of the second implementation, complex arguments allowed."""
+        """Return the cost of the second implementation, which accepts complex arguments."""
         return reference.tracking_cost(
             LOPSIDED.platform, state0, self.controls, disturbances, self.measurements, H, self.weights
         )
@@ -90,7 +90,7 @@ def gappy():
 
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_windows_agree_with_the_oracle(oracle, implementation, number):
-    """Cost to 1e-12, gradients to 1e-10 of the largest entry, trajectory to 1e-12 m in 500."""
+    """Tolerances: cost 1e-12, gradients 1e-10 of the largest entry, trajectory 1e-12 m in 500."""
     glider, values = Glider(read_platform(oracle / "platform.yaml")), np.load(oracle / "oracle.npz")
     state0, controls, b = (values[f"window_{name}"][number] for name in ("state0", "controls", "disturbances"))
     measured, step = np.nan_to_num(values["window_measurements"][number]), float(values["step"])
@@ -106,7 +106,7 @@ def test_windows_agree_with_the_oracle(oracle, implementation, number):
 
 
 def test_the_border_gives_what_the_kernels_give(short, numba_kernels):
-    """`Glider` coerces and allocates; cost and gradients are the kernels', X and Y with none."""
+    """`Glider` coerces and allocates; cost and gradients are those of the kernels, with zeros for X and Y."""
     cost, gradient, gradient0 = short.cost_by(numba_kernels)
     assert short.cost()[0] == cost
     np.testing.assert_array_equal(short.cost()[1], gradient)
@@ -119,7 +119,7 @@ def test_the_border_gives_what_the_kernels_give(short, numba_kernels):
 
 @pytest.mark.parametrize("name", ["short", "gappy"])
 def test_cost_is_that_of_the_equation(name, implementation, request):
-    """Eq. 28, the sum over samples 1..n with masked samples left out."""
+    """Eq. 28 is the sum over samples 1..n without masked samples."""
     made = request.getfixturevalue(name)
     cost, *_ = made.cost_by(implementation)
     assert cost == pytest.approx(made.reference_cost(made.state0, made.disturbances), rel=1e-12)
@@ -127,7 +127,7 @@ def test_cost_is_that_of_the_equation(name, implementation, request):
 
 @pytest.mark.parametrize("name", ["short", "gappy"])
 def test_gradient_is_that_of_the_discrete_cost(name, implementation, request):
-    """dJ/db (eqs. 29-32, 36, 37) within 1e-10 of the second implementation's complex step, entries and directions."""
+    """dJ/db (eqs. 29-32, 36, 37) and directional derivatives agree to 1e-10 with complex steps of the second code."""
     made = request.getfixturevalue(name)
     _, gradient, _ = made.cost_by(implementation)
     directions = list(np.random.default_rng(2).normal(size=(4, *gradient.shape)))
@@ -145,7 +145,7 @@ def test_gradient_is_that_of_the_discrete_cost(name, implementation, request):
 
 
 def test_gradient_by_the_initial_state(short, implementation):
-    """The costate at the window's start, against the complex step; X and Y do not enter the cost."""
+    """The costate at the window's start equals the complex step; the cost does not depend on X and Y."""
     *_, actual = short.cost_by(implementation)
     expected = [
         reference.along(lambda y: short.reference_cost(y, short.disturbances), short.state0, axis)
@@ -156,7 +156,7 @@ def test_gradient_by_the_initial_state(short, implementation):
 
 
 def test_the_last_disturbance_is_felt_by_the_last_sample_alone(short):
-    """Terminal costate zero (eq. 34): without its last sample the cost does not know the last disturbance."""
+    """The terminal costate is zero (eq. 34): without the last sample, the last disturbance does not affect the cost."""
     weights = short.weights.copy()
     weights[-1] = 0.0
     _, gradient = short.cost(weights=weights)
@@ -189,7 +189,7 @@ def test_a_window_that_tracks_exactly_costs_nothing(short):
 
 
 def test_masked_samples_do_not_count(gappy):
-    """A gap's samples weigh zero: whatever they contain, cost and gradient are the same to the bit."""
+    """Samples in a gap have zero weight: their content does not change a bit of cost and gradient."""
     cost, gradient = gappy.cost()
     measurements = gappy.measurements.copy()
     measurements[gappy.weights == 0.0] = 1e3
@@ -222,26 +222,26 @@ def test_whole_turns_of_the_heading_cost_nothing(short, turns):
 
 
 def random_step(seed):
-    """Mass properties (1, 11), control (5), state (12), disturbance (6)."""
+    """Draw mass properties (1, 11), control (5), state (12), disturbance (6)."""
     rng = np.random.default_rng(seed)
     control = random_controls(rng, 1)[0]
     return LOPSIDED.bodies(control[None]), control, random_state(rng), random_disturbances(rng, 1)[0]
 
 
 def transposed_step(implementation, bodies, state, disturbance, costate):
-    """``J'w`` of one step: sixteen entries, by the sensed states and the disturbance."""
+    """Return ``J'w`` of one step: sixteen entries, for the sensed states and the disturbance."""
     return np.concatenate(implementation.step_vjp(HULL, bodies, state[SENSED], disturbance, costate, H))
 
 
 def step_matrix(implementation, bodies, state, disturbance):
-    """J of one step from the filter's tangent, (10, 16)."""
+    """Return J of one step from the filter's tangent, (10, 16)."""
     row = np.concatenate([state[SENSED], disturbance, np.zeros(2)])
     return implementation.tangent(HULL, bodies, row, np.ones(6), H)[1]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_step_transpose_against_the_tangent(seed, implementation):
-    """``<Jv, w> = <v, J'w>`` to 1e-13, for w at random and for ``w = Jv`` where nothing cancels."""
+    """``<Jv, w> = <v, J'w>`` to 1e-13, for random w and for ``w = Jv``, where nothing cancels."""
     bodies, _, state, disturbance = random_step(seed)
     rng = np.random.default_rng(100 + seed)
     v = rng.normal(size=16)
@@ -253,7 +253,7 @@ def test_step_transpose_against_the_tangent(seed, implementation):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_step_transpose_against_the_complex_step(seed, implementation):
-    """``<Jv, w> = <v, J'w>`` to 1e-13 with Jv the complex step of the second implementation's step."""
+    """``<Jv, w> = <v, J'w>`` to 1e-13, with Jv from the complex step of the second implementation."""
     bodies, control, state, disturbance = random_step(seed)
     rng = np.random.default_rng(200 + seed)
     v = rng.normal(size=16)
@@ -271,7 +271,7 @@ def test_step_transpose_against_the_complex_step(seed, implementation):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_rates_transpose_against_the_jacobian(seed, implementation):
-    """The adjoint equation's integrand (eqs. 33, 35) is the transposed Jacobian, each written by itself."""
+    """The adjoint equation's integrand (eqs. 33, 35) equals the transposed Jacobian, which has a separate code."""
     bodies, _, state, _ = random_step(seed)
     a = np.random.default_rng(300 + seed).normal(size=10)
     by_state, by_disturbance = implementation.rates_vjp(HULL, bodies, state[SENSED], a)
@@ -291,7 +291,7 @@ def test_trajectory_is_that_of_the_second_implementation(short, implementation):
 
 
 def test_window_and_simulation_integrate_alike(short):
-    """The ten sensed states of `forward` are the simulation's, to the bit."""
+    """The ten sensed states of `forward` are those of the simulation, to the bit."""
     n = len(short.controls)
     states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
     bodies = LOPSIDED.bodies(short.controls)
@@ -301,7 +301,7 @@ def test_window_and_simulation_integrate_alike(short):
 
 
 def test_runge_kutta_is_of_fourth_order():
-    """Halving the step divides the error by sixteen, in all twelve states, X and Y among them."""
+    """Halving the step divides the error by sixteen, in all twelve states, including X and Y."""
     rng = np.random.default_rng(4)
     state, control = random_state(rng), random_controls(rng, 1)[0]
     disturbance, duration = random_disturbances(rng, 1)[0], 3.2

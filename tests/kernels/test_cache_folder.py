@@ -1,4 +1,4 @@
-"""The folder of compiled kernels: for its owner alone, and refused where others could have put something there."""
+"""Folder of compiled kernels: private to its owner, and refused if others could have put files there."""
 
 import grp
 import os
@@ -18,7 +18,7 @@ NOBODY = 65534
 
 @pytest.fixture
 def cache(monkeypatch):
-    """Choose the folder of the kernels as a new process does; gives the folder and any warning."""
+    """Choose the folder of the kernels as a new process does; return the folder and any warning."""
 
     def choose(**environment):
         for name in compiled_cache.VARIABLES:
@@ -115,7 +115,7 @@ def test_without_a_home_the_cache_lasts_as_long_as_the_process(tmp_path):
 
 
 def _as_nobody(attempt):
-    """Exit status of a function that runs as a user who owns nothing: 0 where it succeeded."""
+    """Return the exit status of a function run as a user who owns nothing: 0 if it succeeded."""
     child = os.fork()
     if child == 0:
         try:

@@ -1,4 +1,4 @@
-"""The cache of compiled kernels: found by digest, ours alone, the same for all workers, and mended when damaged."""
+"""Cache of compiled kernels: found by digest, separate from numba's, shared by all workers, repaired when damaged."""
 
 import json
 import os
@@ -37,7 +37,7 @@ def test_a_folder_that_cannot_be_written_is_refused(
 
 @compiled
 def test_functions_of_the_user_are_cached_where_numba_says(tmp_path: Path) -> None:
-    """Neither the environment nor a setting of numba's is changed; only our kernels lie in our folder."""
+    """The environment and numba's settings are not changed; only our kernels are in our folder."""
     (tmp_path / "mine.py").write_text(
         "import json, os\n"
         "import numba\n"
@@ -74,7 +74,7 @@ def test_locators_that_the_user_set_are_not_asked(tmp_path: Path) -> None:
 
 
 def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
-    """Also the temporary one of a process whose own folder is refused."""
+    """They also share the temporary folder of a process whose own folder is refused."""
     script = tmp_path / "script.py"
     script.write_text(
         "from gliderhpc.kernels.cache import compiled_cache\n"
@@ -95,7 +95,7 @@ def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
 
 @compiled
 def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
-    """Processes one after the other: one fills the cache of a single kernel, each other finds it damaged or mended."""
+    """Run processes in turn: the first fills the cache of a kernel, and the others find it damaged or repaired."""
     python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)
     damages: list[Callable[[bytes], bytes]] = [lambda whole: whole[:50], lambda _: b"", lambda _: b"\x80\x05N" * 99]
     for suffix in (".nbi", ".nbc"):

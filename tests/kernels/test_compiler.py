@@ -1,6 +1,6 @@
-"""The compiler of kernels: parts go into the kernels that call them, once for all integers, and kernels call kernels.
+"""Compiler of kernels: kernels contain the parts that they call, one version for all integers; kernels call kernels.
 
-What is under test is how kernels are compiled, so here they are compiled even under NUMBA_DISABLE_JIT.
+These tests are about compilation, so kernels are compiled here even under NUMBA_DISABLE_JIT.
 """
 
 import numba
@@ -47,7 +47,7 @@ def test_a_formula_is_inside_the_kernels_that_call_it():
     x = np.arange(5.0)
     halve_twice(x)
     np.testing.assert_array_equal(x, 0.25 * np.arange(5.0))
-    assert code_of(halve_twice).count("\ndefine") == 2  # itself, and its entry for Python
+    assert code_of(halve_twice).count("\ndefine") == 2  # the kernel, and its entry point for Python
 
 
 def test_the_entry_for_python_is_not_optimised():
@@ -60,7 +60,7 @@ def test_the_entry_for_python_is_not_optimised():
 
 
 def test_one_version_serves_all_integers():
-    """Also those inside a tuple, whose values numba puts into their types."""
+    """It also serves integers inside a tuple, whose numba types contain their values."""
     one = part(lambda x, i, at: load(x, i) + load(x, at[0]))
     kernel = entry(lambda x: one(x, 0, (1, 2.0)) + one(x, 1, (2, 2.0)) + one(x, 2, (0, 2.0)))
     assert kernel(np.arange(3.0)) == 6.0
@@ -84,7 +84,7 @@ def test_numba_functions_of_others_may_call_parts():
 
 
 def test_operators_are_those_of_numba():
-    """In place, of integers and numbers, and powers with an exponent that is known."""
+    """The kernel has in-place operators, operators of integers and floats, and powers with a constant exponent."""
 
     @entry
     def kernel(x, n):

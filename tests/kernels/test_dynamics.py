@@ -1,4 +1,4 @@
-"""The right-hand side (eqs. 1-14, 20) and its Jacobian: against a second implementation, the oracle, and physics."""
+"""Right-hand side (eqs. 1-14, 20) and Jacobian, compared with a second implementation, the oracle, and physics."""
 
 import math
 
@@ -33,13 +33,13 @@ ANGLES, POSITIONS, VELOCITIES, RATES = slice(0, 3), slice(3, 6), slice(6, 9), sl
 
 
 def samples(count, seed=0):
-    """Random (state, control with rudder, disturbance)."""
+    """Draw random states, controls with rudder, and disturbances."""
     rng = np.random.default_rng(seed)
     return [(random_state(rng), random_controls(rng, 1)[0], random_disturbances(rng, 1)[0]) for _ in range(count)]
 
 
 def sensed_rates(glider, state, control, hull=None, disturbance=CALM):
-    """`dynamics.rates` of the ten sensed states, under constants that no platform file could hold if need be."""
+    """Return `dynamics.rates` of the ten sensed states; the constants may be ones that no platform file can have."""
     body = body_of(glider.bodies(control[None]))
     return np.array(dynamics.rates(hull or glider.hull, body, tuple(state[SENSED]), tuple(disturbance)))
 
@@ -49,7 +49,7 @@ def sensed_rates(glider, state, control, hull=None, disturbance=CALM):
 
 @pytest.mark.parametrize("control", [sample[1] for sample in samples(5)])
 def test_mass_properties_are_sums_over_the_masses(control):
-    """Eqs. 5, 9 and 10: S, J_S and m_x g, summed with matrices."""
+    """S, J_S and m_x g (eqs. 5, 9 and 10) equal sums over the masses with matrices."""
     body = body_of(LOPSIDED.bodies(control[None]))
     inertia = reference.point_inertia(LOPSIDED.platform, control)
     np.testing.assert_allclose(body[:3], reference.first_moment(LOPSIDED.platform, control), rtol=1e-13, atol=1e-15)
@@ -60,7 +60,7 @@ def test_mass_properties_are_sums_over_the_masses(control):
 
 
 def test_battery_turns_about_the_axis():
-    """Eq. 5: a quarter turn carries the battery's eccentricity from below to starboard."""
+    """A quarter turn moves the battery's eccentricity from below to starboard (eq. 5)."""
     down, starboard = LOPSIDED.bodies([[0.0, 0.0, 0.0, 0.0], [0.0, math.pi / 2, 0.0, 0.0]])
     lever = LOPSIDED.platform.mass.battery * LOPSIDED.platform.battery_eccentricity
     assert starboard[1] - down[1] == pytest.approx(lever)
@@ -72,7 +72,7 @@ def test_battery_turns_about_the_axis():
 
 @pytest.mark.parametrize("name", ["lopsided", *shipped_platforms()])
 def test_rates_are_those_of_the_equations(name, implementation):
-    """Eqs. 1-14 and 20 against matrices and cross products."""
+    """The rates equal eqs. 1-14 and 20 with matrices and cross products."""
     glider = LOPSIDED if name == "lopsided" else Glider(read_platform(name))
     for state, control, disturbance in samples(scaled(200, 20), seed=1):
         expected = reference.rhs(glider.platform, state, control, disturbance)
@@ -81,7 +81,7 @@ def test_rates_are_those_of_the_equations(name, implementation):
 
 
 def test_rates_agree_with_the_oracle(oracle, implementation):
-    """State and disturbance in the order of eqs. 16 and 17, as independent automatic differentiation has them."""
+    """State and disturbance are in the order of eqs. 16 and 17, as in the independent automatic differentiation."""
     glider, values = Glider(read_platform(oracle / "platform.yaml")), np.load(oracle / "oracle.npz")
     for state, control, disturbance, expected in zip(
         values["state"], values["control"], values["disturbance"], values["rhs"], strict=True
@@ -92,7 +92,7 @@ def test_rates_agree_with_the_oracle(oracle, implementation):
 
 @pytest.mark.parametrize("option", ["K_L0", "K_delta", "rate_damping_floor"])
 def test_optional_terms_enter_where_they_should(option):
-    """The optional terms one at a time: lift at no angle of attack, rudder, damping near rest."""
+    """Test the optional terms one at a time: lift at zero angle of attack, rudder, damping near rest."""
     without = Glider(lopsided_platform(K_L0=0.0, K_delta=0.0, rate_damping_floor=0.0))
     glider = Glider(with_overrides(without.platform, {f"viscous.{option}": "0.3"}))
     for state, control, _ in samples(20, seed=2):
@@ -126,7 +126,7 @@ def test_a_missing_rudder_is_amidships():
 
 @pytest.mark.parametrize("name", ["lopsided", *shipped_platforms()])
 def test_jacobian_is_the_derivative_of_the_equations(name, implementation):
-    """df/dy by hand against the complex step of the matrices."""
+    """The hand-written df/dy equals the complex step of the equations with matrices."""
     glider = LOPSIDED if name == "lopsided" else Glider(read_platform(name))
     for state, control, disturbance in samples(scaled(40, 10), seed=4):
         expected = reference.jacobian(
@@ -144,7 +144,7 @@ def test_jacobian_agrees_with_the_oracle(oracle, implementation):
 
 
 def test_jacobian_has_seventy_nine_entries():
-    """Of 144; on a hull where no term vanishes all of them are met, and nothing depends on X or Y."""
+    """Of 144 entries, 79 are non-zero on a hull without a vanishing term, and nothing depends on X or Y."""
     met = np.zeros((12, 12), dtype=bool)
     expected = np.zeros((12, 12), dtype=bool)
     for state, control, disturbance in samples(10, seed=5):
@@ -152,7 +152,7 @@ def test_jacobian_has_seventy_nine_entries():
         derivative = reference.jacobian(
             lambda y, c=control, b=disturbance: reference.rhs(LOPSIDED.platform, y, c, b), state
         )
-        # The products of eq. 3 cancel in the depth's row; what is left of them is rounding, not structure.
+        # The products of eq. 3 cancel in the row of the depth; the remainder is rounding, not structure.
         expected |= np.abs(derivative) > 1e-13 * np.abs(derivative).max()
     assert met.sum() == 79
     np.testing.assert_array_equal(met, expected)
@@ -160,7 +160,7 @@ def test_jacobian_has_seventy_nine_entries():
 
 
 def test_disturbances_enter_by_a_constant_diagonal():
-    """Eq. 20: df/db holds the reciprocal effective masses and inertias, whatever the state."""
+    """In eq. 20, df/db contains the reciprocal effective masses and inertias in every state."""
     np.testing.assert_array_equal(LOPSIDED.input_diagonal(), 1.0 / reference.inertia(LOPSIDED.platform))
     expected = np.zeros((12, 6))
     expected[6:] = np.diag(LOPSIDED.input_diagonal())
@@ -218,7 +218,7 @@ def test_the_damping_floor_damps_at_rest():
 
 
 def test_viscous_derivatives_fade_towards_rest():
-    """They are of the order of V_b, so nothing jumps where the hull comes to rest."""
+    """They are of the order of V_b; there is no jump where the hull comes to rest."""
     glider = Glider(lopsided_platform(rate_damping_floor=0.0))
     state, control = at_rest(), np.array([0.02, 0.5, 0.1, 0.2, 0.1])
     still = glider.jacobian(state, control)
@@ -232,7 +232,7 @@ def test_viscous_derivatives_fade_towards_rest():
 
 @pytest.mark.parametrize("v", [0.3, -0.3])
 def test_flow_from_abeam(v):
-    """Eqs. 13 and 14 where alpha has no meaning: sideslip of 90 degrees, angle of attack 0."""
+    """Where alpha is undefined in eqs. 13 and 14, the sideslip is 90 degrees and the angle of attack 0."""
     flow = hydrodynamics.flow_of(0.0, v, 0.0)
     assert flow.alpha == 0.0
     assert flow.beta == math.copysign(math.pi / 2, v)
@@ -243,7 +243,7 @@ def test_flow_from_abeam(v):
 @given(state=extreme_states(), costate=st.tuples(*[st.floats(-10.0, 10.0)] * 10))
 @settings(deadline=None, max_examples=scaled(1000, 300))
 def test_everything_is_finite_below_ninety_degrees(state, costate):
-    """Rates, Jacobian and transpose, for every state with |theta| < 90 degrees."""
+    """Rates, Jacobian and transpose are finite for every state with |theta| < 90 degrees."""
     control = np.array([0.02, 0.5, 0.1, 0.2, 0.1])
     assert np.isfinite(LOPSIDED.rhs(state, control, CALM)).all()
     assert np.isfinite(LOPSIDED.jacobian(state, control)).all()
@@ -267,7 +267,7 @@ def test_the_last_pitch_below_ninety_degrees(pitch):
 
 
 def test_momentum_terms_do_no_work():
-    """Eqs. 6 and 9: without viscous forces the power is that of buoyancy, weight and disturbance alone."""
+    """Without viscous forces the power is only that of buoyancy, weight and disturbance (eqs. 6 and 9)."""
     inviscid = LOPSIDED.hull._replace(**dict.fromkeys(VISCOUS, 0.0))
     for state, control, disturbance in samples(20, seed=10):
         rates = sensed_rates(LOPSIDED, state, control, inviscid, disturbance)
@@ -281,7 +281,7 @@ def test_momentum_terms_do_no_work():
 
 
 def test_only_drag_does_work():
-    """Eqs. 11 and 14: lift and side force stand on the velocity, drag opposes it with ``V^3 (K_D0 + K_D alpha^2)``."""
+    """Lift and side force are normal to the velocity; drag has the power ``V^3 (K_D0 + K_D alpha^2)`` (eqs. 11, 14)."""
     hull = LOPSIDED.hull
     for state, *_ in samples(20, seed=11):
         V = state[VELOCITIES]
@@ -293,7 +293,7 @@ def test_only_drag_does_work():
 
 
 def test_flow_frame_is_orthonormal():
-    """Eq. 14: `to_flow` undoes `to_body`, and the flow's first axis is the velocity."""
+    """`to_flow` is the inverse of `to_body`, and the first axis of the flow is the velocity (eq. 14)."""
     for state, *_ in samples(20, seed=12):
         V, a = state[VELOCITIES], state[RATES]
         flow = hydrodynamics.flow_of(*V)
@@ -303,14 +303,14 @@ def test_flow_frame_is_orthonormal():
 
 
 def test_speed_is_the_same_in_either_frame():
-    """Eqs. 1 and 3: R_eb is a rotation."""
+    """R_eb is a rotation (eqs. 1 and 3)."""
     for state, control, _ in samples(20, seed=13):
         drift = LOPSIDED.rhs(state, control, CALM)[POSITIONS]
         assert np.linalg.norm(drift) == pytest.approx(np.linalg.norm(state[VELOCITIES]), rel=1e-14)
 
 
 def test_only_the_track_knows_north():
-    """A turned start turns the horizontal velocity and changes nothing else; neither does a start elsewhere."""
+    """A rotated start only rotates the horizontal velocity; a start at another place changes nothing else either."""
     for state, control, disturbance in samples(20, seed=14):
         turned = state.copy()
         turned[2] += math.pi / 2
@@ -322,7 +322,7 @@ def test_only_the_track_knows_north():
 
 
 def test_port_and_starboard_are_alike():
-    """A hull with nothing off its plane of symmetry flies mirrored when everything is mirrored, bit for bit."""
+    """A symmetric hull flies the mirrored path, bit for bit, if its start and forcing are mirrored."""
     glider = Glider(read_platform("seawing"))
     mirror = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     mirror_control = np.array([1.0, -1.0, 1.0, 1.0, -1.0])
@@ -334,7 +334,7 @@ def test_port_and_starboard_are_alike():
 
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["as published", "mirrored"])
 def test_seawing_settles_in_its_published_spiral(side):
-    """Zhang et al. 2013, Seawing with the battery turned 45 degrees and 2 cm forward, 0.3 kg heavy.
+    """Compare with Zhang et al. 2013: Seawing with the battery rotated 45 degrees and 2 cm forward, 0.3 kg heavy.
 
     Speed 0.490 m/s, pitch -35.6, roll -13.7, angle of attack 1.27, sideslip -1.28 deg, turn rate 0.0039 rad/s, radius
     about 100 m. (Their gamma has the opposite sign.)

@@ -1,4 +1,4 @@
-"""Sine, cosine, arctangent and wrapping against extended precision, over the ranges that a mission meets."""
+"""Sine, cosine, arctangent and wrapping, compared with extended precision over the ranges that occur in a mission."""
 
 import math
 
@@ -25,7 +25,7 @@ def one_by_one(x):
 
 
 def in_lanes(x):
-    """Arrange arguments as rows of lanes, the last row filled up."""
+    """Arrange arguments as rows of lanes, with the last row filled up."""
     rows = -(-x.size // LANES)
     return np.resize(x, (rows, LANES))
 
@@ -34,7 +34,7 @@ WAYS = {"numbers": ("numba", one_by_one), "lanes": ("numba", in_lanes), "fortran
 
 
 class Way:
-    """An implementation and how it takes its arguments."""
+    """Implementation, with the form of its arguments."""
 
     def __init__(self, name):
         which, self._arranged = WAYS[name]
@@ -57,7 +57,7 @@ def way(request):
 
 
 def ulps(actual, exact):
-    """Largest error in units of the last place of the exact value."""
+    """Return the largest error in units of the last place of the exact value."""
     return np.max(np.abs(actual - exact) / np.spacing(np.abs(exact.astype(np.float64))))
 
 
@@ -82,7 +82,7 @@ def test_sine_and_cosine_are_right_to_their_last_places(reach, bound, way):
 
 @extended_precision
 def test_sine_and_cosine_where_they_vanish(way):
-    """Near the multiples of pi/2 the argument's reduction cancels almost every digit."""
+    """Near multiples of pi/2, the reduction of the argument cancels almost all digits."""
     multiples = np.arange(1, 637) * (math.pi / 2)
     close = [multiples, np.nextafter(multiples, 0.0), np.nextafter(multiples, np.inf)]
     x = np.concatenate(close + [multiples + 10.0**-digits for digits in range(1, 15)])
@@ -145,7 +145,7 @@ def test_arctangent_on_the_axes(way):
 
 
 def test_a_signed_zero_is_a_zero(way):
-    """The range is (-pi, pi]: dead astern is +pi from either side, and the origin has the angle 0."""
+    """The range is (-pi, pi]: dead astern is +pi for either sign of zero, and the origin has the angle 0."""
     y, x = np.array(
         [[-0.0, -2.0], [-0.0, 2.0], [2.0, -0.0], [0.0, 0.0], [0.0, -0.0], [-0.0, 0.0], [-0.0, -0.0]]
     ).T.copy()
@@ -179,7 +179,7 @@ def test_whole_turns_do_not_count(angle, turns):
 
 
 def test_lanes_give_the_bits_of_numbers():
-    """Headings and rolls of a mission, steep and shallow flows, and what is no number."""
+    """The arguments are headings and rolls of a mission, steep and shallow flows, and NaN and infinities."""
     rng = np.random.default_rng(2)
     x = np.concatenate([rng.uniform(-100.0, 100.0, POINTS // 2), [0.0, math.nan, math.inf, -math.inf, 1e6]])
     y = rng.normal(size=x.size)
@@ -193,7 +193,7 @@ def test_lanes_give_the_bits_of_numbers():
 
 @pytest.mark.skipif(not COMPILED, reason="nothing is compiled")
 def test_rounding_does_not_depend_on_the_first_caller():
-    """A formula keeps its own flags, whatever those of the kernel that has it compiled."""
+    """A formula keeps its own flags, independent of those of the kernel for which it is compiled."""
     x = np.random.default_rng(3).uniform(-100.0, 100.0, POINTS)
     results = []
     for fastmath in (False, {"contract", "nsz", "arcp"}):

@@ -1,4 +1,4 @@
-"""The filter's kernels (eqs. 19-27): transition matrix, prediction, update, and the run along records in lanes."""
+"""Kernels of the filter (eqs. 19-27): transition matrix, prediction, update, and the run along records in lanes."""
 
 import math
 
@@ -27,7 +27,7 @@ H = 0.1
 SENSED = reference.SENSED
 CARRIED = [*SENSED, 12, 13, 14, 15, 16, 17]
 PATH = [*CARRIED, 3, 4]
-"""Places of the filter's sensed states, disturbances, X and Y among the eighteen."""
+"""Indices of the filter's sensed states, disturbances, X and Y among the eighteen."""
 DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.1, 0.02, 0.03, 0.02, 0.02, 0.02, 0.3, 0.3, 0.3, 0.1, 0.1, 0.5])
 VARIANCE = np.array([5e-4, 5e-4, 5e-4, 0.03]) ** 2
 DECAY = np.exp(-H / np.array([600.0, 60.0, 600.0, 60.0, 600.0, 20.0]))
@@ -35,14 +35,14 @@ NOISE = DEVIATION[10:] ** 2 * (1.0 - DECAY**2)
 
 
 def random_covariance(rng):
-    """Draw a dense positive definite covariance whose standard deviations are the filter's."""
+    """Draw a dense positive definite covariance with the filter's standard deviations."""
     mixed = rng.normal(size=(16, 30))
     covariance = mixed @ mixed.T / 30.0 * np.outer(DEVIATION, DEVIATION)
     return 0.5 * (covariance + covariance.T)
 
 
 def random_case(seed):
-    """Mass properties (1, 11), control, augmented state (18)."""
+    """Draw mass properties (1, 11), control and augmented state (18)."""
     rng = np.random.default_rng(seed)
     control = random_controls(rng, 1)[0]
     x = np.concatenate([random_state(rng), random_disturbances(rng, 1)[0]])
@@ -50,7 +50,7 @@ def random_case(seed):
 
 
 def flown_path(bodies, x, durations, decay=DECAY):
-    """Rows of the path (m+1, 18) in the kernel's order, and the stages' Jacobians."""
+    """Return the rows of the path (m+1, 18) in the kernel's order, and the stages' Jacobians."""
     m = len(durations)
     path, partials = np.full((m + 1, 18), np.nan), np.full((m, 4, ENTRIES), np.nan)
     path[0] = x[PATH]
@@ -60,7 +60,7 @@ def flown_path(bodies, x, durations, decay=DECAY):
 
 
 def tangent_of(bodies, x, h=H):
-    """New state and the transition matrix (10, 16) of one step."""
+    """Return the new state and the transition matrix (10, 16) of one step."""
     durations = np.array([h])
     path, partials = flown_path(bodies, x, durations)
     transition = np.eye(10, 16)
@@ -69,12 +69,12 @@ def tangent_of(bodies, x, h=H):
 
 
 def full_transition(transition, decay):
-    """Phi of eq. 24: the step's tangent above, the disturbances' decay below."""
+    """Return Phi of eq. 24: the step's tangent above, the disturbances' decay below."""
     return np.vstack([transition, np.hstack([np.zeros((6, 10)), np.diag(decay)])])
 
 
 def scratch():
-    """Memory for the covariance's prediction, filled with what must not be read."""
+    """Allocate memory for the covariance's prediction, filled with values that must not be read."""
     return Sweep(*(np.full(shape, np.nan) for shape in ((10, 16), (6,), (16, 16), (10, 16))))
 
 
@@ -93,7 +93,7 @@ def test_step_is_the_simulation_s(seed, implementation):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_transition_is_the_derivative_of_the_step(seed, implementation):
-    """Eq. 24's Phi against the complex step of the second implementation's Runge-Kutta step."""
+    """Phi of eq. 24 equals the complex step of the second implementation's Runge-Kutta step."""
     bodies, control, x = random_case(seed)
     expected = reference.jacobian(lambda z: reference.rk4_step(LOPSIDED.platform, z[:12], control, z[12:], H), x)
     _, transition = implementation.tangent(HULL, bodies, x[PATH], DECAY, H)
@@ -103,7 +103,7 @@ def test_transition_is_the_derivative_of_the_step(seed, implementation):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_transition_against_central_differences(seed):
-    """The kernel's own step, differenced: second order, so an error of about the increment squared."""
+    """Central differences of the kernel's own step have an error of about the increment squared."""
     bodies, _, x = random_case(seed)
     _, transition = tangent_of(bodies, x)
     increment = 1e-5
@@ -117,7 +117,7 @@ def test_transition_against_central_differences(seed):
 
 
 def test_transition_is_more_than_its_first_order():
-    """``I + h A`` is not the tangent of a Runge-Kutta step: at the default step the roll mode alone sees to that."""
+    """``I + h A`` is not the tangent of a Runge-Kutta step: at the default step, the roll mode alone differs."""
     bodies, control, x = random_case(0)
     _, transition = tangent_of(bodies, x)
     first_order = np.eye(12) + H * LOPSIDED.jacobian(x[:12], control)
@@ -125,7 +125,7 @@ def test_transition_is_more_than_its_first_order():
 
 
 def test_a_step_of_no_length_moves_nothing(implementation):
-    """To the bit, in every implementation: neither the state nor, of a tangent, more than heading's column."""
+    """In every implementation the state is unchanged to the bit; in a tangent, only the heading's column changes."""
     bodies, _, x = random_case(1)
     new, transition = implementation.tangent(HULL, bodies, x[PATH], DECAY, 0.0)
     np.testing.assert_array_equal(new, x[PATH])
@@ -133,7 +133,7 @@ def test_a_step_of_no_length_moves_nothing(implementation):
 
 
 def test_a_step_of_no_length_changes_nothing():
-    """To the bit: what lanes whose block is shorter than their neighbours' rely on."""
+    """It changes nothing to the bit; lanes with a shorter block than their neighbours depend on this."""
     bodies, _, x = random_case(1)
     durations = np.array([0.0])
     path, partials = flown_path(bodies, x, durations)
@@ -149,7 +149,7 @@ def test_a_step_of_no_length_changes_nothing():
 
 
 def predicted(bodies, x, P, durations, factors, decay=DECAY):
-    """Covariance behind a block of steps."""
+    """Return the covariance after a block of steps."""
     _, partials = flown_path(bodies, x, durations, decay)
     P = P.copy()
     predict_covariance(HULL, durations, decay, NOISE, factors, partials, len(durations), scratch(), P)
@@ -158,7 +158,7 @@ def predicted(bodies, x, P, durations, factors, decay=DECAY):
 
 @pytest.mark.parametrize("steps", [0, 1, 4])
 def test_covariance_is_carried_as_in_the_textbook(steps):
-    """Eq. 24 with dense matrices, step after step: ``Phi P Phi' + Q``; the result is symmetric to the bit."""
+    """The covariance equals eq. 24 with dense matrices at every step, ``Phi P Phi' + Q``, and is exactly symmetric."""
     rng = np.random.default_rng(steps)
     _, _, x = random_case(steps)
     bodies, factors = LOPSIDED.bodies(random_controls(rng, max(steps, 1))), rng.uniform(0.5, 30.0, steps)
@@ -176,7 +176,7 @@ def test_covariance_is_carried_as_in_the_textbook(steps):
 
 
 def test_steps_of_no_length_leave_the_covariance_alone():
-    """A block that ends in such steps gives what the block without them gives, to the bit."""
+    """A block that ends with such steps gives the same result as the block without them, to the bit."""
     rng = np.random.default_rng(4)
     _, _, x = random_case(4)
     bodies, P = LOPSIDED.bodies(random_controls(rng, 5)), random_covariance(rng)
@@ -186,7 +186,7 @@ def test_steps_of_no_length_leave_the_covariance_alone():
 
 
 def test_random_walk_is_the_limit_of_no_decay():
-    """Eq. 19: with decay 1 the disturbances keep their values and their variances only grow."""
+    """With decay 1 the disturbances keep their values and their variances only grow (eq. 19)."""
     bodies, _, x = random_case(6)
     path, _ = flown_path(bodies, x, np.array([H]), np.ones(6))
     np.testing.assert_array_equal(path[1, 10:16], x[12:])
@@ -199,7 +199,7 @@ def test_random_walk_is_the_limit_of_no_decay():
 
 @pytest.mark.parametrize("index", range(4))
 def test_update_is_the_textbook_s(index):
-    """Eqs. 25-27 with dense matrices for one scalar measurement, and the Joseph form."""
+    """The update equals eqs. 25-27 with dense matrices for one scalar measurement, and the Joseph form."""
     rng = np.random.default_rng(index)
     x, P = rng.normal(size=16), random_covariance(rng)
     innovation, variance = 0.02, 1e-4
@@ -222,7 +222,7 @@ def test_update_is_the_textbook_s(index):
 @given(seed=st.integers(0, 10_000), exponent=st.floats(-16.0, 2.0))
 @settings(deadline=None, max_examples=scaled(100, 10))
 def test_covariance_stays_positive_definite(seed, exponent):
-    """Thirty updates by sensors from almost perfect to almost useless, predictions between them."""
+    """Apply thirty updates with sensors from almost perfect to almost useless, with predictions between them."""
     rng = np.random.default_rng(seed)
     P, gain, half = random_covariance(rng), np.empty((16, 2)), np.empty((10, 16))
     x, added = np.zeros(16), np.diag(np.concatenate([np.zeros(10), NOISE]))
@@ -247,7 +247,7 @@ EVERY = 3
 
 
 class Case:
-    """A record of ``n`` steps, and how it is to be filtered."""
+    """Record of ``n`` steps, with the settings of the filter."""
 
     def __init__(self, bodies, measured, fed, x0, vibrating=None, gate=12.0, patience=10, noise=NOISE, allowed=999):
         rows = len(measured)
@@ -266,7 +266,7 @@ class Case:
 
     @property
     def innovations(self):
-        """Innovations of the fed samples and their variances (m, 2, 4)."""
+        """Innovations of the fed samples, and their variances (m, 2, 4)."""
         return self.arrays[8]
 
 
@@ -277,7 +277,7 @@ EMPTY = (
 
 
 def filter_in_lanes(cases, factor=1.0):
-    """Run the filter on cases by lane, all others idle, to the end of every one."""
+    """Run the filter on the cases, by lane, to the end of each; all other lanes are idle."""
     memory, progress = allocate()
     for lane, case in cases.items():
         load_profile(
@@ -295,7 +295,7 @@ def filter_in_lanes(cases, factor=1.0):
 
 
 class Record:
-    """A steady dive under a constant disturbance, measured every 0.3 s, and what the filter makes of it."""
+    """Steady dive under a constant disturbance, measured every 0.3 s, and the filter's results."""
 
     def __init__(self):
         self.bodies = PETREL.bodies(np.tile(GLIDE.control, (STEPS, 1)))
@@ -307,7 +307,7 @@ class Record:
         self.x0[[1, 6, 8]] += [0.005, 0.05, -0.01]
 
     def case(self, measured=None, x0=None, fed=None, **options):
-        """Case of the record, or of one like it."""
+        """Return the case of the record, or of a modified one."""
         return Case(
             self.bodies, self.measured if measured is None else measured, self.fed if fed is None else fed,
             self.x0 if x0 is None else x0, **options,
@@ -320,17 +320,17 @@ class Record:
         return case.estimate
 
     def restarted(self, row):
-        """Give the sensed states and the disturbances that a restart at a row begins with."""
+        """Return the sensed states and the disturbances after a restart at a row."""
         return np.concatenate([self.measured[row], GLIDE.state[6:], np.zeros(6)])
 
     def with_outlier(self, row, channel, size):
-        """Copy the measurements with one of them wrong."""
+        """Copy the measurements, with one of them wrong."""
         measured = self.measured.copy()
         measured[row, channel] += size
         return measured
 
     def without(self, row, channel):
-        """Copy the measurements with one of them missing."""
+        """Copy the measurements, with one of them missing."""
         measured = self.measured.copy()
         measured[row, channel] = np.nan
         return measured
@@ -343,12 +343,12 @@ def record():
 
 @pytest.fixture(scope="module")
 def estimate(record):
-    """Run the filter plainly, once."""
+    """Run the filter once with default settings."""
     return record.filtered()
 
 
 def textbook_filter(record):
-    """Eqs. 23-27 with dense matrices, Phi by the complex step and all four channels at once; X and Y left out."""
+    """Filter by eqs. 23-27 with dense matrices, Phi from complex steps, all channels at once, and without X and Y."""
     x, P = record.x0.copy(), np.diag(DEVIATION**2)
     Q = np.diag(np.concatenate([np.zeros(10), NOISE]))
     observe = np.eye(16)[:4]
@@ -375,7 +375,7 @@ def textbook_filter(record):
 
 
 def test_run_is_the_textbook_s(record, estimate):
-    """Eqs. 18 and 21-27: channel after channel with the Joseph form, or all at once, the same estimate."""
+    """The Joseph form for one channel after the other gives the estimate of eqs. 18 and 21-27 for all at once."""
     states, disturbances, events = estimate
     expected, _ = textbook_filter(record)
     np.testing.assert_allclose(states, expected[:, :12], rtol=1e-10, atol=1e-11)
@@ -384,7 +384,7 @@ def test_run_is_the_textbook_s(record, estimate):
 
 
 def test_innovations_have_the_textbook_s_density(record):
-    """Channel after channel, the log densities add up to that of each sample's four channels together."""
+    """The log-densities of successive channels add up to the joint log-density of a sample's four channels."""
     case = record.case()
     filter_in_lanes({0: case})
     e, S = case.innovations.transpose(1, 0, 2)
@@ -408,7 +408,7 @@ def test_innovation_of_a_missing_channel_is_missing_and_of_a_gated_one_is_stored
 
 
 def test_estimate_approaches_the_truth(record, estimate):
-    """Six seconds of data: attitude and depth to the sensors' noise, speed better than at the start."""
+    """After six seconds, attitude and depth are accurate to the sensors' noise, and the speed has improved."""
     states, _, _ = estimate
     error = np.abs(states[-1] - record.truth[-1])
     assert error[:3].max() < 3.0 * 5e-4
@@ -418,7 +418,7 @@ def test_estimate_approaches_the_truth(record, estimate):
 
 
 def test_without_measurements_the_filter_is_the_model(record):
-    """Nothing fed: what remains is the simulation from the initial estimate."""
+    """Without fed samples, the result is the simulation from the initial estimate."""
     states, disturbances, events = record.filtered(fed=np.zeros(STEPS + 1, dtype=bool))
     expected = PETREL.simulate(record.x0[:12], np.tile(GLIDE.control, (STEPS, 1)), np.zeros((STEPS, 6)), H)
     np.testing.assert_allclose(states, expected, rtol=1e-12, atol=1e-12)
@@ -428,7 +428,7 @@ def test_without_measurements_the_filter_is_the_model(record):
 
 @pytest.mark.parametrize("channel", range(4))
 def test_an_outlier_counts_as_missing(record, channel):
-    """Gated: the estimate is that of a record without the sample, and the sample is counted once."""
+    """It is gated: the estimate is that of a record without the sample, and one event is recorded."""
     row = 10 * EVERY
     states, disturbances, events = record.filtered(measured=record.with_outlier(row, channel, 2.0))
     expected_states, expected_disturbances, none = record.filtered(measured=record.without(row, channel))
@@ -440,9 +440,9 @@ def test_an_outlier_counts_as_missing(record, channel):
 
 
 def test_in_vibration_an_outlier_is_widened_not_dropped(record, estimate):
-    """Inside the vibration set the variance is raised until the innovation stands at the gate.
+    """Inside the vibration set the variance is inflated until the innovation lies at the gate.
 
-    The correction is then ``gate**2 P / innovation``: the worse the outlier, the less it moves the estimate.
+    The correction is then ``gate**2 P / innovation``: a larger outlier changes the estimate less.
     """
     row = 10 * EVERY
     vibrating = np.zeros(STEPS + 1, dtype=bool)
@@ -460,7 +460,7 @@ def test_in_vibration_an_outlier_is_widened_not_dropped(record, estimate):
 
 
 def test_more_noise_is_added_in_vibration(record):
-    """The factor acts on the steps that start inside the vibration set, and on them alone."""
+    """The factor acts only on the steps that start inside the vibration set."""
     vibrating = np.ones(STEPS + 1, dtype=bool)
     states, disturbances, _ = record.filtered(vibrating=vibrating, factor=4.0)
     expected_states, expected_disturbances, _ = record.filtered(noise=4.0 * NOISE)
@@ -480,7 +480,7 @@ def test_heading_innovation_is_wrapped(record, estimate, turns):
 
 
 def test_one_channel_alone_is_used(record, estimate):
-    """A sample without a heading still corrects the rest."""
+    """A sample without a heading still corrects the other states."""
     measured = record.measured.copy()
     measured[:, 2] = np.nan
     states, _, events = record.filtered(measured=measured)
@@ -490,7 +490,7 @@ def test_one_channel_alone_is_used(record, estimate):
 
 
 def test_disagreement_that_lasts_restarts_the_filter(record):
-    """More than `patience` rejected samples in a row: back to guess and initial disturbances, the track unchanged."""
+    """More than `patience` successive rejections reset to guess and initial disturbances, with an unchanged track."""
     measured = record.measured.copy()
     measured[10 * EVERY :, 1] += 0.5
     states, disturbances, events = record.filtered(measured=measured, patience=3)
@@ -505,7 +505,7 @@ def test_disagreement_that_lasts_restarts_the_filter(record):
 
 
 def test_agreement_in_between_is_patience_regained(record):
-    """Rejections count in a row: one good sample among them and nothing restarts."""
+    """Only successive rejections cause a restart; one good sample among them prevents it."""
     measured = record.measured.copy()
     measured[10 * EVERY :, 1] += 2.0
     measured[::EVERY][[12, 15, 18]] = record.measured[::EVERY][[12, 15, 18]]
@@ -520,7 +520,7 @@ def test_agreement_in_between_is_patience_regained(record):
     ids=["not a number", "too fast", "abeam", "astern of the plane", "nose up", "nose down"],
 )
 def test_an_estimate_outside_the_model_is_restarted(record, index, value):
-    """Divergence is noticed at once, counted, and costs the sample, not the run."""
+    """Divergence is detected immediately and recorded; it affects only the sample, and the run continues."""
     x0 = record.x0.copy()
     x0[index] = value
     states, _, events = record.filtered(x0=x0)
@@ -533,7 +533,7 @@ def test_an_estimate_outside_the_model_is_restarted(record, index, value):
 
 @pytest.mark.parametrize(("index", "value"), [(1, 1.47), (1, -1.47), (6, 2.9)])
 def test_an_unusual_estimate_is_left_to_the_measurements(record, index, value):
-    """Pitch below 85 degrees and speed below 3 m/s are inside the model; a record that disagrees is gated first."""
+    """Pitch below 85 degrees and speed below 3 m/s are inside the model's domain; a contradicting record is gated."""
     x0 = record.x0.copy()
     x0[index] = value
     _, _, events = record.filtered(x0=x0)
@@ -550,7 +550,7 @@ def test_a_track_that_is_lost_is_restarted(record):
 
 
 def test_an_estimate_that_leaves_the_model_between_samples_is_restarted_there(record):
-    """The rest of the record is that of a run that began at the restart, whatever the block has flown before it."""
+    """The rest is that of a run that begins at the restart, independent of the earlier part of the block."""
     bodies, at = record.bodies.copy(), 2 * EVERY + 2
     bodies[at - 1, 9] = math.nan
     case = Case(bodies, record.measured, record.fed, record.x0)
@@ -568,7 +568,7 @@ def test_an_estimate_that_leaves_the_model_between_samples_is_restarted_there(re
 
 
 def test_a_run_with_too_much_trouble_is_given_up(record):
-    """At the sample after which more are in trouble than allowed; nothing is written behind it."""
+    """It ends at the sample with which the allowed number of troubles is exceeded; nothing is written after it."""
     measured = record.measured.copy()
     measured[10 * EVERY :, 1] += 2.0
     case, whole = record.case(measured=measured, allowed=2), record.case(measured=measured)
@@ -584,7 +584,7 @@ def test_a_run_with_too_much_trouble_is_given_up(record):
 
 
 def variety(record):
-    """Cases that differ in length, in when they are fed, in their start and in what is wrong with them."""
+    """Return cases that differ in length, in their fed samples, in their start and in their faults."""
     rng = np.random.default_rng(3)
     spoilt = record.with_outlier(4 * EVERY, 1, 2.0)
     spoilt[8 * EVERY :, 3] += 40.0
@@ -609,7 +609,7 @@ def assert_same(case, other):
 
 
 def test_what_a_lane_gives_does_not_depend_on_its_place_or_neighbours(record):
-    """Alone or among others of other lengths and feeds, in this lane or in that: the same to the bit."""
+    """The result is the same to the bit, in any lane, alone or with cases of other lengths and fed samples."""
     alone, together = variety(record), variety(record)
     for case in alone:
         filter_in_lanes({0: case})
@@ -622,7 +622,7 @@ def test_what_a_lane_gives_does_not_depend_on_its_place_or_neighbours(record):
 
 
 def test_a_lane_that_is_lost_for_good_leaves_its_neighbours_alone(record):
-    """Not a number in every step, sample and constant of one lane."""
+    """Every step, sample and constant of one lane is NaN."""
     alone, paired = record.case(), record.case()
     lost = record.case(measured=np.full_like(record.measured, math.nan), noise=np.full(6, math.nan))
     lost.arrays = np.full_like(record.bodies, math.nan), *lost.arrays[1:]

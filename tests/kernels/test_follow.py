@@ -1,4 +1,4 @@
-"""The run that follows a path: an exact trajectory under the disturbance that it leaves, and near the path."""
+"""Run that follows a path: an exact trajectory under the disturbance that it returns, and close to the path."""
 
 import numpy as np
 from support.sizes import scaled
@@ -12,7 +12,7 @@ STEPS = scaled(60, 16)
 
 
 def test_a_run_that_follows_a_path_is_a_trajectory_near_it():
-    """Its states are those that its disturbances lead to, by an independent run; the path's jumps decay."""
+    """Its states agree with an independent run under its disturbances; the path's jumps decay."""
     rng = np.random.default_rng(3)
     start = GLIDE.state
     given = 0.05 * random_disturbances(rng, STEPS)

@@ -1,4 +1,4 @@
-"""The Fortran kernels: Numba's to rounding, refused where they are not what is wanted, and an engine like any other."""
+"""Fortran kernels: equal to Numba's up to rounding, refused if they do not fit, and usable as an engine."""
 
 import shutil
 import subprocess
@@ -32,7 +32,7 @@ compiler = pytest.mark.skipif(shutil.which("gfortran") is None, reason="no gfort
 
 @pytest.fixture(scope="module")
 def cases():
-    """Mass properties, state, disturbance, costate: hulls lopsided, headings of several turns, sternway."""
+    """Draw mass properties, state, disturbance and costate: lopsided hulls, headings of several turns, sternway."""
     rng = np.random.default_rng(0)
     return [
         (
@@ -44,7 +44,7 @@ def cases():
 
 
 def worst(cases, question, kernels, others):
-    """Largest relative difference between two implementations' answers, over cases and over what each gives."""
+    """Return the largest relative difference between the results of two implementations, over all cases and results."""
     found = []
     for case in cases:
         answers = [question(implementation, *case) for implementation in (kernels, others)]
@@ -68,12 +68,12 @@ QUESTIONS = {
 
 @pytest.mark.parametrize("question", QUESTIONS)
 def test_fortran_and_numba_agree(cases, numba_kernels, fortran_kernels, question):
-    """To 1e-12 of the largest entry."""
+    """They agree to 1e-12 of the largest entry."""
     assert worst(cases, QUESTIONS[question], fortran_kernels, numba_kernels) < 1e-12
 
 
 def test_gradients_agree(numba_kernels, fortran_kernels):
-    """Cost and gradients of windows, by the disturbance and by the state they start from, to 1e-10."""
+    """Cost and gradients of windows, by the disturbance and by the initial state, agree to 1e-10."""
     rng = np.random.default_rng(1)
     n = scaled(60, 6)
     for _ in range(5):
@@ -89,7 +89,7 @@ def test_gradients_agree(numba_kernels, fortran_kernels):
 
 @pytest.mark.parametrize("where", range(10))
 def test_what_is_no_number_stays_visible(cases, fortran_kernels, where):
-    """In any state but the heading, on which no rate depends, and there in the new heading."""
+    """A NaN in a state is also in the new state and, except for the heading, in the transposed derivatives."""
     bodies, state, b, a = cases[0]
     y = state[SENSED]
     y[where] = np.nan
@@ -104,7 +104,7 @@ def test_what_is_no_number_stays_visible(cases, fortran_kernels, where):
 
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
-    """Copy the sources to a folder of the test's own, where the build puts its library."""
+    """Copy the sources to a separate folder, in which the library is built."""
     for source in build.FOLDER.glob("*.f90"):
         shutil.copy(source, tmp_path)
     monkeypatch.setattr(build, "FOLDER", tmp_path)
@@ -113,7 +113,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @compiler
 def test_a_library_is_built_and_loaded_where_it_belongs(elsewhere, cases):
-    """Without optimisation too, and with flags that would hide what is no number: they come before ours."""
+    """The build works without optimisation, and with flags that would hide NaN, which ours override."""
     path = build.build(flags="-O0 -ffinite-math-only -fassociative-math")
     assert path.parent == elsewhere
     assert [file.name for file in elsewhere.iterdir() if file.suffix != ".f90"] == [path.name]
@@ -168,7 +168,7 @@ def test_another_layout_is_refused(layout, complaint):
 
 
 def test_a_narrower_processor_is_refused(monkeypatch):
-    """There a library of wide vectors would end with an unknown instruction."""
+    """On such a processor, a library of wide vectors would fail with an illegal instruction."""
     monkeypatch.setattr(library.llvmlite.binding, "get_host_cpu_features", lambda: {"avx2": True})
     layout = tuple(library._LAYOUT.values())
     with pytest.raises(library.LibraryError, match="uses avx512f, which this processor has not"):
@@ -220,7 +220,7 @@ def test_flags_that_change_the_process_are_refused(flag):
         build.build(flags=f"-march=native {flag}")
 
 
-# What was built
+# The built library
 
 
 def test_the_check_holds_the_library_against_numba(fortran_kernels, capsys):
@@ -248,7 +248,7 @@ def _off_by_a_millionth(evaluated):
 
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="no objdump here")
 def test_the_loops_over_lanes_are_vectorised(fortran_kernels):
-    """A call or a branch that the compiler cannot dissolve would leave single numbers, eight times as slow."""
+    """A call or a branch that the compiler cannot remove would leave scalar code, which is eight times as slow."""
     code = subprocess.run(
         ["objdump", "-d", "--no-show-raw-insn", str(library.load().path)], capture_output=True, text=True, check=True
     ).stdout
@@ -265,7 +265,7 @@ def test_the_loops_over_lanes_are_vectorised(fortran_kernels):
 
 @compiled
 def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
-    """The archive names it; the rest is the lanes engine's as nearly as paths allow that part by rounding."""
+    """The archive names the engine; other results agree with the lanes engine as closely as rounding permits."""
     store = brief.with_name("brief-fortran.zarr")
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--engine", "fortran")
     assert answer.status == 0, answer.err
@@ -305,7 +305,7 @@ def test_the_default_needs_no_compiler():
 
 
 def test_implementations_are_skipped_with_the_reason(monkeypatch):
-    """The reason is shown by a run of the tests where the kernels are not built."""
+    """A run of the tests without built kernels shows the reason."""
     monkeypatch.setattr("support.implementations.load_library", lambda: library._opened(Path("nowhere.so")))
     with pytest.raises(pytest.skip.Exception, match="make fortran"):
         implementation_named("fortran")

@@ -1,4 +1,4 @@
-"""The decorators of kernels: which entries are compiled, and that Python may call what has none."""
+"""Decorators of kernels: compiled entry points, and calls from Python of functions without one."""
 
 import pickle
 
@@ -30,7 +30,7 @@ def halve_twice(x, out):
 
 
 def entries(function):
-    """Names of the functions in a compiled function's machine code that begin with numba's prefix for Python."""
+    """Return the names of the functions in a function's machine code that begin with numba's prefix for Python."""
     (code,) = function.inspect_llvm().values()
     return [line for line in code.splitlines() if line.startswith("define") and "@_ZN7cpython" in line]
 
@@ -45,7 +45,7 @@ def test_only_kernels_have_an_entry_for_python():
 
 
 def test_python_may_call_a_formula_before_and_after_a_kernel_did():
-    """Each is a null pointer in numba's own table: calling it would end the process."""
+    """In numba's own table the formula is a null pointer; a call of it would end the process."""
     assert halved(3.0) == 1.5
     x, out = np.array([4.0, 5.0]), np.zeros(2)
     halve_twice(x, out)

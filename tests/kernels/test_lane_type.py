@@ -1,6 +1,6 @@
-"""The lane type: its operators, selections, loads and stores against NumPy's, one lane at a time.
+"""Lane type: operators, selections, loads and stores, compared with NumPy's, one lane at a time.
 
-What is under test is how formulas are compiled for lanes, so here they are compiled even under NUMBA_DISABLE_JIT.
+These tests are about compilation for lanes, so formulas are compiled here even under NUMBA_DISABLE_JIT.
 """
 
 import operator
@@ -29,21 +29,21 @@ def _with_the_compiler(monkeypatch):
 
 
 def rows_of(values):
-    """Values as rows of lanes, repeated to fill the last."""
+    """Arrange values as rows of lanes, repeated to fill the last row."""
     rows = lane_array(-(-values.size // LANES))
     rows[...] = np.resize(values, rows.shape)
     return rows
 
 
 def pairs():
-    """Every special value with every other, and some ordinary ones: two arrays of rows."""
+    """Pair every special value with every other, and some ordinary values: two arrays of rows."""
     rng = np.random.default_rng(0)
     a, b = (values.ravel() for values in np.meshgrid(SPECIAL, SPECIAL))
     return rows_of(np.append(a, rng.normal(size=64))), rows_of(np.append(b, rng.normal(size=64) * 1e3))
 
 
 def in_lanes(formula, *operands):
-    """The formula of one or two lanes, compiled and applied to every row."""
+    """Compile a formula of one or two lanes, and apply it to every row."""
     compiled = numba.njit(error_model="numpy")(formula)
 
     @numba.njit(error_model="numpy")
@@ -118,7 +118,7 @@ COMPARISONS = {
 
 @pytest.mark.parametrize("name", COMPARISONS)
 def test_selections_are_numpys(name):
-    """NaN included: every comparison with it is false."""
+    """The values include NaN: every comparison with it is false."""
     a, b = pairs()
     ours = in_lanes(COMPARISONS[name], a, b)
     np.testing.assert_array_equal(ours, by_numpy(COMPARISONS[name], a, b))
@@ -137,7 +137,7 @@ def test_zero_is_zero_whatever_it_is_like():
 
 
 def test_one_formula_takes_numbers_and_lanes():
-    """The same source, called with arrays of numbers and with an axis of lanes behind: the same bits."""
+    """The same source gives the same bits for arrays of numbers and for arrays with a last axis of lanes."""
 
     def formula(x, y):
         return select(x > y, square_root(abs(x)), -y) + zero_like(x)
@@ -158,7 +158,7 @@ def test_one_formula_takes_numbers_and_lanes():
 
 
 def test_loads_and_stores_touch_their_own_lanes_alone():
-    """An integer or a tuple names a row; lanes, a number for all of them, or a number into an array of numbers."""
+    """An index is an integer or a tuple; values are lanes, a number for all lanes, or a number among numbers."""
 
     @numba.njit
     def move(source, numbers, target, taken):
@@ -190,7 +190,7 @@ def test_lane_arrays_lie_on_register_boundaries(shape):
 
 
 def test_uncompiled_lanes_are_values():
-    """``+=`` gives a new value, as with numbers: the other names of the old one keep it."""
+    """``+=`` creates a new value, as with numbers; other references to the old value are unchanged."""
     array = lane_array(1)
     array[0] = 4.0
     for change in (operator.iadd, operator.isub, operator.imul, operator.itruediv):

@@ -1,4 +1,4 @@
-"""A window in each lane: cost and gradient are those of the scalar kernel, whatever the neighbours."""
+"""A window in each lane: cost and gradient are those of the scalar kernel, independent of the other lanes."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ HULLS = ("petrel-l", "seawing", "seaglider", "petrel-l")
 
 
 def several_windows() -> list[tuple[WindowData, np.ndarray]]:
-    """One window a lane: length, hull, rudder, weights and disturbance differ; the first is as long as the memory."""
+    """Return a window per lane, with different length, hull, rudder, weights and disturbance; the first is longest."""
     rng = np.random.default_rng(0)
     posed = []
     for lane in range(LANES):
@@ -36,7 +36,7 @@ def several_windows() -> list[tuple[WindowData, np.ndarray]]:
 
 
 def evaluate(posed, steps, implementation):
-    """Memory for windows of so many steps after all of them were evaluated side by side."""
+    """Evaluate all windows together, in memory for a number of steps; return the memory."""
     p, descent, progress = allocate(steps, 1)
     for lane, (data, disturbance) in enumerate(posed):
         load_window(
@@ -48,7 +48,7 @@ def evaluate(posed, steps, implementation):
 
 
 def evaluated(posed, implementation, steps=LONGEST):
-    """Cost, gradient, states and disturbances of each window, all evaluated side by side."""
+    """Return cost, gradient, states and disturbances of each window, all evaluated together."""
     problem, results = evaluate(posed, steps, implementation), []
     for lane, (data, _) in enumerate(posed):
         n = len(data.bodies)
@@ -59,7 +59,7 @@ def evaluated(posed, implementation, steps=LONGEST):
 
 
 def test_cost_and_gradient_are_the_scalar_kernels(implementation):
-    """To 1e-13, with windows of every length side by side: the shorter end in steps of no duration."""
+    """They agree to 1e-13, for windows of different lengths together; shorter ones end with steps of zero length."""
     posed = several_windows()
     for (cost, gradient, states, disturbances), (data, given) in zip(
         evaluated(posed, implementation), posed, strict=True
@@ -74,7 +74,7 @@ def test_cost_and_gradient_are_the_scalar_kernels(implementation):
 
 
 def test_a_window_does_not_know_its_lane_nor_its_neighbours(implementation):
-    """The same bits in every lane, alone or with others, at its own length or behind steps of no duration."""
+    """Its bits are the same in every lane, alone or with others, with or without steps of zero length at its end."""
     posed = several_windows()
     expected = evaluated(posed, implementation)
     for shift in range(1, LANES):
@@ -90,7 +90,7 @@ def test_a_window_does_not_know_its_lane_nor_its_neighbours(implementation):
 
 
 def test_nothing_behind_its_end_counts(implementation):
-    """Gradients of the steps of no duration are zero: they can move no unknown."""
+    """Gradients of steps of zero length are zero; these steps cannot change an unknown."""
     p = evaluate([(window_data(5), np.full((5, 6), 0.01))], LONGEST, implementation)
     assert np.abs(p.gradient[:5, :, 0]).min() > 0.0
     np.testing.assert_array_equal(p.gradient[5:, :, 0], 0.0)

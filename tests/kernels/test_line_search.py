@@ -1,4 +1,4 @@
-"""The line search (Moré and Thuente, 1994): strong Wolfe conditions, known minimisers, and L-BFGS-B's own trials."""
+"""Line search (Moré and Thuente, 1994): strong Wolfe conditions, known minimisers, and the trials of L-BFGS-B."""
 
 import math
 
@@ -21,7 +21,7 @@ TRIES = 20
 
 
 def search(function, slope, step):
-    """Trial steps of a search from zero, and its verdict."""
+    """Return the trial steps of a search from zero, and its result."""
     state, verdict, trials = start_search(function(0.0), slope(0.0), step), CONTINUE, []
     while verdict == CONTINUE and len(trials) < TRIES:
         trials.append(state.step)
@@ -30,7 +30,7 @@ def search(function, slope, step):
 
 
 def assert_strong_wolfe(function, slope, step):
-    """Eqs. 1.1 and 1.2 of Moré and Thuente."""
+    """Assert eqs. 1.1 and 1.2 of Moré and Thuente."""
     assert function(step) <= function(0.0) + DECREASE * step * slope(0.0)
     assert abs(slope(step)) <= CURVATURE * abs(slope(0.0))
 
@@ -47,7 +47,7 @@ def _quintic(beta=0.004):
 
 
 def _wavy(beta=0.01, waves=39.0):
-    """Eq. 5.3: a kink rounded over 2 beta about 1, with waves on it."""
+    """Return the function of eq. 5.3: a kink, rounded over 2 beta about 1, with superposed waves."""
     half = math.pi / 2.0
 
     def kinked(t):
@@ -71,7 +71,7 @@ PAPER = {"eq. 5.1": _rational(), "eq. 5.2": _quintic(), "eq. 5.3": _wavy()}
 @pytest.mark.parametrize("step", [1e-3, 1e-1, 1e1, 1e3])
 @pytest.mark.parametrize("name", PAPER)
 def test_the_papers_functions(name, step):
-    """Section 5 of Moré and Thuente, from four first trials each; a narrow interval may end it at its lowest trial."""
+    """Search the functions of section 5 from four first trials each; a narrow interval may end at the lowest trial."""
     function, slope = PAPER[name]
     trials, verdict = search(function, slope, step)
     if verdict == FOUND:
@@ -83,7 +83,7 @@ def test_the_papers_functions(name, step):
 
 
 def _random_functions(count):
-    """Sums of waves in a wide parabola, downhill at zero."""
+    """Draw sums of waves and a wide parabola, downhill at zero."""
     rng = np.random.default_rng(0)
     while count > 0:
         height, pace = np.exp(rng.normal(size=(2, 6)))
@@ -112,7 +112,7 @@ def test_random_functions():
 
 
 def _first_search_of_scipy(function, slope):
-    """Points of L-BFGS-B's first search of a function of one unknown, from zero; none twice running."""
+    """Return the points of L-BFGS-B's first search, for a function of one unknown from zero."""
     points = []
 
     def both(x):
@@ -125,7 +125,7 @@ def _first_search_of_scipy(function, slope):
 
 
 def _along_the_steepest_descent(function, slope, unit):
-    """Points of our search of the same function, begun alike: a step of length one, where ``unit`` is the length."""
+    """Return the points of our search of the same function, in units of ``unit``, from a first step of length one."""
     steepest = -unit * slope(0.0)
     trials, _ = search(
         lambda t: function(unit * steepest * t), lambda t: steepest * unit * slope(unit * steepest * t), 1.0 / steepest
@@ -147,14 +147,14 @@ def test_trials_are_those_of_the_reference_engine():
 
 @pytest.mark.parametrize("minimiser", [1e-3, 0.4, 1.0, 30.0, 1e4])
 def test_a_parabola_is_met_at_its_lowest(minimiser):
-    """From a trial beyond the minimiser the interpolation is exact."""
+    """The interpolation from a trial beyond the minimiser is exact."""
     trials, verdict = search(lambda t: (t - minimiser) ** 2, lambda t: 2.0 * (t - minimiser), 40.0 * minimiser)
     assert verdict == FOUND
     assert trials[-1] == pytest.approx(minimiser, rel=1e-9)
 
 
 def test_a_trial_beyond_the_domain_comes_back():
-    """A wall that is steep and high at every trial beyond one: the search ends before it."""
+    """A steep, high wall at every trial beyond one makes the search end before it."""
 
     def function(t):
         return (t - 2.0) ** 2 if t < 1.0 else 1e6
@@ -175,7 +175,7 @@ def test_a_bottomless_slope_is_followed_to_the_longest_step():
 
 
 def test_a_slope_that_lies_is_given_up():
-    """Uphill everywhere, though the slope says otherwise: no step is found, however short."""
+    """The function rises everywhere, contrary to its slope; no step is found, however short."""
     trials, verdict = search(lambda t: t, lambda t: -1.0, 1.0)
     assert verdict != FOUND
     assert trials[-1] < 0.1 * trials[0]

@@ -1,6 +1,6 @@
-"""The lanes' loops are vectorised: their machine code works on whole registers, on this processor and on narrower ones.
+"""Vectorised loops over lanes: their machine code uses whole registers, on this processor and on narrower ones.
 
-A silent fall-back to single numbers would pass every other test and be eight times as slow.
+A silent fallback to scalar code would pass every other test and be eight times as slow.
 """
 
 import json
@@ -29,7 +29,7 @@ pytestmark = [
 NARROWER = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2,+sse4.2"}
 LEAST = {"forward": 600, "adjoint": 1000, "multiply_pair": 10, "point_directions": 10, "measure_trial": 10,
          "accept_trial": 5, "place_trial": 2}  # fmt: skip
-"""Operations that each kernel cannot do without."""
+"""Least number of operations in each kernel."""
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def here():
 
 @pytest.fixture(scope="module")
 def narrower():
-    """The same on this processor without AVX-512."""
+    """Return the same for this processor without AVX-512."""
     done = subprocess.run(
         [sys.executable, "-m", "support.lane_results"],
         env={**os.environ, **NARROWER, "PYTHONPATH": f"{REPOSITORY}{os.pathsep}{REPOSITORY / 'tests'}"},
@@ -53,7 +53,7 @@ def narrower():
 
 
 def assert_vectorised(found, lanes):
-    """Only whole registers, except a handful of single numbers outside the loops."""
+    """Assert that only whole registers are used, except for a few scalars outside the loops."""
     assert set(found) == set(LEAST)
     for name, counts in found.items():
         whole, rest = counts.get(lanes, 0), sum(counts.values()) - counts.get(lanes, 0)
@@ -72,7 +72,7 @@ def test_lanes_fill_the_registers_of_a_narrower_processor(narrower):
 
 
 def test_a_narrower_processor_gives_the_same_results(here, narrower):
-    """Operations may be fused differently, so to rounding."""
+    """The results agree up to rounding, since operations may be fused differently."""
     for name in ("iterations", "evaluations"):
         assert narrower[name] == here[name] > 0
     assert narrower["cost"] == pytest.approx(here["cost"], rel=1e-9)
@@ -81,7 +81,7 @@ def test_a_narrower_processor_gives_the_same_results(here, narrower):
 
 
 def test_the_count_knows_single_numbers_from_vectors():
-    """A loop that hands results on cannot be vectorised: without lanes it is counted as what it is."""
+    """A recurrence without lanes cannot be vectorised, and its operations are counted as scalar."""
 
     @numba.njit(error_model="numpy")
     def summed(x, out):

@@ -1,4 +1,4 @@
-"""Effect of moving water on the glider: kernel against independent formulas and against the physics."""
+"""Effect of moving water on the glider: the kernel compared with independent formulas and with the physics."""
 
 import numpy as np
 import pytest
@@ -36,14 +36,14 @@ def field(platform):
 
 
 def random_water(seed):
-    """Sheared current that evolves, and gusts: nodes with slopes of their own."""
+    """Draw an evolving, sheared current and gusts: nodes with independent slopes."""
     rng = np.random.default_rng(seed)
     water = rng.normal(size=(NODES, 8)) * np.array([0.2, 0.2, 0.02, 0.02, 1e-4, 1e-4, 1e-5, 1e-5])
     return water, rng.normal(size=(400, 2)) * np.array([0.02, 0.02])
 
 
 def fly(platform, glide, water, gusts, steps, heading=0.7, rotation=0.2, additive=None):
-    """Trajectory, carried path and acting disturbance from a steady glide with the battery rotated."""
+    """Return trajectory, carried path and acting disturbance from a steady glide with the battery rotated."""
     glider = Glider(platform)
     controls = np.tile(glide.control, (steps, 1))
     controls[:, 1] = rotation
@@ -91,7 +91,7 @@ def test_beyond_the_tables_the_water_is_constant():
 
 
 def test_kernel_is_the_formula(platform, glide):
-    """Runge-Kutta with the shear taken at every stage's depth, written out with matrices and cross products."""
+    """The kernel equals a Runge-Kutta step with matrices, cross products and the shear at the depth of every stage."""
     steps, h = scaled(600, 30), STEP
     water, gusts = random_water(5)
     additive = np.random.default_rng(6).normal(size=(steps, 6)) * 0.05
@@ -144,7 +144,7 @@ def test_uniform_steady_current_only_displaces(platform, glide):
 
 
 def test_current_varying_in_time_alone_is_left_out(platform, glide):
-    """It carries a neutrally buoyant body with it (Froude-Krylov), so attitude and depth do not feel it."""
+    """It carries a neutrally buoyant body with it (Froude-Krylov); attitude and depth are not affected."""
     steps = scaled(2400, 20)
     water = uniform(0.1, 0.1)
     water[:, 4], water[:, 5] = 1e-3, -2e-3
@@ -165,7 +165,7 @@ def test_plain_run_is_that_in_still_water(platform, glide):
 
 @pytest.mark.compiled
 def test_hull_follows_a_gust_in_sideslip(platform, glide):
-    """A step of the current across the course is sideslip at first, and gone after some seconds."""
+    """A step of the current across the course causes sideslip at first, which vanishes after some seconds."""
     gusts = np.zeros((4000, 2))
     ramp = np.arange(20.0, 1999.75, PATH_SPACING)
     gusts[: len(ramp), 0] = 0.05 * np.clip((ramp - 30.0) / 0.5, 0.0, 1.0)
@@ -177,7 +177,7 @@ def test_hull_follows_a_gust_in_sideslip(platform, glide):
     across = np.array([np.cos(BEARING), np.sin(BEARING)])
     sideslip = trajectory[:, 7]
     hit = int(np.argmax(carried[:, :2] @ across > 1e-3))
-    # At once the hull keeps its velocity over the ground but for the share of its added mass: m / (m + M_f2) = 0.54.
+    # At first the hull keeps its velocity over the ground, except for its added mass's part: m / (m + M_f2) = 0.54.
     assert -0.027 < sideslip.min() < -0.02
     assert np.abs(sideslip[hit + 600 :]).max() < 0.005
 

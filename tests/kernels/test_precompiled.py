@@ -1,4 +1,4 @@
-"""Kernels compiled beforehand: used where they were made for this process, and nothing else is touched or trusted."""
+"""Precompiled kernels: used if they were compiled for this process; nothing else is changed or trusted."""
 
 import json
 import logging
@@ -45,12 +45,12 @@ print(json.dumps([len(events.buffer), bodies.tolist() if hasattr(bodies, "tolist
 
 @pytest.fixture(scope="module")
 def signatures(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Signatures of the one kernel that makes a glider's bodies, pickled, as hexadecimal digits."""
+    """Return the signatures of the kernel that computes a glider's bodies, pickled, as hexadecimal digits."""
     return python(LIST_SIGNATURES, GLIDERHPC_CACHE=tmp_path_factory.mktemp("cache")).stdout.strip()
 
 
 def make(folder: Path, signatures: str) -> Path:
-    """Compile kernels into a folder for this processor's level, in a process with another cache."""
+    """Compile kernels into a folder, for this processor's level, in a process with another cache."""
     python(
         "import pickle\nfrom pathlib import Path\nfrom gliderhpc.mission.kernel_levels import precompile\n"
         f"precompile(Path({str(folder)!r}), pickle.loads(bytes.fromhex({signatures!r})), [{host_level()!r}])\n",
@@ -61,12 +61,12 @@ def make(folder: Path, signatures: str) -> Path:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, signatures: str) -> Path:
-    """Folder with that kernel, which no test changes."""
+    """Return a folder with that kernel, which no test changes."""
     return make(tmp_path_factory.mktemp("made") / "kernels", signatures)
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """Bytes of every file below a folder."""
+    """Return the bytes of every file below a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -108,7 +108,7 @@ def test_the_same_sources_give_the_same_bytes(tmp_path: Path, made: Path, signat
 
 @pytest.fixture
 def named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder that the variable names, whose manifest fits this process at the level x86-64-v3."""
+    """Return the folder that the variable names; its manifest fits this process at the level x86-64-v3."""
     folder = tmp_path / "kernels"
     (folder / "x86-64-v3").mkdir(parents=True, mode=0o700)
     (folder / MANIFEST).write_text(json.dumps({**made_for(), "levels": ["x86-64-v3"]}))
@@ -150,7 +150,7 @@ def test_a_manifest_that_is_absent_or_damaged_is_said(named: Path, text: str | N
 
 
 def test_a_named_folder_that_is_not_used_is_warned_of(named: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """One of the installation, which nobody asked for, is not."""
+    """There is no warning of an unused folder of the installation, which was not requested."""
     (named / MANIFEST).unlink()
     folder, reason = precompiled_kernels.__wrapped__()
     assert folder is None

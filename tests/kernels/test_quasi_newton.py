@@ -1,4 +1,4 @@
-"""L-BFGS in lanes: its directions are the textbook's, its descents end as the reference engine's do."""
+"""L-BFGS in lanes: its directions are those of the textbook, and its descents end like the reference engine's."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def settings_of(**optimizer):
 
 
 def posed(count=LANES, steps=STEPS):
-    """Windows of a hull that was pushed about, and their starts: some long, some short."""
+    """Return long and short windows of a hull under disturbances, and their starts."""
     made = []
     for seed in range(count):
         n = steps if seed % 2 == 0 else steps - steps // (2 + seed)
@@ -35,7 +35,7 @@ def posed(count=LANES, steps=STEPS):
 
 
 class Watched:
-    """Descents taken one round at a time, with every point that they accept."""
+    """Descents, advanced one round at a time, with every accepted point."""
 
     def __init__(self, tasks, *, history=HISTORY, tolerance=TIGHT):
         self.memory = allocate(STEPS, history)
@@ -49,7 +49,7 @@ class Watched:
         self.slopes = [[] for _ in tasks]
 
     def advance(self):
-        """One round; the lanes that go on from a new point."""
+        """Advance one round; return the lanes that continue from a new point."""
         _, descent, progress = self.memory
         before = progress.iterations.copy(), progress.status.copy()
         advance(*self.memory, 200)
@@ -67,7 +67,7 @@ class Watched:
 
 
 def two_loops(points, slopes, history):
-    """Nocedal's recursion on the vectors themselves (1980, Math. Comp. 35, 773-782)."""
+    """Run Nocedal's recursion on the vectors themselves (1980, Math. Comp. 35, 773-782)."""
     pairs = [
         (after - before, changed - slope)
         for before, after, slope, changed in zip(points, points[1:], slopes, slopes[1:], strict=False)
@@ -86,7 +86,7 @@ def two_loops(points, slopes, history):
 
 
 def test_directions_are_those_of_the_textbook():
-    """The recursion on the products of pairs gives what it gives on the pairs; each lane has a history of its own."""
+    """The recursion on the products of pairs gives the same as on the pairs; each lane has its own history."""
     watched = Watched(posed(4))
     compared = 0
     for _ in range(scaled(60, 25)):
@@ -111,7 +111,7 @@ def test_costs_only_fall():
 
 
 def test_descents_end_where_the_reference_engine_does():
-    """Same outcome, like iterations, the cost to a part in a thousand of what was to be gained."""
+    """Outcomes are equal, iterations similar, and costs equal to a thousandth of the total decrease."""
     settings = settings_of(tolerance=TOLERANCE)
     tasks = posed(scaled(LANES, 3))
     ours, theirs = solve_together(tasks, settings), [solve_window(*task, settings) for task in tasks]
@@ -124,7 +124,7 @@ def test_descents_end_where_the_reference_engine_does():
 
 
 def test_first_iterations_are_those_of_the_reference_engine():
-    """Before rounding tells them apart, both engines stand at the same points."""
+    """Until rounding errors grow, both engines are at the same points."""
     task = posed(1)[0]
     for count in (1, 2, 4):
         settings = settings_of(tolerance=1e-12, max_iterations=count)
@@ -155,7 +155,7 @@ def test_a_start_within_the_tolerance_is_the_solution():
 
 
 def test_a_tolerance_beyond_rounding_stalls():
-    """No further decrease can be found; what was found, rounding's own residue, stands."""
+    """No further decrease can be found; the point that was found, minimal up to rounding, is kept."""
     data = window_data(2, disturbance=np.full((2, 6), 0.1) * SCALE)
     (solution,) = solve_together([(data, at_rest(data))], settings_of(tolerance=1e-300, max_iterations=5000))
     at_start, _ = WindowProblem(data).evaluate((at_rest(data) / data.scale).ravel())
@@ -164,7 +164,7 @@ def test_a_tolerance_beyond_rounding_stalls():
 
 
 def until_two_pairs(watched):
-    """Advance until lane 0 keeps two pairs and is amid a search."""
+    """Advance until lane 0 has two pairs and is within a search."""
     _, _, progress = watched.memory
     for _ in range(15):
         watched.advance()
@@ -175,7 +175,7 @@ def until_two_pairs(watched):
 
 @pytest.mark.parametrize("curvature", [-1e9, np.nan], ids=["uphill", "no number"])
 def test_a_direction_of_no_use_is_formed_again(curvature):
-    """Its lane drops its pairs and takes the steepest descent; the others keep their directions."""
+    """Its lane discards its pairs and uses the steepest descent; the other lanes keep their directions."""
     watched = Watched(posed(3))
     progress = until_two_pairs(watched)
     _, descent, _ = watched.memory
@@ -192,7 +192,7 @@ def test_a_direction_of_no_use_is_formed_again(curvature):
 
 
 def spoil_search(progress):
-    """Make lane 0 believe that its last point was far lower, and that the trial at hand is the last of its search."""
+    """Change lane 0 as if its last point were far lower, and its present trial the last of the search."""
     search = progress.search[0]
     progress.value[0] = -1e3
     for name in ("value0", "best_value", "other_value"):
@@ -201,7 +201,7 @@ def spoil_search(progress):
 
 
 def test_a_search_that_fails_starts_again_and_then_returns():
-    """Pairs are dropped where no step leads lower; where the steepest descent fails too, the last point is returned."""
+    """If no step decreases the cost, pairs are discarded; if steepest descent fails too, the last point is returned."""
     watched = Watched(posed(2))
     progress = until_two_pairs(watched)
     problem, descent, _ = watched.memory

@@ -1,7 +1,7 @@
-"""The rudder: a known control with a yaw moment ``K_delta delta V^2`` in the flow's frame (docs/how-to/platform.md).
+"""Rudder: a known control with a yaw moment ``K_delta delta V^2`` in the flow's frame (docs/how-to/platform.md).
 
-Its derivatives by state are held against the complex step with a moving rudder in test_dynamics.py (Jacobian) and
-test_adjoint.py (the gradient over a window), the lanes against the scalar kernels in test_lane_window.py.
+Derivatives by the state with a moving rudder are compared with the complex step in test_dynamics.py (Jacobian) and
+test_adjoint.py (gradient over a window), and lanes with scalar kernels in test_lane_window.py.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ CALM = np.zeros(6)
 
 
 def answers(glider, controls):
-    """Rates, Jacobian, cost and gradient of a flight under the controls ``(n, 5)``."""
+    """Return rates, Jacobian, cost and gradient of a flight under the controls ``(n, 5)``."""
     rng = np.random.default_rng(1)
     state = random_state(rng)
     disturbances = random_disturbances(rng, len(controls))
@@ -40,7 +40,7 @@ def test_without_its_coefficient_or_amidships_the_rudder_changes_no_bit():
 
 
 def test_the_moment_is_its_formula():
-    """On a hull in straight, level flow the rudder's moment is about z alone and ``K_delta delta V^2``."""
+    """On a hull in straight, level flow the rudder's moment is ``K_delta delta V^2``, about z only."""
     platform = with_overrides(read_platform("slocum"), {"viscous.K_delta": "7.0"})
     glider = Glider(platform)
     state = np.zeros(12)
@@ -53,7 +53,7 @@ def test_the_moment_is_its_formula():
 @pytest.mark.parametrize("name", shipped_platforms())
 @pytest.mark.parametrize(("drive", "pitch"), [(0.25, -25.0), (-0.25, 25.0)], ids=["dive", "climb"])
 def test_a_positive_rudder_turns_every_hull_to_starboard(name, drive, pitch):
-    """With K_delta above zero: heading grows, dive and climb alike, and a negative one turns as fast to port."""
+    """For positive K_delta the heading increases, on dive and climb; a negative rudder turns as fast to port."""
     glider = Glider(with_overrides(read_platform(name), {"viscous.K_delta": "10.0"}))
     glide = steady_glide(glider, drive, np.radians(pitch), 100.0)
     rates = []
@@ -68,18 +68,18 @@ def test_a_positive_rudder_turns_every_hull_to_starboard(name, drive, pitch):
 # From the file to the disturbance ------------------------------------------------------------------------------------
 
 K_DELTA, RUDDER = 4.0, 12.0
-"""The hull's coefficient (kg/rad), and the angle of the rudder in the second half of the flight (degree)."""
+"""Coefficient of the hull (kg/rad), and angle of the rudder in the second half of the flight (degree)."""
 
 
 @pytest.fixture(scope="module")
 def turning(tmp_path_factory):
-    """Observations of one slow dive in still water, straight and then with the rudder put over: with and without it."""
+    """Simulate a slow dive in still water, straight and then with the rudder over: records with and without it."""
     folder = tmp_path_factory.mktemp("rudder")
     platform = with_overrides(read_platform("petrel-l"), {"viscous.K_delta": str(K_DELTA)})
     glide = steady_glide(Glider(platform), 0.4, np.radians(-23.0), 50.0)
     n = 6000
     rudder = np.where(np.arange(n) < n // 2, 0.0, RUDDER)
-    # The glide is given by the oil's masses; the file holds the volume that has them.
+    # The glide is defined by the oil's masses; the file contains the corresponding volume.
     volume = glide.control[2] / (platform.buoyancy.oil_density - platform.buoyancy.water_density)
     controls = np.column_stack([np.tile(glide.control[:4], (n, 1)), np.radians(rudder)])
     states = Glider(platform).simulate(glide.state, controls, np.zeros((n, 6)), STEP)[:-1:10]
@@ -99,7 +99,7 @@ def turning(tmp_path_factory):
 
 
 def yaw_moments(observations, store):
-    """Yaw moment that the inversion finds in each half of the flight, its ends and the putting over left out (N m)."""
+    """Return the inverted yaw moment in each half of the flight, without its ends and the change of rudder (N m)."""
     answer = program(
         "run-mission", observations, "--platform", "petrel-l", "--set", f"platform.viscous.K_delta={K_DELTA}",
         "--store", store, "--workers", 0,
@@ -112,7 +112,7 @@ def yaw_moments(observations, store):
 
 @pytest.mark.compiled
 def test_a_rudder_in_the_record_is_no_disturbance(turning):
-    """With the variable `rudder` the yaw moment is zero throughout; without it the water must have exerted it."""
+    """With the variable `rudder` the yaw moment is zero throughout; without it, it is attributed to the water."""
     folder, speed = turning
     straight, put_over = yaw_moments(folder / "with.nc", folder / "with.zarr")
     moment = K_DELTA * np.radians(RUDDER) * speed**2

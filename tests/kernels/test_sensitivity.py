@@ -1,4 +1,4 @@
-"""The sensitivity to the hull's errors: the step's derivatives, and the recursion against one dense least squares."""
+"""Sensitivity to the hull's errors: derivatives of the step, and the recursion compared with dense least squares."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ STEPS = scaled(2 * BLOCK + 22, BLOCK + 6)
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_step_s_derivatives_by_the_hull_are_complex_steps(seed):
-    """Every parameter of the catalogue, anywhere in the state space, with rudder and battery turned (model.md 12)."""
+    """Test every parameter of the catalogue, for random states, with rudder and battery turned (docs/smoother.md)."""
     rng = np.random.default_rng(seed)
     platform = lopsided_platform(K_delta=3.0, K_L0=0.4)
     glider, n = Glider(platform), 2
@@ -57,7 +57,7 @@ def test_the_step_s_derivatives_by_the_hull_are_complex_steps(seed):
 
 @pytest.fixture(scope="module")
 def problem():
-    """A dive with gaps about a path that its disturbances do not lead to, and all that may be wrong with its hull."""
+    """Return a dive with gaps, a path that does not follow from its disturbances, and all parameters of its hull."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
     measured[20:50] = np.nan
@@ -78,7 +78,7 @@ def problem():
 
 
 class DenseHull:
-    """The dense problem with the hull's errors as further unknowns: what is left of them, and their sensitivities."""
+    """Dense problem with the hull's errors as further unknowns: their information and score, and the sensitivities."""
 
     def __init__(self, dive, path, forcing, parameters):
         dense = DenseLeastSquares(dive, path, GLIDE.control)
@@ -101,7 +101,7 @@ class DenseHull:
             by_records = np.zeros(p)
             by_records[forcing.reading] = forcing.samples[forcing.number[k], channel]
             by_eta = self.slopes[k, channel] - by_records
-            # The two cancel for the compass's offset, of which a dive says nothing.
+            # The two cancel for the offset of the compass, on which a dive has no information.
             sizes.append((self.slopes[k, channel] ** 2 + by_records**2) / deviation**2)
             residual = dive.measured[k, channel] - path.states[k, MEASURED[channel]]
             offset = dense.offsets[k, ORDER[channel]]
@@ -134,7 +134,7 @@ def found(problem):
 
 
 def test_information_and_score_are_those_of_the_hull_as_states(found, dense):
-    """The separate-bias form is exact: 1e-9 of each parameter's own (model.md 12)."""
+    """The separate-bias form is exact: to 1e-9 of each parameter's own scale (docs/smoother.md)."""
     information, _ = found
     scale = dense.scale
     matrix, size = symmetric(information.matrix), np.outer(scale, scale)
@@ -154,7 +154,7 @@ def test_smoothed_sensitivities_are_those_of_the_hull_as_states(found, dense):
 
 
 def test_assumptions_of_the_noise_are_each_as_if_alone(problem):
-    """Steps and derivatives in common, covariances, gains and sums of their own."""
+    """They share steps and derivatives, and have separate covariances, gains and sums."""
     dive, path, forcing, _ = problem
     assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
     together = sum_information(PETREL.hull, assumed, forcing, path)

@@ -1,4 +1,4 @@
-"""One pass of the smoother against a dense least-squares solution that shares nothing with it."""
+"""One pass of the smoother, compared with an independent dense least-squares solution."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ STEPS = scaled(2 * BLOCK + 22, BLOCK + 6)
 
 @pytest.fixture(scope="module")
 def problem():
-    """A dive whose path is not one that its disturbances lead to, with gaps in the channels and heading at north."""
+    """Return a dive whose path does not follow from its disturbances, with gaps in channels and heading near north."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
     measured[20:50] = np.nan
@@ -67,7 +67,7 @@ def test_the_variances_are_the_dense_solution_s(smoothed, dense):
 
 
 def test_whole_covariances_are_the_dense_solution_s(smoothed, dense):
-    """Symmetric, positive semidefinite, and equal to 1e-9 of the deviations, X and Y included."""
+    """They are symmetric, positive semidefinite, and equal to 1e-9 of the deviations, including X and Y."""
     _, linear, rows = smoothed
     for k, covariance in zip(rows, linear.covariances, strict=True):
         expected = dense.covariance(k)
@@ -117,7 +117,7 @@ def test_the_track_follows_the_path(problem, smoothed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_tangent_is_the_step_s(seed):
-    """Phi by lanes of unit costates, anywhere in the state space, X and Y included."""
+    """Phi is computed from lanes of unit costates, for random states, including X and Y."""
     rng = np.random.default_rng(seed)
     state, control, b = random_state(rng), random_controls(rng, 1)[0], random_disturbances(rng, 1)[0]
     decay = np.array([0.9, 0.8, 0.95, 0.7, 0.99, 0.6])
@@ -146,7 +146,7 @@ def test_the_track_s_transpose_is_that_of_its_rates():
 
 
 def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem):
-    """The widened innovation stands at the gate; without a gate nothing is widened."""
+    """The inflated variance puts the innovation at the gate; without a gate no variance is inflated."""
     base, path = problem
     measured = base.measured.copy()
     measured[10, 1] += 0.5
@@ -157,7 +157,7 @@ def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem):
     sweeps.forward(path, 12.0)
     widened = dive.variance > base.variance
     assert widened[10, 1]
-    # What the prediction leaves of the outlier stands at the gate, with the prediction's own variance in the reckoning.
+    # The outlier's innovation lies at the gate, which includes the variance of the prediction.
     assert (0.4 / 12.0) ** 2 < dive.variance[10, 1] < (0.5 / 12.0) ** 2
     assert widened.sum() <= 3
     once = dive.variance.copy()

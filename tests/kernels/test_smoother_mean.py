@@ -1,4 +1,4 @@
-"""From the most probable path to the mean: the mean shift, and what it does to dives that bend the posterior."""
+"""From the most probable path to the mean: the mean shift, and its effect on dives with a skewed posterior."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def flown():
 
 
 def trajectory(start, noise, dive):
-    """Trajectory (eq. 20) of an initial state (16) and the noise of every step."""
+    """Return the trajectory (eq. 20) of an initial state (16) and the noise of every step."""
     states, disturbances = np.zeros((STEPS + 1, 12)), np.zeros((STEPS + 1, 6))
     disturbances[0] = start[10:]
     for k in range(STEPS):
@@ -34,13 +34,13 @@ def trajectory(start, noise, dive):
 
 
 def half_log_determinant(path, dive):
-    """Half the logarithm of the determinant of the cost's Hessian, by initial deviation and noise, whitened."""
+    """Return half the log-determinant of the cost's Hessian with respect to whitened initial deviation and noise."""
     root = DenseLeastSquares(dive, path, GLIDE.control).root
     return -float(np.linalg.slogdet(root)[1])
 
 
 def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
-    """Along any direction of initial state and noise the mean shifts' sum is the change of the Hessian's volume."""
+    """The sum of the mean shifts along a direction of initial state and noise is the change of the log-determinant."""
     dive, rng = flown.dive, np.random.default_rng(1)
     start, noise = dive.mean.copy(), np.zeros((STEPS, 6))
     start[10:] = [0.02, 0.01, -0.02, 0.01, 0.003, 0.1]
@@ -65,7 +65,7 @@ def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
 
 
 def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
-    """With the cost's linear term the smoothed mean moves by minus the covariance times its gradient."""
+    """The linear term of the cost moves the smoothed mean by minus the covariance times the term's gradient."""
     dive, path = flown.dive, flown.glide
     sweeps = Sweeps(PETREL.hull, dive)
     sweeps.forward(path)
@@ -92,7 +92,7 @@ def test_the_last_step_has_no_mean_shift_behind_it(flown):
 
 
 def test_the_mean_is_nearer_to_the_truth_than_the_mode():
-    """Wide priors in surge and heave: errors over deviations, of the mode to one side, of the mean centred."""
+    """With wide priors in surge and heave, normalised errors of the mode are biased, and those of the mean centred."""
     biases = {}
     for estimate in ("mode", "mean"):
         settings, errors = SmootherSettings(estimate=estimate), []
@@ -106,7 +106,7 @@ def test_the_mean_is_nearer_to_the_truth_than_the_mode():
 
 
 def test_a_mean_shift_shared_by_a_few_steps_leads_to_the_same_mean():
-    """Every fifth step's mean shift in place of each step's: the estimate moves by a few hundredths of a deviation."""
+    """With the mean shift of every fifth step only, the estimate changes by a few hundredths of a deviation."""
     flown, sums = fly(301, 3000), []
     for every in (1, 5):
         sweeps = Sweeps(PETREL.hull, flown.dive, mean_shift_every=every)
@@ -117,7 +117,7 @@ def test_a_mean_shift_shared_by_a_few_steps_leads_to_the_same_mean():
 
 @pytest.mark.parametrize(("spent", "share"), [(0.3, 0.3), (1.0, 1.0), (4.0, 1.0)])
 def test_room_counts_by_what_a_dive_confirms_of_its_noise(spent, share):
-    """Squares over variances, over what is resolved; raised noise, as of the vibration set, does not count."""
+    """It is the ratio of the squares over variances to the resolved part, without raised noise (vibration set)."""
     noise, linear = np.full((40, 6), 0.5), allocate_backward(40)
     linear.noise_resolved[:] = 0.2
     linear.noise_mean[:] = np.sqrt(spent * 0.2 * noise)

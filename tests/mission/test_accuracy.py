@@ -1,4 +1,4 @@
-"""The accuracy table: errors put in by hand come out of it, and nothing else does."""
+"""Accuracy table: it contains the errors that were put in by hand, and no others."""
 
 from io import StringIO
 

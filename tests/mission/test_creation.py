@@ -1,4 +1,4 @@
-"""Creating and replacing archives: nothing of a user's is lost, whatever stops the run."""
+"""Creation and replacement of archives: no data of a user are lost when a run stops."""
 
 import shutil
 import signal
@@ -25,7 +25,7 @@ SIZES = {"sample": 4, "record": 2, "window": 1, "segment": 1}
 
 @pytest.fixture
 def own_copy(swift_store, tmp_path):
-    """An archive of the swift mission, alone in its folder."""
+    """Return an archive of the swift mission, alone in its folder."""
     return shutil.copytree(swift_store, tmp_path / "own" / "copy.zarr")
 
 
@@ -35,12 +35,12 @@ def soon_refused(monkeypatch):
 
 
 def names(store):
-    """Names in an archive's folder."""
+    """Return the names in an archive's folder."""
     return sorted(entry.name for entry in store.parent.iterdir())
 
 
 def overwrite(swift, store, executor):
-    """Replace an archive by a run in this process."""
+    """Replace an archive with a run in this process."""
     with open_observations(swift) as observations:
         return run_mission(
             observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), store, executor, overwrite=True
@@ -49,7 +49,7 @@ def overwrite(swift, store, executor):
 
 @contextmanager
 def stopping(error):
-    """Give an executor that ends in an error before its first result."""
+    """Yield an executor that ends with an error before its first result."""
     executor = SerialExecutor()
 
     def stopped(*_):
@@ -105,7 +105,7 @@ def test_the_first_commit_replaces(own_copy):
 
 @pytest.mark.parametrize("option", ["--resume", "--overwrite"])
 def test_killed_before_its_first_profile(swift, swift_store, own_copy, option):
-    """By SIGKILL: the next run, whichever, finds the old archive."""
+    """After SIGKILL, the next run with either option finds the old archive."""
     run = start_program(
         "run-mission", swift, "--platform", "petrel-l", "--store", own_copy, "--workers", 1, "--overwrite"
     )
@@ -122,7 +122,7 @@ def test_killed_before_its_first_profile(swift, swift_store, own_copy, option):
 
 
 def test_an_empty_archive_of_a_killed_run_is_no_obstacle(swift, swift_store, tmp_path):
-    """The same command again does the mission: there is nothing that it could replace."""
+    """The same command, repeated, runs the mission, since there is nothing to replace."""
     store = tmp_path / "empty.zarr"
     create_archive(store, [1, 2, 3], SIZES, {})
     assert program("run-mission", swift, *WHOLE, "--store", store).status == 0
@@ -130,7 +130,7 @@ def test_an_empty_archive_of_a_killed_run_is_no_obstacle(swift, swift_store, tmp
 
 
 def test_folders_with_like_names_are_left_alone(swift, own_copy):
-    """Backups are called so."""
+    """Backups may have such names."""
     theirs = [own_copy.with_name("copy.zarr" + suffix) for suffix in (".old", ".partial", ".0123456789abcdef.old")]
     for folder in theirs:
         folder.mkdir()
@@ -149,7 +149,7 @@ def test_what_an_older_run_set_aside_is_named_and_stays(own_copy, caplog):
 
 
 def test_an_archive_that_cannot_take_its_place(own_copy, swift_store, monkeypatch):
-    """The old one goes back where it was, and what was made of the new one is removed."""
+    """The old archive is moved back, and the files of the new one are removed."""
     rename = type(own_copy).rename
 
     def refused(self, target):
@@ -165,7 +165,7 @@ def test_an_archive_that_cannot_take_its_place(own_copy, swift_store, monkeypatc
 
 
 def test_workers_are_asked_whether_they_see_the_lock(tmp_path):
-    """The archive is not there yet when they are asked."""
+    """The archive does not exist yet at that time."""
     with lock.locked(tmp_path / "new.zarr"):
         assert lock.lock_name(tmp_path / "new.zarr") == str(tmp_path / "new.zarr.lock")
         assert (tmp_path / "new.zarr.lock").exists()

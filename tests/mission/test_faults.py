@@ -1,4 +1,4 @@
-"""Early ends: workers and schedulers killed, runs interrupted, disks full, estimators that fail."""
+"""Premature ends: killed workers and schedulers, interrupted runs, full disks, failing estimators."""
 
 import errno
 import os
@@ -40,20 +40,20 @@ COUNT = DIPS.profiles
 
 @pytest.fixture(scope="module")
 def dips(tmp_path_factory):
-    """Observation file of ten short profiles."""
+    """Return the observation file of ten short profiles."""
     return simulate_mission(PETREL, tmp_path_factory.mktemp("dips") / "dips.nc", scenario=DIPS, seed=5).path
 
 
 @pytest.fixture(scope="module")
 def undisturbed(dips):
-    """Archive of them by a run that nothing disturbed."""
+    """Return their archive from an undisturbed run."""
     store = dips.with_name("undisturbed.zarr")
     assert estimate(dips, store, "recommended").failed == ()
     return store
 
 
 def assert_whole(store, undisturbed):
-    """The archive is the undisturbed one, to the byte, with every profile once."""
+    """Assert that the archive equals the undisturbed one, to the byte, with every profile once."""
     assert archive_bytes(store) == archive_bytes(undisturbed)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["profile"].values) == list(range(1, COUNT + 1))
@@ -140,7 +140,7 @@ def test_a_worker_lost_while_it_compiles_is_not_waited_for(dips):
 
 
 def _dies_on(number, run):
-    """Job that kills its worker, as running out of memory does, at one profile."""
+    """Return a job that kills its worker at one profile, as a lack of memory would."""
 
     def job(batch):
         if number in [one for one, _ in batch.profiles]:
@@ -150,7 +150,7 @@ def _dies_on(number, run):
     return job
 
 
-# What dask warns of as it restarts a worker would otherwise end the one who starts it.
+# Dask's warnings at the restart of a worker would otherwise end the process that starts it.
 @pytest.mark.filterwarnings("ignore")
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
     from gliderhpc.mission import jobs
@@ -227,7 +227,7 @@ def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 4 MB of its own."""
+    """Mount a separate file system of 4 MB."""
     folder = tmp_path / "small"
     folder.mkdir()
     mounted = subprocess.run(
@@ -258,9 +258,9 @@ def test_a_disk_that_is_really_full(dips, undisturbed, small_disk):
 
 @pytest.mark.parametrize(("number", "seed"), [(signal.SIGINT, 11), (signal.SIGTERM, 12), (signal.SIGKILL, 13)], ids=str)
 def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, seed):
-    """Ctrl-C to the whole group, SIGTERM to the program, or SIGKILL, when a random number of profiles is committed.
+    """Send Ctrl-C to the group, SIGTERM to the program, or SIGKILL, after a random number of commits.
 
-    The workers end after the profile at hand, so that some are left however fast they are.
+    The workers end after their present profile; some profiles therefore remain, however fast the workers are.
     """
     store = tmp_path / "interrupted.zarr"
     run = start_program(

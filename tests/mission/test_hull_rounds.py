@@ -1,4 +1,4 @@
-"""Rounds over the dives: a hull that is off, and sensors that are, found from a synthetic mission."""
+"""Rounds over the dives: errors of a hull and of its sensors, estimated from a synthetic mission."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_hull_and_sensors_are_found_within_their_deviations(found):
         "sensors.pitch_offset": 0.5, "position.battery": PETREL.position.battery,
     }  # fmt: skip
     for key, value in errors.items():
-        # Twice the 95 % interval: a few dives of one pitch, and a linearisation.
+        # Within twice the 95 % interval, because of a few dives at a single pitch and of the linearisation.
         middle, half = 0.5 * (table.low[key] + table.high[key]), 0.5 * (table.high[key] - table.low[key])
         assert abs(value - middle) < 2.0 * half, key
     assert table.left["buoyancy.neutral_volume"] < 0.2
@@ -126,7 +126,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
 
 
 def test_a_long_step_is_shortened_as_a_whole():
-    """Two plausible deviations at most, and the direction stays: the errors are known together, not one by one."""
+    """It is two plausible deviations at most, with the same direction: the errors are correlated."""
     parameters = hull_parameters(PETREL)
     wanted = np.linspace(-4.0, 1.0, len(parameters))
     step = bounded_step(PETREL, parameters, np.zeros(len(parameters)), wanted)
@@ -137,7 +137,7 @@ def test_a_long_step_is_shortened_as_a_whole():
 
 
 def test_a_hull_that_is_wrong_in_everything_comes_nearer(tmp_path):
-    """All errors, those of the records included, drawn from the plausible deviations; yaw impulses unlike the prior."""
+    """All errors, including those of the records, are drawn; the yaw impulses do not follow the prior."""
     path, parameters = tmp_path / "wrong.nc", hull_parameters(PETREL)
     simulate_mission(PETREL, path, scenario=load_scenario("impulses").replaced({"profiles": 5, "depth": 80.0}), seed=3)
     believed = moved_platform(PETREL, parameters, np.random.default_rng(6).standard_normal(len(parameters)))
@@ -151,7 +151,7 @@ def test_a_hull_that_is_wrong_in_everything_comes_nearer(tmp_path):
 
 
 def test_rounds_that_end_early_state_their_last_move(records):
-    """One round from a hull that is off: what the platform file states contains the move that it still wanted."""
+    """After one round from a hull in error, the uncertainty in the platform file includes the last move."""
     rounds = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
     grown = rounds.errors.covariance - rounds.mission.overall.covariance
     np.testing.assert_allclose(grown, np.outer(rounds.wanted, rounds.wanted), atol=1e-12)
@@ -161,7 +161,7 @@ def test_rounds_that_end_early_state_their_last_move(records):
 
 
 def test_errors_that_all_dives_share_limit_what_they_say(records, found):
-    """``1 + misfit n`` divides the information of three dives; with none of it they seem to know more."""
+    """``1 + misfit n`` divides the information of three dives; without it, the deviations are too small."""
     assert found.dives.rounds.divisor == pytest.approx(1.0 + 1.2 * 3)
     believed = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 2, "misfit": 0.0})
     assert believed.dives.rounds.divisor == 1.0
@@ -170,7 +170,7 @@ def test_errors_that_all_dives_share_limit_what_they_say(records, found):
 
 
 def test_the_noise_follows_all_dives_together():
-    """One channel quieter and one louder than the prior; a dive without an estimate does not count."""
+    """One channel is quieter and one louder than the prior; a dive without an estimate is not used."""
     spent, resolved = np.full(6, 50.0), np.full(6, 50.0)
     spent[0], spent[5] = 5.0, 500.0
     dives = [SmoothedDive(i, np.datetime64("2024-01-01"), noise=np.array([spent, resolved])) for i in (1, 2)]

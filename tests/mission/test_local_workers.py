@@ -1,4 +1,4 @@
-"""Local worker processes: jobs over pipes, deaths, ends, and nothing that another user could reach."""
+"""Local worker processes: jobs over pipes, killed workers, termination, and no access for other users."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from gliderhpc.mission.executors import ALLOCATION, LocalExecutor, one_line, was
 
 @pytest.fixture(scope="module")
 def executor():
-    """Two processes for all the tests."""
+    """Start two processes for all tests."""
     made = LocalExecutor(2)
     yield made
     made.close()
@@ -136,7 +136,7 @@ def test_leaving_ends_the_jobs_at_once(executor, tmp_path):
 
 
 def test_workers_that_cannot_start_are_given_up(monkeypatch):
-    monkeypatch.setattr(local_workers, "_serve", os.getpid)  # it takes no argument, so the process ends at once
+    monkeypatch.setattr(local_workers, "_serve", os.getpid)  # it takes no argument; the process ends at once
     executor = LocalExecutor(1)
     try:
         with pytest.raises(RunStoppedError, match="end as they start"):
@@ -146,7 +146,7 @@ def test_workers_that_cannot_start_are_given_up(monkeypatch):
 
 
 def _listening(_):
-    """Sockets on which this process, its parent and its siblings wait for others."""
+    """Return the sockets on which this process, its parent and its siblings listen."""
     family = [psutil.Process(os.getppid()), *psutil.Process(os.getppid()).children(recursive=True)]
     return [
         (process.pid, connection.laddr)
@@ -157,7 +157,7 @@ def _listening(_):
 
 
 def test_nothing_listens():
-    """No port and no named socket, of the run or its workers: nobody else can hand them code."""
+    """The run and its workers have no port and no named socket; nobody else can send them code."""
     code = (
         "import test_local_workers as t\n"
         "from gliderhpc.mission.executors import local_executor\n"

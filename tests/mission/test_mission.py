@@ -1,4 +1,4 @@
-"""A mission from end to end: what is in its archive, what decides it, and how it is finished and repeated."""
+"""A mission from end to end: content of the archive, inputs that determine it, resuming and repeating."""
 
 import re
 import shutil
@@ -68,11 +68,11 @@ def archive(brief_store):
 
 @pytest.fixture
 def own_copy(swift_store, tmp_path):
-    """An archive of the swift mission to spoil."""
+    """Return a copy of the swift mission's archive that may be changed."""
     return shutil.copytree(swift_store, tmp_path / "copy.zarr")
 
 
-# What is in the archive
+# Content of the archive
 
 
 def test_the_archive_keeps_to_its_schema(brief_store):
@@ -125,7 +125,7 @@ def test_root_attributes_say_what_was_done_to_what(archive, brief):
 
 
 def test_time_depth_and_record_are_the_observations(archive, brief):
-    """Records lie a second apart from the first observation on, in degrees; rows end in NaN."""
+    """Records are one second apart from the first observation, in degrees; rows end with NaN."""
     with open_observations(brief) as observations:
         record = observations.profile(2)
     observed, state = (archive[group].ds.sel(profile=2).load() for group in ("observed", "state"))
@@ -196,7 +196,7 @@ def test_currents_and_fixes_of_the_table(archive, brief):
                 assert row[f"{end}_longitude"] == fix.longitude
                 assert abs(row[f"{end}_time"].values - fix.time) < np.timedelta64(1, "ms")
             error = np.hypot(row["dac_north"] - truth["current_north"], row["dac_east"] - truth["current_east"])
-            # Fixes of 5 m over nine minutes alone make 0.01 m/s.
+            # Errors of 5 m in the fixes over nine minutes alone give 0.01 m/s.
             assert error < 0.04
             covariance = [
                 [row["dac_north_std"] ** 2, row["dac_covariance"]],
@@ -204,7 +204,7 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             ]
             assert np.linalg.eigvalsh(np.array(covariance, dtype=float)).min() >= -1e-12
             assert row["dac_north_std"] > 0.0
-            # The fix nearest to the dive is 30 s from it on either side.
+            # The nearest fixes are 30 s before and after the dive.
             surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
             for end, fixes in surfaces.items():
                 drifted = surface_drift(fixes)
@@ -256,7 +256,7 @@ def estimated(brief):
 def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
     assert remarks(PETREL, estimated) == []
     quiet = np.flatnonzero(~estimated.vibrating)
-    # The longest stretch of steady glide holds a minute.
+    # The longest stretch of steady glide contains a minute.
     breaks = np.flatnonzero(np.diff(quiet) > 1)
     stretches = np.split(quiet, breaks + 1)
     longest = max(stretches, key=len)
@@ -308,11 +308,11 @@ def test_longest_run():
 
 
 def _sabotage(monkeypatch, engine):
-    """Make the third window of a profile diverge: its start is no number."""
+    """Make the third window of a profile diverge: its start is NaN."""
     calls = []
 
     def spoilt(data, start):
-        # Compiling the kernels beforehand solves shorter ones.
+        # The compilation of the kernels before the run solves shorter windows.
         calls.append(len(data.bodies) == 300)
         return np.full_like(start, np.nan) if calls[-1] and sum(calls) == 3 else start
 
@@ -328,7 +328,7 @@ def _sabotage(monkeypatch, engine):
 
 @pytest.mark.parametrize("engine", ["lanes", "scipy"])
 def test_a_bad_window_costs_no_profile(brief, tmp_path, monkeypatch, engine):
-    """A profile's third window diverges: the prior stands there, marked and reported, and the rest goes on."""
+    """A profile's third window diverges: the prior is used there, marked and reported, and the rest continues."""
     _sabotage(monkeypatch, engine)
     store = tmp_path / "sabotaged.zarr"
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--profiles", 1, "--engine", engine)
@@ -380,7 +380,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
 
 
 def test_the_truth_is_never_read(swift, swift_store, tmp_path):
-    """The same file without its truth: the same archive to the byte, except for durations."""
+    """The file without its truth gives the same archive to the byte, except for durations."""
     alone = tmp_path / swift.name
     shutil.copy(swift, alone)
     assert truth_path(swift).exists()
@@ -401,7 +401,7 @@ def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
 
 
 def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_store, tmp_path):
-    """In one process too, where all profiles are one batch: none waits for the others; the archive is the same."""
+    """Even in one process, where all profiles are one batch, none waits for the others; the archive is the same."""
     store, committed = tmp_path / "one-by-one.zarr", []
     with open_observations(swift) as observations:
         run_mission(
@@ -414,7 +414,7 @@ def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_sto
 
 
 def test_what_a_killed_worker_left_half_written_is_gone_when_the_run_ends(swift, swift_store, tmp_path):
-    """A file as zarr names it while it writes one; another worker has written the chunk since."""
+    """The file has a temporary name of zarr; another worker has since written the chunk."""
     store = tmp_path / "stray.zarr"
     stray = store / "observed" / "ballast_volume" / f"c.5.{'0a' * 16}.partial"
     with open_observations(swift) as observations:
@@ -426,7 +426,7 @@ def test_what_a_killed_worker_left_half_written_is_gone_when_the_run_ends(swift,
 
 
 def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift, tmp_path, monkeypatch):
-    """The profiles that were committed before are neither done nor reported twice."""
+    """Profiles that were committed before the error are neither computed nor reported twice."""
     finish, calls = jobs._Batch.finish, []
 
     def fails_once(self, work, estimate):
@@ -524,7 +524,7 @@ def test_resume_refuses_other_profiles(swift, swift_store, own_copy):
     ],
 )
 def test_resume_recomputes_what_was_made_from_other_inputs(swift, own_copy, tmp_path, arguments, reason):
-    """The archive is then the one that a run with the other inputs makes, and says so of itself."""
+    """The archive then equals that of a run with the other inputs, including its attributes."""
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume", *arguments)
     assert answer.status == 0, answer.err
     assert f"0 profiles are valid; to be computed: 3 made with {reason}" in answer.err
@@ -558,7 +558,7 @@ def test_resume_refuses_an_archive_of_another_schema(swift, own_copy):
 
 
 def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path):
-    """A profile that failed by chance succeeds the second time; here its marker records a failure."""
+    """A profile that failed by chance succeeds the second time; here, the marker is changed to a failure."""
     store = tmp_path / "failed.zarr"
     with open_observations(swift) as observations:
         arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store
@@ -574,7 +574,7 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path
 
 @pytest.fixture
 def earlier(swift, tmp_path):
-    """The swift mission's file as it was before its last profile."""
+    """Return the swift mission's file without its last profile."""
 
     def first_two(content):
         begin = samples_of(content, 3)[0]
@@ -609,7 +609,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
 
 
 def test_rows_grow_with_a_longer_profile(swift, tmp_path):
-    """The archive of a shorter profile has shorter rows; those of a longer one go on in chunks of their own."""
+    """The archive of a shorter profile has shorter rows; rows of a longer profile continue in further chunks."""
 
     def shorten_the_first(content):
         content["profile"].values[samples_of(content, 1)[-30:]] = 0
@@ -698,7 +698,7 @@ def test_a_dry_run_tells_and_does_nothing(brief, brief_store, tmp_path):
 
 
 def test_the_plan_follows_engine_and_batch(brief):
-    """More profiles side by side hold more memory; the engine decides time and how many there are."""
+    """More profiles at a time need more memory; the engine determines the time and the number of profiles."""
     with open_observations(brief) as observations:
         plan = replace(plan_mission(observations, MissionSettings(), (1, 2, 3)), longest=100_000)
     whole = replace(plan, profiles=tuple(range(1, 566)), steps=56_800_000)

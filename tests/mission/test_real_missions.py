@@ -1,4 +1,4 @@
-"""Dives of real, uncalibrated gliders, from their own files to currents: a sample in 20 s or in 4 s, their controls."""
+"""Dives of real, uncalibrated gliders, from their files to currents: a sample every 20 s or 4 s, recorded controls."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def estimated(folder, names, work, profiles, *arguments):
 
 
 def steady_records(tree, number):
-    """Records outside the vibration set and after the first two minutes."""
+    """Return the records outside the vibration set and after the first two minutes."""
     n = int(np.isfinite(tree["state"].ds["u"].sel(profile=number).values).sum())
     every = round(tree.attrs["output_interval"] / tree.attrs["step"])
     flags = np.nan_to_num(tree["series"].ds["quality"].sel(profile=number).values[::every][:n]).astype(int)
@@ -36,7 +36,7 @@ def steady_records(tree, number):
 
 @pytest.fixture(scope="module")
 def deep_dive(shared_data, tmp_path_factory):
-    """Cycle 38 of mission 12, a dive to 700 m; its neighbours are there for the fixes."""
+    """Return cycle 38 of mission 12, a dive to 700 m; its neighbours are included for the fixes."""
     names = [f"sea035.12.gli.sub.{cycle}" for cycle in (37, 38, 39)]
     folder = shared_data / "seaexplorer-sea035-M012"
     work = tmp_path_factory.mktemp("M012")
@@ -79,7 +79,7 @@ def test_speeds_and_angles_are_a_gliders(deep_dive):
 
 @pytest.mark.parametrize(("name", "most"), [("roll", 0.5), ("pitch", 0.5), ("heading", 0.5), ("depth", 0.5)])
 def test_the_record_is_followed(deep_dive, name, most):
-    """Degrees and metres: the size of the sensors' steps, not of the dive."""
+    """Residuals in degrees and metres have the size of the sensors' resolution."""
     state, observed = (deep_dive[group].ds[name].sel(profile=38).values for group in ("state", "observed"))
     steady = steady_records(deep_dive, 38)
     error = (state - observed)[steady]
@@ -96,7 +96,7 @@ def test_its_current_has_a_plausible_size(deep_dive):
 
 
 def test_shallow_dives_of_another_mission(shared_data, tmp_path):
-    """Two of mission 10's dives to 180 m, as the hull comes, with nothing calibrated."""
+    """Estimate two of mission 10's dives to 180 m with the shipped hull, without any calibration."""
     names = [f"SEA035.10.gli.sub.{cycle:03d}" for cycle in range(45, 50)]
     with estimated(shared_data / "seaexplorer-sea035-M010", names, tmp_path, "46,48") as tree:
         table = tree.to_dataset().load()
@@ -107,7 +107,7 @@ def test_shallow_dives_of_another_mission(shared_data, tmp_path):
 
 
 def test_dives_of_a_slocum_compared_with_its_own_estimate(shared_data, tmp_path):
-    """Two of modena's profiles as the hull comes; the vehicle's dead reckoning says what it drifted."""
+    """Two of modena's profiles with the shipped hull are compared with the drift from the vehicle's dead reckoning."""
     folder = shared_data / "slocum-modena-2015"
     observations, store = tmp_path / "mission.nc", tmp_path / "mission.zarr"
     assert program("import", "slocum", folder, observations).status == 0

@@ -1,4 +1,4 @@
-"""The smoothed estimate in a mission's archive: what is stored, who starts from it, and who may study it."""
+"""Smoothed estimate in a mission's archive: stored values, windows that start from it, and studies of it."""
 
 import json
 import shutil
@@ -71,7 +71,7 @@ def smoothed(prepared, filtered):
 
 @pytest.fixture(scope="module")
 def carried(prepared):
-    """The estimate on the records, with the hull's part in its uncertainty."""
+    """Return the estimate on the records, with the hull's part of its uncertainty."""
     return estimate_profile(prepared, SETTINGS, smooth=True)
 
 
@@ -81,11 +81,11 @@ def group(brief_store):
         return tree["smoothed"].ds.load()
 
 
-# What is stored
+# Stored values
 
 
 def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
-    """Each record holds the state at its instant and the disturbance of the step that starts there."""
+    """Each record contains the state at its time and the disturbance of the step that starts there."""
     row, on_records = group.sel(profile=1), carried.smoothed
     records = len(on_records.states)
     assert smoothed.outcome is Outcome.CONVERGED
@@ -129,7 +129,7 @@ def test_the_group_s_table_says_how_it_went(group, smoothed, carried):
 
 
 def test_the_current_by_the_smoother(brief_store, brief, group):
-    """Displacement, fixes and drift at the surface over the time adrift below; the truth within four deviations."""
+    """It follows from displacement, fixes and surface drift, and is within four deviations of the truth."""
     options = CurrentErrors()
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         table = tree.to_dataset().load()
@@ -163,7 +163,7 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
 
 
 def test_the_group_of_the_hull(brief_store, carried, group):
-    """What the dive says of its hull, missing for parameters that do not act; the hull's part of the covariances."""
+    """It contains the dive's information on its hull, without inactive parameters, and the hull's covariances."""
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         row = tree["hull"].ds.sel(profile=1).load()
     hull = carried.hull
@@ -186,7 +186,7 @@ def test_the_group_of_the_hull(brief_store, carried, group):
 
 @pytest.mark.parametrize("how", ["not finite", "negative"])
 def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, carried, smoothed, monkeypatch, how):
-    """Its deviations are then those of the platform file, not narrowed by the dive."""
+    """The hull's deviations are then those of the platform file, without the information of the dive."""
     real = estimation.smoothed_dive_information
 
     def lost(*given):
@@ -220,7 +220,7 @@ def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(p
 
 
 def test_the_published_budget_of_the_current_stays_available(brief, brief_store, tmp_path):
-    """Its terms, and of the smoother what it states without the hull; the currents themselves are the same."""
+    """It has the published terms, and the smoother's uncertainty without the hull; the currents are the same."""
     store = tmp_path / "published.zarr"
     run(brief, store, "--set", "current.budget=published", "--profiles", "1")
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:
@@ -239,7 +239,7 @@ def test_a_hull_that_is_believed_adds_nothing(prepared, smoothed):
 
 
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
-    """Windows and filter in the archive are those of one profile alone, whose smoother is asked for a path only."""
+    """Windows and filter in the archive equal those of a single profile whose smoother computes only a path."""
     alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
     assert alone.solution.from_path
     assert alone.hull is None
@@ -320,7 +320,7 @@ def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
 
 
 def test_only_records_are_stored(prepared):
-    """The steps' arrays are freed with the smoother: 160 bytes a record stay of ten times as much."""
+    """The steps' arrays are freed with the smoother: 160 bytes per record remain of ten times as much."""
     records = estimate_profile(prepared, SETTINGS, smooth=True).smoothed
     for values in (records.states, records.states_std, records.disturbances, records.disturbances_std):
         assert values.base is None
@@ -336,7 +336,7 @@ def test_the_smoother_s_kernels_are_compiled_beforehand(monkeypatch):
     assert smoothed[0].passes >= 1
 
 
-# Who starts from it
+# Windows that start from the estimate
 
 
 @pytest.mark.parametrize("engine", ["lanes", "scipy"])
@@ -381,7 +381,7 @@ def test_the_start_follows_preset_and_sensors(brief_store):
     assert (attributes["settings"]["start"], attributes["start"]) == (None, "smoothed")
 
 
-# Who may study it
+# Studies of the estimate
 
 
 def test_profile_data_of_either_estimate(brief_store, group):
@@ -430,7 +430,7 @@ def own_copy(brief_store, tmp_path):
 
 @pytest.mark.usefixtures("undrawn_studies")
 def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
-    """Files of either stand side by side; the group is replaced, and the verb says so."""
+    """The files of both exist together; the group is replaced, and the command reports it."""
     adjoint = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")
     truth = truth_path(brief)
     other = program(

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.compiled
 
 
 def signatures(function: str) -> set[tuple[str, str, str]]:
-    """Signatures of the kernels that a function of `warm` calls, in a process of its own."""
+    """Return the signatures of the kernels that a function of `warm` calls, in a separate process."""
     done = python(LIST_SIGNATURES, function, GLIDERHPC_CACHE=compiled_cache().parent)
     return {tuple(one) for one in json.loads(done.stdout)}
 
@@ -35,14 +35,14 @@ def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
 
 
 def test_what_has_been_warmed_counts_as_compiled() -> None:
-    """Otherwise every run would start another process."""
+    """If it were not, every run would start another process."""
     warm.warm_kernels()
     assert warm.is_compiled()
 
 
 @pytest.fixture
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """Let `warm` believe that nothing is compiled and that there are two cores; the processes that it starts."""
+    """Make `warm` find nothing compiled and two cores; return the list of the processes that it starts."""
     started: list[subprocess.Popen[bytes]] = []
 
     class Noted(subprocess.Popen):  # type: ignore[type-arg]
