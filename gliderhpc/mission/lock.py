@@ -16,7 +16,7 @@ import stat
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -121,14 +121,18 @@ class FileLock:
             aside.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
-        """Rename the file first, which succeeds for one of several runs; restore it if another run has taken it."""
+        """Rename the file first, which succeeds for one of several runs; restore it if it is another run's.
+
+        A third run may have taken the lock in between; then there is nothing to restore.
+        """
         aside = self._aside()
         try:
             self._path.rename(aside)
         except FileNotFoundError:
             return
         if FileLock(aside).read() != content:
-            os.link(aside, self._path)
+            with suppress(FileExistsError):
+                os.link(aside, self._path)
         aside.unlink()
 
     def remove(self) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
-from gliderhpc.observations.profile_checks import check_length, check_values
+from gliderhpc.observations.profile_checks import check_length, check_pace, check_values
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.observations.rows import ClockStep, Columns, without_doubtful
@@ -322,10 +322,13 @@ def _profile(number: int, parts: Parts, start: int, stop: int, variables: Column
 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str | None:
-    """Return the fault of length or values that the reader of the file will find in this profile; None without one."""
+    """Return the fault of length, values or pace that the reader of the file will find in this profile, or None."""
     fault = check_length(number, time)
     for name in REQUIRED:
         if fault is None:
             values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
             fault = check_values(VARIABLES[name], values, number, start)
+    if fault is None:
+        depth: FloatArray = np.asarray(variables["depth"][start : start + len(time)], dtype=np.float64)
+        fault = check_pace(time, depth, {number: (0, len(time))}, {}).get(number)
     return fault

@@ -312,7 +312,7 @@ def _comment(sensor: str, unit: str | None, basis: str) -> str:
         salinity = f"practical salinity by PSS-78 from conductivity in {unit} (gsw; unit {basis})"
     return (
         f"{sensor or 'CTD'}: temperature, pressure and {salinity}, on the nearest navigation row within half a "
-        "sampling interval, from pld1.raw and, where that has none, from pld1.sub"
+        "sampling interval, from pld1.raw or pld1.sub, whichever has more samples, and in its gaps from the other"
     )
 
 

@@ -286,7 +286,7 @@ class BinaryReader:
                     )
                 wanted.write_bytes(content)
                 return
-        where = str(self._cache) if self._cache else f"{path.parent} or its folder cac"
+        where = str(self._cache) if self._cache else f"{path.parent} or its folders cac and cache"
         raise InputError(
             f"{path}: its cache file {wanted.name} is not in {where}; copy it from the glider's folder STATE/CACHE, "
             "or name its folder with --cache"

@@ -171,8 +171,8 @@ def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
     known = [np.isfinite(values_of(of_epochs(table), name)).sum() for name in names]
     if min(known) < MIN_VALUES:
         raise InputError(
-            f"{NAME}: only {known[0]} dives and {known[1]} climbs have {MIN_VALUES} or more medians between "
-            f"{mission.band.low:.0f} and {mission.band.high:.0f} m; give --set drift.depth_band=[LOW,HIGH]"
+            f"{NAME}: only {known[0]} dives and {known[1]} climbs have a median between {mission.band.low:.0f} and "
+            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give --set drift.depth_band=[LOW,HIGH]"
         )
     return table
 

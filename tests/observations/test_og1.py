@@ -44,6 +44,13 @@ def test_dives_fixes_and_controls(tmp_path):
         assert len(observations.profile(2).surface_fixes_before) == 2
 
 
+def test_a_dive_slower_than_any_glide_is_not_called_complete(tmp_path):
+    """The summary names the fault that the reader of the file finds."""
+    summary, _ = imported(tmp_path, TIME=made.clock(1)[0] + 4e4 * np.arange(2 * (2 * (made.AFLOAT + made.HALF) + 3)))
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert {p.number: p.fault for p in summary.profiles if p.fault} == observations.faults != {}
+
+
 def test_the_declination_comes_from_the_files_own_dead_reckoning(tmp_path):
     _, found = imported(tmp_path)
     assert found["heading"].values == pytest.approx(350.0 + made.DECLINATION - 360.0)

@@ -14,7 +14,7 @@ from support.missions import WHOLE, archive_bytes, program
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission.executors import SerialExecutor
-from gliderhpc.mission.lock import SUFFIX, check_held, locked
+from gliderhpc.mission.lock import SUFFIX, FileLock, check_held, locked
 from gliderhpc.store_schema import ArchiveRows, damaged_chunks, read_commits
 
 pytestmark = pytest.mark.compiled
@@ -359,6 +359,20 @@ def test_a_lock_that_is_no_file_is_named(tmp_path, make):
         locked(archive),
     ):
         pass
+
+
+def test_a_lock_that_two_other_runs_took_meanwhile_is_left_to_the_last(tmp_path, monkeypatch):
+    ours = FileLock(tmp_path / "a.lock")
+    (tmp_path / "a.lock").write_bytes(b"second")
+    read = FileLock.read
+
+    def taken_again(lock):
+        (tmp_path / "a.lock").write_bytes(b"third")
+        return read(lock)
+
+    monkeypatch.setattr(FileLock, "read", taken_again)
+    ours.release(b"first")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.lock": b"third"}
 
 
 def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path):

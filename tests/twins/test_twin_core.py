@@ -12,7 +12,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridged, high_passed
 from gliderhpc.twins.cases import UNCERTAIN_COEFFICIENTS, RecordChanges, with_coefficient_errors, with_factors
-from gliderhpc.twins.recoverability import crossing
+from gliderhpc.twins.recoverability import crossing, identification_noise
 from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
 from gliderhpc.twins.windows import strongest_stretch
 
@@ -202,3 +202,9 @@ def test_a_budget_that_is_none_is_refused(tmp_path, text, fault):
         read_budget(path)
     with pytest.raises(InputError, match="cannot read"):
         read_budget(tmp_path / "absent.yaml")
+
+
+def test_a_study_whose_quiet_twins_were_all_refused_says_why():
+    rows = [{"kind": "refused", "preset": "paper", "refused": "profile 1: the filter rejects 80 % of the samples"}]
+    with pytest.raises(InputError, match="preset paper, the first because profile 1: the filter"):
+        identification_noise(rows, "paper")

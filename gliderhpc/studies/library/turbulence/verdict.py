@@ -341,9 +341,9 @@ def _rank_test(ensembles: Ensembles) -> Feature:
         return Feature(name, NOT_TESTED, f"F({ensembles.settings.lag:g} s) is not resolved in every profile")
     passed = values <= level + 1e-9
     figures = f"{int(passed.sum())} of {len(values)} above all surrogates, p = {number(level)}"
-    artefacts = ensembles.artefacts
-    if len(artefacts):
-        figures += f"; so are {int((artefacts['p_value'] <= level + 1e-9).sum())} of {len(artefacts)} nulls"
+    nulls = _null_passes(ensembles)
+    if nulls is not None:
+        figures += f"; so are {nulls.passed} of {nulls.count} nulls"
     return Feature(name, PASSED if passed.all() else FAILED, figures)
 
 
