@@ -138,6 +138,9 @@ _ENCODING = "5"
 _END = b"X"
 """Mark that the glider writes after the last record when it closes a file."""
 
+_PADDING = 1 << 15
+"""Zeros (bytes) added to a truncated file, more than a record of any glider has."""
+
 _SENSOR = re.compile(rb"s: (?P<used>[TF]) +\d{1,6} +(?P<place>-?\d{1,6}) +(?P<size>[1248]) +\w+ +\S+\s*$")
 """A line of a list of sensors: use flag, number, place in the records, size (bytes), name, unit."""
 
@@ -234,12 +237,11 @@ class BinaryReader:
         """
         content, broken = self._content(path, compressed=is_compressed(path))
         header = _header(path, content)
-        plain = self._plain(path, content, header)
-        columns = self._columns(plain, path, clock, sensors)
         cut_short = broken or not content.endswith(_END)
+        plain = self._plain(path, content, header, cut_short=cut_short)
+        columns = self._columns(plain, path, clock, sensors)
         seconds = columns.pop(clock)
-        # dbdreader reads the last, incomplete record of a truncated file as if it were complete.
-        stop = len(seconds) - 1 if cut_short and len(seconds) else len(seconds)
+        stop = _incomplete_row(seconds) if cut_short else len(seconds)
         seconds = _without_strays(seconds[:stop])
         rows = rows_of_seconds(seconds, part, {name: values[:stop] for name, values in columns.items()})
         return Segment(header["full_filename"], rows, cut_short)
@@ -260,14 +262,17 @@ class BinaryReader:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
         return b"".join(blocks), False
 
-    def _plain(self, path: Path, content: bytes, header: dict[str, str]) -> Path:
-        """Prepare the cache file and the decompressed content for dbdreader; return the path of the file to read."""
+    def _plain(self, path: Path, content: bytes, header: dict[str, str], *, cut_short: bool) -> Path:
+        """Prepare the cache file and the decompressed content for dbdreader; return the path of the file to read.
+
+        A truncated file is padded, since without its C extension dbdreader refuses one that ends within a record.
+        """
         if header["sensor_list_factored"] == "1":
             self._fetch_cache(path, header)
-        if not is_compressed(path):
+        if not (is_compressed(path) or cut_short):
             return path
         plain = self._folder / "decompressed.dbd"
-        plain.write_bytes(content)
+        plain.write_bytes(content + bytes(_PADDING if cut_short else 0))
         return plain
 
     def _fetch_cache(self, path: Path, header: dict[str, str]) -> None:
@@ -314,6 +319,11 @@ class BinaryReader:
             else:
                 columns[sensor.name] = missing
         return columns
+
+
+def _incomplete_row(seconds: FloatArray) -> int:
+    """Return the row of the incomplete record of a padded file: the last with a time, since the zeros have none."""
+    return int(np.flatnonzero(np.isfinite(seconds))[-1]) if np.isfinite(seconds).any() else 0
 
 
 def _without_strays(seconds: FloatArray) -> FloatArray:

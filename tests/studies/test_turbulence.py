@@ -1,5 +1,7 @@
 """The statistics of turbulence on plain arrays: each known series gives what theory says of it."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -28,7 +30,6 @@ from gliderhpc.studies.library.turbulence.series import (
     high_passed,
 )
 from gliderhpc.studies.library.turbulence.statistics import (
-    PowerLaw,
     bootstrap_structure_functions,
     lag_samples,
     periodograms,
@@ -111,7 +112,7 @@ def test_a_power_law_has_its_exponent_within_its_interval():
     assert law.high - law.low < 0.3
     assert law.exponent == pytest.approx(2.2, abs=0.1)
     assert law.r2 > 0.97
-    assert power_law(periodograms(whole(values), 512.0), (0.01, 0.012)) == pytest.approx(PowerLaw(), nan_ok=True)
+    assert np.isnan(astuple(power_law(periodograms(whole(values), 512.0), (0.01, 0.012)))).all()
 
 
 @pytest.mark.parametrize("hurst", [1.0 / 3.0, 0.6])
