@@ -99,8 +99,8 @@ def main(profiles: int) -> None:
         f"Made by `python benchmarks/accuracy.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m (about 42 minutes),",
         f"seed {SEED}, 1 Hz, attitude quantised to 0.1 degree, depth noise 0.03 m. Truth: slow longitudinal disturbances,",
         "yaw impulses of 0.6 to 3 N m and 1.2 to 2.5 s (standard deviation of a Gaussian pulse), one in 90 s on average.",
-        "Medians over profiles, over steady-glide samples (outside the vibration set, first minute left out). Roll, pitch,",
-        "heading and depth are the distance of the reconstruction from the measurements.",
+        "Medians over profiles, over steady-glide samples (outside the vibration set, first minute excluded). Roll, pitch,",
+        "heading and depth: difference of the reconstruction from the measurements.",
         "",
     ]
     with tempfile.TemporaryDirectory() as folder:
@@ -127,7 +127,7 @@ def main(profiles: int) -> None:
             "## Open loop",
             "",
             f"One forward run over {SEGMENT:.0f} s of steady glide under the identified disturbance, no feedback, from the",
-            "adjoint's state: distance from the measurements, the lower block of the paper's Table 2 (its figures: adjoint",
+            "adjoint's state: difference from the measurements, the lower block of the paper's Table 2 (its figures: adjoint",
             "0.057, 0.280, 0.097 degree, 0.014 m; EKF 0.078, 1.015, 3.340 degree, 2.985 m).",
             "",
             *open_loop(path),

@@ -102,7 +102,7 @@ def figures(found: Agreement) -> dict[str, tuple[float, float]]:
 
 def section(title: str, found: Agreement, itself: Sequence[Agreement] = ()) -> list[str]:
     """Lay an agreement out under a heading."""
-    text = f"{found.windows} windows; {found.same_outcome:.2%} of them end alike over the same samples"
+    text = f"{found.windows} windows; {found.same_outcome:.2%} of them cover the same samples with the same outcome"
     if itself:
         text += f" (nudged: {min(other.same_outcome for other in itself):.2%})"
     return [f"## {title}", "", text + ".", "", table(found, itself), ""]
@@ -135,13 +135,13 @@ def page(profiles: int) -> list[str]:
         "",
         f"Made by `python benchmarks/agreement.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
         f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) compared with the reference engine (`scipy`, L-BFGS-B).",
-        "Figures are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",
-        "against the truth, roll, pitch, heading and depth against the measurements. The ratio is lanes over scipy.",
+        "Values are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",
+        "relative to the truth, roll, pitch, heading and depth relative to the measurements. The ratio is lanes over scipy.",
         "",
-        f"The last column is what the reference engine makes of the same problem changed by rounding ({len(NUDGES)} runs, the hull's",
-        f"depth slope changed by {max(NUDGES):.0e} of itself at most), over what it made of it unchanged. An optimiser that is",
-        "stopped early leaves what the records hardly see (surge, heave and pitch moment without the transform of preset",
-        "`recommended`) where its path ended, and paths part by rounding: no two engines can agree better than one with itself.",
+        f"The last column is the ratio of the reference engine's result for a problem changed by rounding ({len(NUDGES)} runs, the hull's",
+        f"depth slope changed by at most {max(NUDGES):.0e} of itself) to its result for the unchanged problem. An optimiser that is stopped",
+        "early leaves components that the records hardly determine (surge, heave and pitch moment without the transform of preset",
+        "`recommended`) where its path ended, and rounding makes paths diverge: two engines cannot agree better than one with itself.",
         "",
     ]
     platform = load_platform(PLATFORM)

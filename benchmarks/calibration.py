@@ -146,8 +146,8 @@ def summary(twins: Sequence[Twin]) -> str:
         if any(twin.verdict(p.key) is CalibrationVerdict.ESTIMATED for twin in twins)
     )
     return (
-        f"Of {len(inside)} intervals in {len(twins)} twins {sum(inside)} hold the true value ({np.mean(inside):.1%}); "
-        f"the parameter with the fewest, {least:.0%} of the twins that estimate it."
+        f"Of {len(inside)} intervals in {len(twins)} twins {sum(inside)} contain the true value ({np.mean(inside):.1%}); "
+        f"the lowest share of a parameter is {least:.0%} of the twins that estimate it."
     )
 
 

@@ -93,16 +93,16 @@ def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
         "# Currents compared with an operator's own",
         "",
         f"Seaglider SG249 off Washington, {dives} dives; made by `python -m benchmarks.operator_currents DATA_FOLDER` with",
-        "`analyze currents --reference` on the imported file. The operator's current is the basestation's, by its flight model",
-        "and the same fixes, so that the errors of the fixes are in both; distances are in sigma of our ellipse (the published",
-        "terms, not measured for this hull) and the operator's stated error together. The hull is calibrated",
+        "`analyze currents --reference` on the imported file. The operator's current is the basestation's, from its flight model",
+        "and the same fixes, so both contain the errors of the fixes; distances are in sigma of our ellipse (the published",
+        "terms, not measured for this hull) and the operator's stated error combined. The hull is calibrated",
         f"([calibration.md](calibration.md)) on one dive in {FITTED_EVERY}. Spreads are the median and the range from the 10th",
         "to the 90th percentile.",
         "",
         *table_of(columns),
         "",
-        "Both processings take the drift between the same fixes for the current; they part in how far the vehicle swam. So the",
-        "table says how far that is settled, not how far either is from the current, which nobody measured.",
+        "Both methods take the drift between the same fixes as the current; they differ in the distance travelled through the water.",
+        "The table therefore shows how well they agree on that distance, not the error of either current, which nobody measured.",
     ]
 
 

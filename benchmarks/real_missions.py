@@ -338,7 +338,7 @@ def page(missions: Mapping[str, Inverted], currents: Mapping[str, np.ndarray]) -
         "No truth exists for these: the tables show sizes and spread, not accuracy.", "",
         *table_of({name: inverted_rows(mission.shipped) for name, mission in missions.items()}), "",
         "## Inversion with the calibrated hulls", "",
-        "The same profiles. Two profiles are too few to calibrate SG561's hull on.", "",
+        "The same profiles. SG561's two profiles are too few to calibrate its hull.", "",
         *table_of({name: inverted_rows(missions[name].calibrated) for name in found}), "",
         *CHANGE,
         *table_of({name: balance_rows(calibration) for name, calibration in found.items()}), "",
@@ -355,7 +355,7 @@ PREAMBLE = [
     "SeaExplorer SEA035 off British Columbia, Slocum modena in the Gulf of Mexico, Seaglider SG249 off Washington, SG561 in",
     "the Lofoten Basin, SG033 off Puerto Rico; default settings. Of the complete profiles one in "
     + ", ".join(f"{mission.every} ({name})" for name, mission in MISSIONS.items())
-    + " is inverted, to keep the page's making within an hour;",
+    + " is inverted, so that the page is made within an hour;",
     f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
     "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
     "Buoyancy follows the depth slope here; [seawater.md](seawater.md) compares it with the measured density.",
@@ -367,26 +367,26 @@ CHANGE = [
     "",
     "Errors of the steady balance at the profiles that are inverted, which the calibration has not seen, before and after; and",
     "the longitudinal disturbances over their steady-glide records. Heave is weakly observed: a heave force can replace lift",
-    "at another angle of attack with hardly a trace in attitude and depth, which is why adjoint and smoothed estimate differ there.",
-    "A prior tuned afterwards ([tuning.md](tuning.md)) bounds what remains with the calibrated hull.",
-    "Windows that do not converge are those of slow sensors: the longer a window, the worse conditioned (theory/estimate.md).",
+    "at another angle of attack with hardly a trace in attitude and depth, so adjoint and smoothed estimate differ there.",
+    "A prior tuned afterwards ([tuning.md](tuning.md)) limits the disturbances that remain with the calibrated hull.",
+    "Windows that do not converge are those of slow sensors: the longer a window, the worse its conditioning (theory/estimate.md).",
     "",
 ]
 
 AGAINST = [
     "## Against the vehicle's or the operator's own solution",
     "",
-    "With the shipped and with the calibrated hull. The Seaglider files carry the basestation's depth-averaged current and two",
+    "With the shipped and with the calibrated hull. The Seaglider files contain the basestation's depth-averaged current and two",
     "speeds: that of its flight model, from buoyancy and pitch, and that which its lift and drag give at the measured depth rate.",
     "A Slocum reports the current of its own dead reckoning, after some of its dives.",
     "",
 ]
 
 SPEEDS = [
-    "The basestation's two speeds disagree on SG249, by more than the adjoint's does with either. Its flight model's depth rate hardly",
-    "changes below the seasonal thermocline, while the measured one falls with depth in dives and rises with depth in climbs: the",
-    "model's buoyancy does not grow with depth as the vehicle's does (its hull's compressibility), and a steady speed goes with it.",
-    "Ours follows the measured depth rate. The gap to the flight model is therefore neither drag nor a lag; seen through the",
+    "On SG249 the basestation's two speeds differ from each other by more than the adjoint's differs from either. Its flight model's",
+    "depth rate hardly changes below the seasonal thermocline, while the measured one falls with depth in dives and rises with depth",
+    "in climbs: the model's buoyancy does not increase with depth as the vehicle's does (its hull's compressibility), so its speed is",
+    "steady. Ours follows the measured depth rate. The difference from the flight model is therefore neither drag nor a lag; with the",
     "measured depth rate, the same lift and drag give our speed.",
 ]
 

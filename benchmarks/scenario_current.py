@@ -47,7 +47,7 @@ def main(scenario: str, profiles: int) -> None:
         "# Depth-averaged current in sheared water",
         "",
         f"Made by `python benchmarks/scenario_current.py {scenario} {profiles}`: {PLATFORM}, seed {SEED}, the first {profiles} profiles of",
-        f"scenario `{scenario}`. Length of the difference from the true mean current over the dive, m/s.",
+        f"scenario `{scenario}`. The values are the length of the difference from the true mean current over the dive, m/s.",
         "",
         "| prior | median | 90th percentile | largest | profiles done |",
         "| --- | ---: | ---: | ---: | ---: |",
