@@ -12,6 +12,14 @@ from xarray.backends import locks
 from gliderhpc.cli.interruption import interruptible
 
 
+@pytest.fixture(autouse=True)
+def ctrl_c_as_in_a_terminal():
+    """A shell starts background jobs with Ctrl-C ignored, and so may the tests be started."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupted_by(action):
     """Do something that interrupts, and wait for the interruption for a minute at most; return whether it came."""
     try:
