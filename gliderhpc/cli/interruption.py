@@ -4,12 +4,13 @@ import _thread
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 _PAUSE = 0.02
-"""Seconds before an interruption that came at a bad moment is raised again."""
+"""Seconds after which an interruption that came at a bad moment is raised again, repeatedly if need be."""
 
 _LONGEST = 250
 """Largest number of pauses; an interruption that is still at a bad moment then (after about 5 s) is raised there."""
@@ -34,22 +35,21 @@ def interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    timers: list[threading.Timer] = []
-
-    def raise_later() -> None:
-        timers.append(threading.Timer(_PAUSE, _signal_main_thread))
-        timers[-1].start()
+    later, pauses = _Later(), 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        if len(timers) < _LONGEST and _handles_lock(frame):
-            raise_later()
+        nonlocal pauses
+        if pauses < _LONGEST and _handles_lock(frame):
+            pauses += 1
+            later.begin()
         else:
+            later.pending = False
             raise KeyboardInterrupt
 
     def raise_again(unraisable: "sys.UnraisableHookArgs") -> None:
         if unraisable.exc_type is KeyboardInterrupt:
             # Not from here: Python would drop an exception of this hook too.
-            raise_later()
+            later.begin()
         else:
             usual_hook(unraisable)
 
@@ -61,12 +61,46 @@ def interruptible() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = usual_hook
-        for timer in timers:
-            # Joined, since a signal after the usual handlers are back would end the process.
-            timer.cancel()
-            timer.join()
+        # A signal after the usual handlers are back would end the process.
+        later.end()
         for number, handler in usual_handlers.items():
             signal.signal(number, handler)
+
+
+class _Later:
+    """Thread that signals the main thread until an interruption has been raised there.
+
+    It is begun in signal handlers, so it takes no lock of the module `threading`, which the main thread may hold.
+    """
+
+    def __init__(self) -> None:
+        self.pending = False
+        self._running = False
+
+    def begin(self) -> None:
+        """Signal after a moment, and again until `pending` is False."""
+        self.pending = True
+        if not self._running:
+            self._running = True
+            _thread.start_new_thread(self._run, ())
+
+    def end(self) -> None:
+        """Stop signalling, and wait for the thread."""
+        self.pending = False
+        while self._running:
+            time.sleep(_PAUSE / 4.0)
+
+    def _run(self) -> None:
+        while True:
+            time.sleep(_PAUSE)
+            if self.pending:
+                _signal_main_thread()
+                continue
+            self._running = False
+            # An interruption that came just now saw a running thread.
+            if not self.pending:
+                return
+            self._running = True
 
 
 def _signal_main_thread() -> None:
