@@ -1,9 +1,8 @@
 """``twin recoverability``: detectable disturbances, and the error of the unobserved part of the motion.
 
-The study measures detection, height and timing of yaw impulses of known amplitude and width, and the floor in multiples
-of the identification noise. It also measures axial offset and velocity error of the under-determined self-motion, with
-exact coefficients and with errors of up to 15 % in each. From these follows the budget of the current's uncertainty for
-the platform.
+The study measures detection, height and timing of yaw impulses of known amplitude and width, and axial offset and
+velocity error of the under-determined self-motion, with exact coefficients and with errors of up to 15 % in each. From
+these follows the budget of the current's uncertainty for the platform.
 """
 
 from __future__ import annotations

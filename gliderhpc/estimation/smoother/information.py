@@ -17,6 +17,7 @@ from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.estimation.smoother.quiet_path import quiet_path
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -145,19 +146,20 @@ def dive_information(
     At the true ``eta`` an innovation has zero expectation given the past. The score ``sum h' e / S`` is therefore
     unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
     the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
-    computed about the path of a filter that is linearised about the smoothed one.
+    computed about the path of a filter that is linearised about the smoothed one, or in quiet water about a run of the
+    model (`gliderhpc.estimation.smoother.quiet_path.quiet_path`).
     """
     platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
-    filtered = moved(smoothed, flyable(about_smoothed.filtered))
-    at_predicted = _predicted(filtered.states)[:, MEASURED]
+    path = quiet_path(profile, smoothed) or moved(smoothed, flyable(about_smoothed.filtered))
+    at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
-    found, *others = sum_information(hull, assumed, forcing, filtered)
+    found, *others = sum_information(hull, assumed, forcing, path)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = sensitivity.track.swapaxes(1, 2)

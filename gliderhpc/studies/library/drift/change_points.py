@@ -155,10 +155,7 @@ class Changes:
 
     @property
     def leave_an_onset(self) -> bool:
-        """Return whether a level that turns into a line may describe the series outside the episodes.
-
-        This is the case if there is no other change, or only one ramp that continues to the end of the record.
-        """
+        """Return whether at most one ramp, which continues to the end of the record, was found outside the episodes."""
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
 
