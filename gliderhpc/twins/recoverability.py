@@ -148,9 +148,8 @@ def identification_noise(rows: Sequence[Row], preset: str) -> Row:
     """RMS and largest magnitude of the high-passed yaw moment due to noise alone, and the resulting threshold."""
     quiet = select(rows, kind="quiet", preset=preset)
     if not quiet:
-        refused = select(rows, kind="refused", preset=preset)
-        why = f", the first because {refused[0]['refused']}" if refused else ""
-        raise InputError(f"recoverability: no twin without disturbance could be inverted with preset {preset}{why}")
+        why = first(rows, kind="refused", preset=preset).get("refused", "none was flown")
+        raise InputError(f"recoverability: no twin without disturbance could be inverted, preset {preset}: {why}")
     level = float(np.sqrt(np.mean([row["noise"] ** 2 for row in quiet])))
     peaks = np.concatenate([row["peaks"] for row in quiet])
     threshold = float(np.quantile(peaks, 1.0 - FALSE_ALARMS * FALSE_ALARM_BLOCK / 3600.0))

@@ -206,5 +206,5 @@ def test_a_budget_that_is_none_is_refused(tmp_path, text, fault):
 
 def test_a_study_whose_quiet_twins_were_all_refused_says_why():
     rows = [{"kind": "refused", "preset": "paper", "refused": "profile 1: the filter rejects 80 % of the samples"}]
-    with pytest.raises(InputError, match="preset paper, the first because profile 1: the filter"):
+    with pytest.raises(InputError, match="preset paper: profile 1: the filter"):
         identification_noise(rows, "paper")
