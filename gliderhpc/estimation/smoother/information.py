@@ -1,8 +1,9 @@
 """Information of a dive on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
-from a filter about its own path. The sensitivities of the smoothed estimate come from a filter and a smoother about the
-smoothed path (docs/smoother.md). Both use the smoother's final variances and noise.
+from a filter about its own path, or about a run of the model in quiet water (`quiet_path`). The sensitivities of the
+smoothed estimate come from a filter and a smoother about the smoothed path (docs/smoother.md). Both use the smoother's
+final variances and noise.
 """
 
 from collections.abc import Sequence
