@@ -193,8 +193,11 @@ def pulled(entries, at, n):
 
 
 @formula
-def _store_track_partials(y, out):
-    """Write the rows of X and Y (eq. 3): the horizontal velocity is (ahead, across) rotated by the heading."""
+def track_partials(y):
+    """Return the rows of X and Y (eq. 3): derivatives by phi, theta, psi, u, v and w.
+
+    The horizontal velocity is (ahead, across) rotated by the heading.
+    """
     phi, theta, psi, _, u, v, w, _, _, _ = y
     sp, cp = sincos(phi)
     st, ct = sincos(theta)
@@ -204,12 +207,12 @@ def _store_track_partials(y, out):
     ahead_phi = st * across
     across_phi = -(sp * v + cp * w)
     ahead_theta = -st * u + ct * (sp * v + cp * w)
-    out[3, 0], out[4, 0] = cs * ahead_phi - ss * across_phi, ss * ahead_phi + cs * across_phi
-    out[3, 1], out[4, 1] = cs * ahead_theta, ss * ahead_theta
-    out[3, 2], out[4, 2] = -ss * ahead - cs * across, cs * ahead - ss * across
-    out[3, 6], out[4, 6] = cs * ct, ss * ct
-    out[3, 7], out[4, 7] = cs * st * sp - ss * cp, ss * st * sp + cs * cp
-    out[3, 8], out[4, 8] = cs * st * cp + ss * sp, ss * st * cp - cs * sp
+    return (
+        (cs * ahead_phi - ss * across_phi, cs * ahead_theta, -ss * ahead - cs * across,
+         cs * ct, cs * st * sp - ss * cp, cs * st * cp + ss * sp),
+        (ss * ahead_phi + cs * across_phi, ss * ahead_theta, cs * ahead - ss * across,
+         ss * ct, ss * st * sp + cs * cp, ss * st * cp - cs * sp),
+    )  # fmt: skip
 
 
 def rhs_jacobian(hull: Any, bodies: Any, state: Any, out: Any) -> None:
@@ -225,4 +228,8 @@ def fill_jacobian(hull, bodies, state, entries, out):
     clear(out)
     for i in range(ENTRIES):
         out[_AMONG_TWELVE[ENTRY_ROW[i]], _AMONG_TWELVE[ENTRY_COLUMN[i]]] = entries[0, i]
-    _store_track_partials(y, out)
+    track = track_partials(y)
+    for row in range(2):
+        for i in range(3):
+            out[3 + row, i] = track[row][i]
+            out[3 + row, 6 + i] = track[row][3 + i]

@@ -38,8 +38,6 @@ def _add_gradient(hull, body, y, geometry, b, a, lanes, group):
 def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity):
     """Step from row ``k`` of the path; store its transition in row ``at`` of the block, and derivatives by constants.
 
-    `gliderhpc.kernels.smoother_tangent.linearised_step` is the same without the derivatives by constants.
-
     Returns
     -------
     tuple of 10, float, float
@@ -167,7 +165,7 @@ def _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity
         predicted[i] += new[i] - following[i]
     for i in range(6):
         predicted[10 + i] += dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
-    predict(dive.decay, dive.noise[k], block, at)
+    predict(dive.noise[k], block, at)
     _carry(forcing, block, sensitivity, k, at)
 
 

@@ -6,7 +6,7 @@ averaged with its transpose.
 
 from gliderhpc.kernels.elementwise import copy, load, store, zero_like
 from gliderhpc.kernels.jit import inner_kernel
-from gliderhpc.kernels.smoother_memory import GROUPS
+from gliderhpc.kernels.smoother_memory import GROUPS, NOISE_GROUPS
 
 
 @inner_kernel
@@ -31,17 +31,46 @@ def symmetrise(matrix):
 
 
 @inner_kernel
-def predict(decay, noise, block, at):
+def predict(noise, block, at):
     """Carry the covariances of row ``at`` over the step to row ``at + 1``: ``Phi P Phi' + Q`` (eq. 24).
 
     Parameters
     ----------
-    decay, noise : (6,), (6,)
-        Decay of the disturbances over the step, and the variance that the step adds.
+    noise : (6,)
+        Variance that the step adds to the disturbances.
     """
+    _carry(block, at)
+    for i in range(6):
+        block.covariance[at + 1, 10 + i, 10 + i] += noise[i]
+
+
+@inner_kernel
+def predict_over_segment(segments, block, at):
+    """Carry mean and covariances of row ``at`` over a segment to row ``at + 1``, with the noise of its steps."""
+    mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]
+    for i in range(16):
+        total = segments.offset[at, i]
+        for j in range(16):
+            total += mean[j] * tangent[j, i]
+        predicted[i] = total
+    _carry(block, at)
+    covariance_lanes, noise_lanes = block.covariance_lanes[at + 1], segments.noise_lanes[at]
+    for i in range(16):
+        for group in range(GROUPS):
+            store(covariance_lanes, (i, group), load(covariance_lanes, (i, group)) + load(noise_lanes, (i, group)))
+    for r in range(2):
+        for i in range(16):
+            block.cross[at + 1, r, i] += segments.noise_cross[at, r, i]
+        for s in range(2):
+            block.track[at + 1, r, s] += segments.noise_track[at, r, s]
+
+
+@inner_kernel
+def _carry(block, at):
+    """Carry the covariances of row ``at`` to row ``at + 1`` by the transition alone."""
     tangent, tangent_lanes = block.tangent[at], block.tangent_lanes[at]
-    half_lanes, new, new_lanes = block.half_lanes, block.covariance[at + 1], block.covariance_lanes[at + 1]
-    _predict_track(block, at)
+    half_lanes, new_lanes = block.half_lanes, block.covariance_lanes[at + 1]
+    _carry_track(block, at)
     multiply(block.covariance[at], tangent_lanes, half_lanes)
     for i in range(10):
         for group in range(GROUPS):
@@ -49,15 +78,14 @@ def predict(decay, noise, block, at):
             for k in range(1, 16):
                 total += tangent[k, i] * load(half_lanes, (k, group))
             store(new_lanes, (i, group), total)
-    for i in range(6):
+    for i in range(10, 16):
         for group in range(GROUPS):
-            store(new_lanes, (10 + i, group), decay[i] * load(half_lanes, (10 + i, group)))
-        new[10 + i, 10 + i] += noise[i]
+            store(new_lanes, (i, group), tangent[i, i] * load(half_lanes, (i, group)))
 
 
 @inner_kernel
-def _predict_track(block, at):
-    """Carry the covariance of X and Y over the step: ``U = C + T P``, ``C <- U Phi'``, ``R <- R + U T' + T C'``."""
+def _carry_track(block, at):
+    """Carry the covariance of X and Y by the transition: ``U = C + T P``, ``C <- U Phi'``, ``R <- R + U T' + T C'``."""
     tangent, moved = block.tangent[at], block.track_tangent[at]
     covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
     for r in range(2):
@@ -161,6 +189,33 @@ def transpose(matrix):
     for i in range(1, 16):
         for j in range(i):
             matrix[i, j], matrix[j, i] = matrix[j, i], matrix[i, j]
+
+
+@inner_kernel
+def smoothed_noise(dive, segments, number, at, costate, information, out):
+    """Compute the mean of the noise of a segment's steps, and the resolved fraction of its variance ``Q``.
+
+    With the derivative ``V`` of the state at the segment's end with respect to a step's noise, they are
+    ``-Q V' costate`` and the diagonal of ``Q V' information V``.
+    """
+    begin, half, half_lanes = segments.rows[number], segments.half, segments.half_lanes
+    for k in range(begin, segments.rows[number + 1]):
+        lanes = segments.by_noise_lanes[at, k - begin]
+        for group in range(NOISE_GROUPS):
+            for i in range(16):
+                total = information[i, 0] * load(lanes, (0, group))
+                for j in range(1, 16):
+                    total += information[i, j] * load(lanes, (j, group))
+                store(half_lanes, (i, group), total)
+            along, square = costate[0] * load(lanes, (0, group)), load(lanes, (0, group)) * load(half_lanes, (0, group))
+            for i in range(1, 16):
+                along += costate[i] * load(lanes, (i, group))
+                square += load(lanes, (i, group)) * load(half_lanes, (i, group))
+            store(half_lanes, (0, group), along)
+            store(half_lanes, (1, group), square)
+        for i in range(6):
+            out.noise_mean[k, i] = -dive.noise[k, i] * half[0, i]
+            out.noise_resolved[k, i] = dive.noise[k, i] * half[1, i]
 
 
 @inner_kernel

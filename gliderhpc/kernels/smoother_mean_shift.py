@@ -26,22 +26,26 @@ _OUTPUTS = 10
 
 
 @inner_kernel
-def expected_mean_shift(hull, dive, states, disturbances, k, block, at, mean_shift):
-    """Compute the mean shift ``(16,)`` of the step of row ``at``, row ``k`` of the dive, right after its `undo_step`.
+def expected_mean_shift(hull, dive, states, disturbances, k, segments, block, at, mean_shift):
+    """Compute the mean shift ``(16,)`` of a segment's first step, row ``k`` of the dive, right after its `undo_step`.
 
     The second derivatives are differences of the step's transpose over at most one standard deviation to either side of
     the path, with one output in each lane.
     """
     covariance, ahead, behind = block.covariance[at], block.ahead, block.behind
-    # `undo_step` has stored F' L in the scratch.
-    multiply(covariance, block.half_lanes, block.ahead_lanes)
+    # `undo_step` has stored Phi' L in the scratch, for the transition Phi of the whole segment. With the costate's
+    # covariance carried back to the end of the first step, this is F' L of the step.
+    multiply(block.half, segments.after_lanes[at], block.behind_lanes)
+    multiply(covariance, block.behind_lanes, block.ahead_lanes)
     length = block.half[0]
     for i in range(_OUTPUTS):
-        reach = 0.0
-        for j in range(16):
-            if covariance[j, j] > 0.0:
-                reach = max(reach, abs(ahead[j, i]) / math.sqrt(covariance[j, j]))
-        length[i] = 1.0 / reach if reach > 0.0 else 0.0
+        length[i] = 0.0
+    for j in range(16):
+        precision = 1.0 / math.sqrt(covariance[j, j]) if covariance[j, j] > 0.0 else 0.0
+        for i in range(_OUTPUTS):
+            length[i] = max(length[i], abs(ahead[j, i]) * precision)
+    for i in range(_OUTPUTS):
+        length[i] = 1.0 / length[i] if length[i] > 0.0 else 0.0
     y = sensed_of(states[k])
     for j in range(16):
         centre = y[j] if j < 10 else disturbances[k, j - 10]

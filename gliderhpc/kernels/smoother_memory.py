@@ -1,4 +1,4 @@
-"""Memory of the smoother for one dive: the problem, a block of steps, and a checkpoint at the start of each block.
+"""Memory of the smoother for one dive: the problem, its segments, a block of rows, and a checkpoint for each block.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
 are carried separately as the track. Matrices with sixteen columns are stored in `GROUPS` vectors of `LANES` columns; a
@@ -10,16 +10,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gliderhpc.kernels.elementwise import LANES, copy, lane_array
+from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.kernels.jit import inner_kernel
 
 Array = Any
 
-BLOCK = 64
-"""Number of rows between checkpoints. A block (290 kB) fits into the second-level cache; the checkpoints of a dive of
-three hours take 5 MB."""
+BLOCK = 16
+"""Number of rows between checkpoints. A block (100 kB, with the segments of five steps 250 kB) fits into the
+second-level cache; twice as many rows or more were slower in measurements."""
 
 GROUPS = 16 // LANES
 """Number of vectors in a row of sixteen."""
+
+NOISE_GROUPS = 8 // LANES
+"""Number of vectors in a row of eight, of which the first six are for the disturbances."""
 
 DEFECTS = 3
 """Index in the tally of the first of the ten sums of the sensed states' defects; before it are the costs of the initial
@@ -49,8 +53,6 @@ class Dive(NamedTuple):
     damping : (6,)
         Levenberg-Marquardt damping: variances of pseudo-measurements that tie velocities and rates to the path in rows
         with a sample (infinite: no damping).
-    mean_shift : (n+1, 16)
-        Gradient of a linear term of the cost: zero for the mode, `gliderhpc.kernels.smoother_mean_shift` for the mean.
     """
 
     bodies: Array
@@ -63,11 +65,101 @@ class Dive(NamedTuple):
     decay: Array
     noise: Array
     damping: Array
-    mean_shift: Array
+
+
+class Segments(NamedTuple):
+    """Segments into which a dive's steps are divided, and the memory to linearise those of one block.
+
+    Attributes
+    ----------
+    rows : (s+1,) int
+        First row of each segment, and the last row of the dive. Samples are in these rows only.
+    stands_for : (s,) int
+        Number of steps around the first row of each segment that have the mean shift of its first step; where it is
+        zero, none is computed.
+    noise, noise_lanes : (m, 16, 16)
+        Covariance that the noise of a segment's steps adds to the sixteen states at its end.
+    noise_cross, noise_track : (m, 2, 16), (m, 2, 2)
+        Covariance that it adds to X and Y with the sixteen states, and to X and Y.
+    offset : (m, 16)
+        Deviation at the end of a segment that follows from the path's own defects.
+    after, after_lanes : (m, 16, 16)
+        Transition matrix from the end of a segment's first step to the end of the segment.
+    by_noise, by_noise_lanes : (m, l, 16, 8)
+        Derivatives of the states at the end of a segment with respect to the noise of each step; six columns are used.
+    lanes : SegmentLanes
+        Scratch for as many segments as there are lanes.
+    half, half_lanes : (16, 8)
+        Scratch.
+    """
+
+    rows: Array
+    stands_for: Array
+    noise: Array
+    noise_lanes: Array
+    noise_cross: Array
+    noise_track: Array
+    offset: Array
+    after: Array
+    after_lanes: Array
+    by_noise: Array
+    by_noise_lanes: Array
+    lanes: "SegmentLanes"
+    half: Array
+    half_lanes: Array
+
+
+class SegmentLanes(NamedTuple):
+    """Segments of at most ``l`` steps, one in each lane; the arrays have an axis of lanes after these.
+
+    Attributes
+    ----------
+    durations : (l,)
+        Length of each step, s; zero after a segment's own end.
+    bodies, disturbances, noise, defects : (l, 11), (l, 6), (l, 6), (l, 6)
+        Mass properties, disturbance, variance of the noise, and the disturbance's defect of each step.
+    states : (l+1, 12)
+        Sensed states from the segment's first row on, and the displacement since then.
+    transition, remaining : (12, 16), (6,)
+        Derivatives of the sensed states, X and Y at the end with respect to the states before a step, and the decay of
+        the disturbances from there.
+    gathered, gathered_cross, gathered_own : (12, 12), (6, 12), (6,)
+        Covariance of the sensed states, X and Y from the noise (lower triangle), that of the disturbances with them,
+        and the variance of the disturbances.
+    offset : (16,)
+        As in `Segments`, without the defect of the sensed states.
+    after, by_noise : (10, 16), (l, 10, 6)
+        As in `Segments`; for the sensed states at the end.
+    after_remaining, by_own : (6,), (l, 6)
+        Decay of the disturbances from the end of the first step, and of each step, to the end.
+    partials, track_partials : (1, 4, 67), (4, 3, 6)
+        Jacobians of the sensed states at a step's four stages, and those of nothing, X and Y by angles and velocities.
+    """
+
+    durations: Array
+    bodies: Array
+    disturbances: Array
+    noise: Array
+    defects: Array
+    states: Array
+    transition: Array
+    remaining: Array
+    gathered: Array
+    gathered_cross: Array
+    gathered_own: Array
+    offset: Array
+    after: Array
+    by_noise: Array
+    after_remaining: Array
+    by_own: Array
+    partials: Array
+    track_partials: Array
 
 
 class Block(NamedTuple):
     """Rows of one block and the row after it, numbered from its first; matrices as lanes and, in place, as numbers.
+
+    Of a dive in segments, these are the segments' first rows, and the transitions are those over whole segments.
 
     Attributes
     ----------
@@ -120,13 +212,13 @@ class Checkpoints(NamedTuple):
 
 
 class Backward(NamedTuple):
-    """Results of the sweep from the end to the beginning.
+    """Results of the sweep from the end to the beginning, for the ``s + 1`` rows between segments and all ``n`` steps.
 
     Attributes
     ----------
-    correction : (n+1, 16)
+    correction : (s+1, 16)
         Smoothed deviation from the path of linearisation.
-    state_variance, disturbance_variance, track_variance : (n+1, 10), (n+1, 6), (n+1, 2)
+    state_variance, disturbance_variance, track_variance : (s+1, 10), (s+1, 6), (s+1, 2)
         Smoothed variances.
     noise_mean, noise_resolved : (n, 6), (n, 6)
         Smoothed mean of each step's noise, and the fraction of its variance that the record resolves: the posterior
@@ -135,10 +227,8 @@ class Backward(NamedTuple):
         Largest absolute costate of each sensed state.
     displacement : (2, 2)
         Covariance of X and Y in the last row.
-    mean_shift : (n+1, 16) or (0, 16)
-        Mean shift about this path; computed only if memory is allocated for it.
-    every : int
-        Number of steps in a stretch that uses the mean shift of its middle step.
+    mean_shift : (s+1, 16) or (0, 16)
+        Mean shift about this path, summed up around each row; computed only if memory is allocated for it.
     rows, covariances : (m,), (m, 18, 18)
         Selected rows in ascending order, and their full covariances (the sixteen states, X and Y).
     """
@@ -152,7 +242,6 @@ class Backward(NamedTuple):
     steepest: Array
     displacement: Array
     mean_shift: Array
-    every: int
     rows: Array
     covariances: Array
 
@@ -188,23 +277,48 @@ def copy_row(source, i, target, j):
     copy(source.track[i], target.track[j])
 
 
-def allocate_checkpoints(steps: int) -> Checkpoints:
+def allocate_segments(rows: Array, stands_for: Array) -> Segments:
+    """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`."""
+    longest = int(np.diff(rows).max())
+    noise, after = (lane_array(BLOCK, 16, GROUPS) for _ in range(2))
+    by_noise, half = lane_array(BLOCK, longest, 16, NOISE_GROUPS), lane_array(16, NOISE_GROUPS)
+    return Segments(
+        rows=np.ascontiguousarray(rows, dtype=np.int64), stands_for=np.ascontiguousarray(stands_for, dtype=np.int64),
+        noise=noise.reshape(BLOCK, 16, 16), noise_lanes=noise,
+        noise_cross=np.zeros((BLOCK, 2, 16)), noise_track=np.zeros((BLOCK, 2, 2)), offset=np.zeros((BLOCK, 16)),
+        after=after.reshape(BLOCK, 16, 16), after_lanes=after, by_noise=by_noise.reshape(BLOCK, longest, 16, 8),
+        by_noise_lanes=by_noise, lanes=_allocate_lanes(longest), half=half.reshape(16, 8), half_lanes=half,
+    )  # fmt: skip
+
+
+def _allocate_lanes(longest: int) -> SegmentLanes:
+    return SegmentLanes(
+        durations=lane_array(longest), bodies=lane_array(longest, 11), disturbances=lane_array(longest, 6),
+        noise=lane_array(longest, 6), defects=lane_array(longest, 6), states=lane_array(longest + 1, 12),
+        transition=lane_array(12, 16), remaining=lane_array(6), gathered=lane_array(12, 12),
+        gathered_cross=lane_array(6, 12), gathered_own=lane_array(6), offset=lane_array(16), after=lane_array(10, 16),
+        by_noise=lane_array(longest, 10, 6), after_remaining=lane_array(6), by_own=lane_array(longest, 6),
+        partials=lane_array(1, 4, ENTRIES), track_partials=lane_array(4, 3, 6),
+    )  # fmt: skip
+
+
+def allocate_checkpoints(segments: int) -> Checkpoints:
     """Allocate the memory for the checkpoints of a dive."""
-    m = steps // BLOCK + 1
+    m = segments // BLOCK + 1
     return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
 
 
-def allocate_backward(steps: int, rows: Any = (), *, every: int | None = None) -> Backward:
+def allocate_backward(segments: int, steps: int, rows: Any = (), *, mean_shift: bool = False) -> Backward:
     """Allocate the memory for the results of the backward sweep.
 
-    The full covariance is computed in `rows`, and the mean shift once every `every` steps, or never.
+    The full covariance is computed in `rows`, and the mean shift only if it is asked for.
     """
     wanted = np.asarray(rows, dtype=np.int64)
-    n = steps
+    n = segments + 1
     return Backward(
-        np.zeros((n + 1, 16)), np.zeros((n + 1, 10)), np.zeros((n + 1, 6)), np.zeros((n + 1, 2)), np.zeros((n, 6)),
-        np.zeros((n, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n + 1 if every else 0, 16)),
-        every or 1, wanted, np.zeros((len(wanted), 18, 18)),
+        np.zeros((n, 16)), np.zeros((n, 10)), np.zeros((n, 6)), np.zeros((n, 2)), np.zeros((steps, 6)),
+        np.zeros((steps, 6)), np.zeros(10), np.zeros((2, 2)), np.zeros((n if mean_shift else 0, 16)),
+        wanted, np.zeros((len(wanted), 18, 18)),
     )  # fmt: skip
 
 

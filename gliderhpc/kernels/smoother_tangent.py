@@ -1,12 +1,8 @@
-"""Transition matrix of the step, computed by the adjoint's transpose from twelve unit costates, in lanes."""
+"""Transpose of the step including X and Y, whose unit costates give the transition matrix in lanes."""
 
 from gliderhpc.kernels.dynamics import horizontal_velocity_vjp, rates_vjp
-from gliderhpc.kernels.elementwise import load, store
-from gliderhpc.kernels.jit import formula, inner_kernel, kernel
-from gliderhpc.kernels.mass import load_body
-from gliderhpc.kernels.rk4 import displacement, scaled, shifted, step
-from gliderhpc.kernels.smoother_memory import GROUPS
-from gliderhpc.kernels.window import sensed_of
+from gliderhpc.kernels.jit import formula, inner_kernel
+from gliderhpc.kernels.rk4 import scaled, shifted
 
 
 @formula
@@ -39,44 +35,6 @@ def step_vjp_with_track(hull, body, stages, geometry, a, north, east, h):
         g1[3] + g2[3] + g3[3] + g4[3], g1[4] + g2[4] + g3[4] + g4[4], g1[5] + g2[5] + g3[5] + g4[5],
     )  # fmt: skip
     return e, g, (a1, a2, a3, a4)
-
-
-@kernel
-def linearised_step(hull, dive, states, disturbances, k, block, at):
-    """Step from row ``k`` of the path; store its transition in row ``at`` of the block.
-
-    Parameters
-    ----------
-    states, disturbances : (n+1, 12), (n+1, 6)
-        Path of linearisation.
-
-    Returns
-    -------
-    tuple of 10, float, float
-        Sensed states after the step, and its displacement north and east (m).
-    """
-    body, h = load_body(dive.bodies, k), dive.step
-    row, disturbance = states[k], disturbances[k]
-    y = sensed_of(row)
-    b = (disturbance[0], disturbance[1], disturbance[2], disturbance[3], disturbance[4], disturbance[5])
-    new, stages, geometry = step(hull, body, y, b, h)
-    seeds, lanes = block.seeds, block.tangent_lanes[at]
-    for group in range(GROUPS):
-        a = (
-            load(seeds, (0, group)), load(seeds, (1, group)), load(seeds, (2, group)), load(seeds, (3, group)),
-            load(seeds, (4, group)), load(seeds, (5, group)), load(seeds, (6, group)), load(seeds, (7, group)),
-            load(seeds, (8, group)), load(seeds, (9, group)),
-        )  # fmt: skip
-        e, g, _ = step_vjp_with_track(
-            hull, body, stages, geometry, a, load(seeds, (10, group)), load(seeds, (11, group)), h
-        )
-        for j in range(10):
-            store(lanes, (j, group), e[j])
-        for j in range(6):
-            store(lanes, (10 + j, group), g[j])
-    separate_track(dive.decay, block.tangent[at], block.track_tangent[at])
-    north, east = displacement(stages, h)
-    return new, north, east
 
 
 @inner_kernel

@@ -86,18 +86,54 @@ def _with_psi(f, n_psi):
     return f[0], f[1], n_psi, f[2], f[3], f[4], f[5], f[6], f[7], f[8]
 
 
+_NO_PUSH = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@formula
+def pulled_over_step(partials, k, a, by_stages, zero):
+    """Apply the transposed tangent of a step to a costate ``a`` (ten) after it.
+
+    Parameters
+    ----------
+    partials, k : (m, 4, 67), int
+        Jacobians of the stages from `advance`, and the step.
+    by_stages : tuple of four tuples of ten
+        Derivatives of something that is summed along the step's stages, times h, to be added.
+    zero : float or lanes
+        Zero.
+
+    Returns
+    -------
+    tuple of ten, tuple of six
+        The costate before the step; and the sum of the stages' costates of the velocities and rates, times 6 / h.
+
+    Notes
+    -----
+    The stages' costates are ``h/6`` times ``n4 = a``, ``n3 = 2a + f4``, ``n2 = 2a + f3``, ``n1 = a + f2``, where
+    ``f4 = (h J4)' n4``, ``f3 = (h/2 J3)' n3``, ``f2 = (h/2 J2)' n2`` and ``f1 = (h J1)' n1``; the costate before the
+    step is ``a + (f1 + 2 f2 + 2 f3 + f4) / 6``.
+    """
+    f4 = shifted(_with_psi(pulled(partials, (k, 3), a), zero), 1.0, by_stages[3])
+    n3 = shifted(f4, 2.0, a)
+    f3 = shifted(_with_psi(pulled(partials, (k, 2), n3), zero), 1.0, by_stages[2])
+    n2 = shifted(f3, 2.0, a)
+    f2 = shifted(_with_psi(pulled(partials, (k, 1), n2), zero), 1.0, by_stages[1])
+    n1 = shifted(f2, 1.0, a)
+    f1 = shifted(_with_psi(pulled(partials, (k, 0), n1), zero), 1.0, by_stages[0])
+    new = shifted(a, 1.0 / 6.0, shifted(shifted(f1, 1.0, f4), 2.0, shifted(f2, 1.0, f3)))
+    push = (
+        a[4] + n3[4] + n2[4] + n1[4], a[5] + n3[5] + n2[5] + n1[5], a[6] + n3[6] + n2[6] + n1[6],
+        a[7] + n3[7] + n2[7] + n1[7], a[8] + n3[8] + n2[8] + n1[8], a[9] + n3[9] + n2[9] + n1[9],
+    )  # fmt: skip
+    return new, push
+
+
 @kernel
 def pull_back(hull, durations, decay, partials, transition, k):
     """Multiply ``transition (10, 16)`` from the right by the tangent of step ``k`` (eq. 24's matrix).
 
     Its rows are costates of the sensed states at the end of the block; its columns are the sensed states and the
     disturbances.
-
-    Notes
-    -----
-    With ``a`` the costate after the step, the stages' costates are ``h/6`` times ``n4 = a``, ``n3 = 2a + f4``,
-    ``n2 = 2a + f3``, ``n1 = a + f2``, where ``f4 = (h J4)' n4``, ``f3 = (h/2 J3)' n3``, ``f2 = (h/2 J2)' n2`` and
-    ``f1 = (h J1)' n1``; the costate before it is ``a + (f1 + 2 f2 + 2 f3 + f4) / 6``.
     """
     h = load(durations, k)
     sixth = h / 6.0
@@ -107,17 +143,9 @@ def pull_back(hull, durations, decay, partials, transition, k):
     )  # fmt: skip
     for row in range(10):
         a = load_ten(transition, row)
-        zero = zero_like(h)
-        f4 = _with_psi(pulled(partials, (k, 3), a), zero)
-        n3 = shifted(f4, 2.0, a)
-        f3 = _with_psi(pulled(partials, (k, 2), n3), zero)
-        n2 = shifted(f3, 2.0, a)
-        f2 = _with_psi(pulled(partials, (k, 1), n2), zero)
-        n1 = shifted(f2, 1.0, a)
-        f1 = _with_psi(pulled(partials, (k, 0), n1), zero)
-        new = shifted(a, 1.0 / 6.0, shifted(shifted(f1, 1.0, f4), 2.0, shifted(f2, 1.0, f3)))
+        new, push = pulled_over_step(partials, k, a, (_NO_PUSH, _NO_PUSH, _NO_PUSH, _NO_PUSH), zero_like(h))
         for i in range(10):
             store(transition, (row, i), new[i])
         for i in range(6):
-            push = pushes[i] * (a[4 + i] + n3[4 + i] + n2[4 + i] + n1[4 + i])
-            store(transition, (row, 10 + i), load(transition, (row, 10 + i)) * decay_over(decay, h, i) + push)
+            decayed = load(transition, (row, 10 + i)) * decay_over(decay, h, i)
+            store(transition, (row, 10 + i), decayed + pushes[i] * push[i])

@@ -320,7 +320,7 @@ def test_weights_are_those_of_student_s_t():
     """A resolved square of R variances gives the weight (nu + R) / (nu + 1); other channels keep theirs."""
     nominal = np.full((20, 6), 0.5)
     tails = HeavyTails(nominal, 4.0, (5,), 10)
-    linear = allocate_backward(20)
+    linear = allocate_backward(1, 20)
     # Nine unresolved degrees of freedom at the prior's variance, and one resolved with R = 31 in the second interval.
     linear.noise_mean[10:, 5] = np.sqrt(0.5 * 30.0 / 10.0)
     weights = tails.renewed(nominal.copy(), linear)

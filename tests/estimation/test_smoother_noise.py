@@ -58,7 +58,7 @@ def test_factors_are_spent_over_resolved():
     n = 30
     prior = np.full((n, 6), 2.0)
     scale = NoiseScale(prior, np.zeros((n, 6)), np.ones(n, dtype=bool), (0, 5))
-    linear = allocate_backward(n)
+    linear = allocate_backward(1, n)
     linear.noise_resolved[:] = 0.5
     linear.noise_mean[:] = np.sqrt(3.0 * 2.0 * 0.5)
     renewed = scale.renewed(prior, linear)
@@ -170,6 +170,7 @@ def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
     start = flown.glide.disturbances[:-1]
     np.testing.assert_allclose(half.disturbances - start, 0.5 * (whole.disturbances - start), atol=1e-12)
     variance = whole.disturbances_std**2 + (0.5 * (whole.disturbances - start)) ** 2
-    np.testing.assert_allclose(half.disturbances_std**2, variance, rtol=1e-9)
+    # Inside segments, deviations are interpolated.
+    np.testing.assert_allclose(half.disturbances_std[::5] ** 2, variance[::5], rtol=1e-9)
     monkeypatch.setattr(problem, "flyable", lambda states: False)
     assert smoothed().outcome is Outcome.DIVERGED

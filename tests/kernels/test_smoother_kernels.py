@@ -3,21 +3,26 @@
 import numpy as np
 import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
-from support.sizes import scaled
 from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 from support.specimens import random_controls, random_disturbances, random_state
 
-from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
+from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.dynamics import horizontal_velocity, horizontal_velocity_vjp
-from gliderhpc.kernels.smoother_memory import BLOCK, allocate_block
-from gliderhpc.kernels.smoother_tangent import linearised_step
+from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, allocate_block, allocate_segments
+from gliderhpc.kernels.smoother_segments import linearise_segments
 
-STEPS = scaled(2 * BLOCK + 22, BLOCK + 6)
+STEPS = 4 * BLOCK + 10
+
+
+@pytest.fixture(scope="module", params=[1, 3], ids=["steps", "segments"])
+def longest(request):
+    """Return the largest number of steps of a segment."""
+    return request.param
 
 
 @pytest.fixture(scope="module")
-def problem():
+def problem(longest):
     """Return a dive whose path does not follow from its disturbances, with gaps in channels and heading near north."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
@@ -37,12 +42,17 @@ def problem():
 
 
 @pytest.fixture(scope="module")
-def smoothed(problem):
-    dive, path = problem
-    rows = tuple(range(0, STEPS + 1, 9))
-    sweeps = Sweeps(PETREL.hull, dive, rows)
+def sweeps(problem, longest):
+    dive, _ = problem
+    return Sweeps(PETREL.hull, dive, tuple(range(0, STEPS + 1, 9)), longest=longest)
+
+
+@pytest.fixture(scope="module")
+def smoothed(problem, sweeps):
+    """Return the results of both sweeps; in the path, the rows inside segments are the model's run from here on."""
+    _, path = problem
     iterate = sweeps.forward(path)
-    return iterate, sweeps.backward(path), rows
+    return iterate, sweeps.backward(path), range(0, STEPS + 1, 9)
 
 
 @pytest.fixture(scope="module")
@@ -51,18 +61,38 @@ def dense(problem, smoothed):
     return DenseLeastSquares(dive, path, GLIDE.control)
 
 
-def test_the_mean_is_the_dense_solution_s(smoothed, dense):
+def test_segments_are_short_and_have_no_sample_inside(problem, sweeps, longest):
+    dive, _ = problem
+    lengths = np.diff(sweeps.rows)
+    assert (sweeps.rows[0], sweeps.rows[-1]) == (0, STEPS)
+    assert lengths.min() >= 1
+    assert lengths.max() == longest
+    assert set(np.flatnonzero(dive.fed)) <= set(sweeps.rows)
+
+
+def test_the_mean_is_the_dense_solution_s(smoothed, sweeps, dense):
     _, linear, _ = smoothed
-    for k in range(STEPS + 1):
+    for correction, k in zip(linear.correction, sweeps.rows, strict=True):
         expected, deviation = dense.mean(k), np.sqrt(np.diag(dense.covariance(k)))
-        np.testing.assert_allclose(linear.correction[k] / deviation[:16], expected[:16] / deviation[:16], atol=1e-9)
+        np.testing.assert_allclose(correction / deviation[:16], expected[:16] / deviation[:16], atol=1e-9)
 
 
-def test_the_variances_are_the_dense_solution_s(smoothed, dense):
+def test_disturbances_inside_segments_move_as_in_the_dense_solution(problem, smoothed, sweeps, dense):
+    """Their move follows from the smoothed noise; half of the correction moves them half as far."""
+    _, path = problem
+    for fraction in (1.0, 0.5):
+        moved = sweeps.moved(path, smoothed[1], fraction)
+        for k in range(STEPS + 1):
+            expected, deviation = dense.mean(k)[10:16], np.sqrt(np.diag(dense.covariance(k)))[10:16]
+            move = (moved.disturbances - path.disturbances)[k]
+            np.testing.assert_allclose(move / deviation, fraction * expected / deviation, atol=1e-9)
+
+
+def test_the_variances_are_the_dense_solution_s(smoothed, sweeps, dense):
     _, linear, _ = smoothed
-    for k in range(STEPS + 1):
+    for i, k in enumerate(sweeps.rows):
         expected = np.diag(dense.covariance(k))
-        actual = np.concatenate([linear.state_variance[k], linear.disturbance_variance[k], linear.track_variance[k]])
+        actual = np.concatenate([linear.state_variance[i], linear.disturbance_variance[i], linear.track_variance[i]])
         np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-30)
 
 
@@ -116,21 +146,39 @@ def test_the_track_follows_the_path(problem, smoothed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_tangent_is_the_step_s(seed):
-    """Phi is computed from lanes of unit costates, for random states, including X and Y."""
+def test_transition_and_noise_of_a_segment_are_those_of_its_steps(seed):
+    """Products of the steps' transitions carry states and noise to the end, for random states, including X and Y."""
     rng = np.random.default_rng(seed)
-    state, control, b = random_state(rng), random_controls(rng, 1)[0], random_disturbances(rng, 1)[0]
-    decay = np.array([0.9, 0.8, 0.95, 0.7, 0.99, 0.6])
-    states, disturbances = np.tile(state, (2, 1)), np.tile(b, (2, 1))
-    block = allocate_block()
-    dive = fly(1, 10).dive._replace(bodies=PETREL.bodies(control[None]), decay=decay)
-    new, north, east = linearised_step(PETREL.hull, dive, states, disturbances, 0, block, 0)
-    Phi, expected = dense_transition(control, state, b, decay)
-    Phi = Phi[np.ix_(ORDER, ORDER)]
-    np.testing.assert_allclose(block.tangent[0].T, Phi[:16, :16], rtol=1e-10, atol=1e-12 * np.abs(Phi).max())
-    np.testing.assert_allclose(block.track_tangent[0], Phi[16:, :16], rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(new, expected[SENSED], rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose([north, east], expected[3:5] - state[3:5], rtol=1e-8)
+    state, controls, b = random_state(rng), random_controls(rng, 3), random_disturbances(rng, 4)
+    decay, noise = np.array([0.9, 0.8, 0.95, 0.7, 0.99, 0.6]), rng.uniform(0.1, 1.0, (3, 6))
+    flown = PETREL.simulate(state, controls, b[:-1], H)
+    path = Trajectory(flown.copy(), b)
+    path.states[1:] += 0.01
+    dive = fly(1, 3).dive._replace(bodies=PETREL.bodies(controls), decay=decay, noise=noise)
+    segments, block = allocate_segments(segment_rows(dive, longest=3), [3]), allocate_block()
+    linearise_segments(
+        PETREL.hull, dive, path.states, path.disturbances, segments, 0, block, 0, np.zeros(LOG_DETERMINANT + 1), True
+    )
+    Phi, added, after = np.eye(18), np.zeros((18, 18)), np.eye(18)
+    offset = np.zeros(18)
+    for k in range(3):
+        one, _ = dense_transition(controls[k], flown[k], b[k], decay)
+        one = one[np.ix_(ORDER, ORDER)]
+        after = one @ after if k else after
+        Phi, added, offset = one @ Phi, one @ added @ one.T, one @ offset
+        added[10:16, 10:16] += np.diag(noise[k])
+        offset[10:16] += decay * b[k] - b[k + 1]
+    offset[:10] += (flown[3] - path.states[3])[SENSED]
+    scale = {"rtol": 1e-10, "atol": 1e-12 * np.abs(Phi).max()}
+    np.testing.assert_allclose(block.tangent[0].T, Phi[:16, :16], **scale)
+    np.testing.assert_allclose(block.track_tangent[0], Phi[16:, :16], **scale)
+    np.testing.assert_allclose(segments.after[0], after[:16, :16], **scale)
+    np.testing.assert_allclose(segments.noise[0], added[:16, :16], **scale)
+    np.testing.assert_allclose(segments.noise_cross[0], added[16:, :16], **scale)
+    np.testing.assert_allclose(segments.noise_track[0], added[16:, 16:], **scale)
+    np.testing.assert_allclose(segments.offset[0], offset[:16], rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(path.states[1:3, SENSED], flown[1:3, SENSED], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(path.states[:, 3:5] - path.states[0, 3:5], flown[:, 3:5] - flown[0, 3:5], atol=1e-12)
 
 
 def test_the_track_s_transpose_is_that_of_its_rates():
@@ -145,13 +193,13 @@ def test_the_track_s_transpose_is_that_of_its_rates():
         np.testing.assert_allclose(product, central @ [north, east], atol=1e-8)
 
 
-def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem):
+def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem, longest):
     """The inflated variance puts the innovation at the gate; without a gate no variance is inflated."""
     base, path = problem
     measured = base.measured.copy()
     measured[10, 1] += 0.5
     dive = with_measured(base, measured)
-    sweeps = Sweeps(PETREL.hull, dive)
+    sweeps = Sweeps(PETREL.hull, dive, longest=longest)
     sweeps.forward(path)
     np.testing.assert_array_equal(dive.variance, base.variance)
     sweeps.forward(path, 12.0)

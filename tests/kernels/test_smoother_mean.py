@@ -45,7 +45,7 @@ def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
     start, noise = dive.mean.copy(), np.zeros((STEPS, 6))
     start[10:] = [0.02, 0.01, -0.02, 0.01, 0.003, 0.1]
     path = trajectory(start, noise, dive)
-    sweeps = Sweeps(PETREL.hull, dive, mean_shift_every=1)
+    sweeps = Sweeps(PETREL.hull, dive, mean=True, longest=1)
     log_determinant = sweeps.forward(path).log_determinant
     assert log_determinant == pytest.approx(half_log_determinant(path, dive), rel=1e-6)
     mean_shift = sweeps.backward(path).mean_shift
@@ -67,23 +67,23 @@ def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
 def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
     """The linear term of the cost moves the smoothed mean by minus the covariance times the term's gradient."""
     dive, path = flown.dive, flown.glide
-    sweeps = Sweeps(PETREL.hull, dive)
+    sweeps = Sweeps(PETREL.hull, dive, mean=True, longest=1)
     sweeps.forward(path)
     before = sweeps.backward(path).correction.copy()
     rng = np.random.default_rng(2)
-    dive.mean_shift[:] = 0.1 * rng.standard_normal(dive.mean_shift.shape) / dive.deviation
+    mean_shift = sweeps.mean_shift
+    mean_shift[:] = 0.1 * rng.standard_normal(mean_shift.shape) / dive.deviation
     sweeps.forward(path)
     moved = sweeps.backward(path).correction - before
     dense = DenseLeastSquares(dive, path, GLIDE.control)
     half = dense.maps[:, ORDER[:16]] @ dense.root
-    pull = np.einsum("kim,ki->m", half, dive.mean_shift)
+    pull = np.einsum("kim,ki->m", half, mean_shift)
     expected = -half @ pull
-    dive.mean_shift[:] = 0.0
     np.testing.assert_allclose(moved, expected, rtol=1e-7, atol=1e-9)
 
 
 def test_the_last_step_has_no_mean_shift_behind_it(flown):
-    sweeps = Sweeps(PETREL.hull, flown.dive, mean_shift_every=1)
+    sweeps = Sweeps(PETREL.hull, flown.dive, mean=True, longest=1)
     sweeps.forward(flown.glide)
     mean_shift = sweeps.backward(flown.glide).mean_shift
     assert np.isfinite(mean_shift).all()
@@ -105,20 +105,24 @@ def test_the_mean_is_nearer_to_the_truth_than_the_mode():
     assert biases["mean"] < 0.7 * biases["mode"]
 
 
-def test_a_mean_shift_shared_by_a_few_steps_leads_to_the_same_mean():
-    """With the mean shift of every fifth step only, the estimate changes by a few hundredths of a deviation."""
-    flown, sums = fly(301, 3000), []
-    for every in (1, 5):
-        sweeps = Sweeps(PETREL.hull, flown.dive, mean_shift_every=every)
-        sweeps.forward(flown.guess)
-        sums.append(sweeps.backward(flown.guess).mean_shift.sum(axis=0) * flown.dive.deviation)
-    np.testing.assert_allclose(sums[1], sums[0], atol=0.05 * np.abs(sums[0]).max())
+def test_a_mean_shift_summed_up_over_segments_leads_to_the_same_mean(monkeypatch):
+    """With one mean shift for fifteen steps, the estimate changes by a few hundredths of a deviation."""
+    found = []
+    for duration in (H, 5 * H):
+        monkeypatch.setattr("gliderhpc.estimation.smoother.problem._SEGMENT_DURATION", duration)
+        flown = fly(301, 3000)
+        settings = SmootherSettings(estimate="mean", tolerance=1e-3)
+        found.append(iterate_passes(PETREL.hull, flown.dive, flown.guess, settings))
+    change = (found[1].disturbances - found[0].disturbances) / found[0].disturbances_std
+    assert np.sqrt(np.mean(change**2, axis=0)).max() < 0.02
+    assert np.abs(change).max() < 0.1
+    np.testing.assert_allclose(found[1].disturbances_std[::10], found[0].disturbances_std[::10], rtol=0.01)
 
 
 @pytest.mark.parametrize(("spent", "share"), [(0.3, 0.3), (1.0, 1.0), (4.0, 1.0)])
 def test_room_counts_by_what_a_dive_confirms_of_its_noise(spent, share):
     """It is the ratio of the squares over variances to the resolved part, without raised noise (vibration set)."""
-    noise, linear = np.full((40, 6), 0.5), allocate_backward(40)
+    noise, linear = np.full((40, 6), 0.5), allocate_backward(4, 40)
     linear.noise_resolved[:] = 0.2
     linear.noise_mean[:] = np.sqrt(spent * 0.2 * noise)
     noise[:10] *= 30.0

@@ -10,11 +10,11 @@ ORDER = np.concatenate([SENSED, np.arange(12, 18), [3, 4]])
 """Places of the smoother's sixteen states, X and Y among eq. 16's twelve and the disturbances."""
 
 
-def dense_transition(control, state, disturbance, decay):
+def dense_transition(control, state, disturbance, decay, platform=PETREL.platform):
     """Phi ``(18, 18)`` of one step by the complex step of the second implementation, and the new state."""
 
     def advance(z):
-        new = reference.rk4_step(PETREL.platform, z[:12], control, z[12:], H)
+        new = reference.rk4_step(platform, z[:12], control, z[12:], H)
         return np.concatenate([new, decay * z[12:]])
 
     z = np.concatenate([state, disturbance])

@@ -78,7 +78,6 @@ def fly(seed, n, every=10, turn=0.0):
         bodies=PETREL.bodies(controls(n)), step=H, fed=np.isfinite(measured).any(axis=1), measured=measured,
         variance=np.tile(NOISE**2, (n + 1, 1)), mean=mean, deviation=np.concatenate([START_DEVIATION, DEVIATION]),
         decay=np.exp(-H / TIME), noise=np.tile(added, (n, 1)), damping=np.full(6, np.inf),
-        mean_shift=np.zeros((n + 1, 16)),
     )  # fmt: skip
     return Flown(dive, states, 0.5 * (fine[::2] + fine[1::2]))
 

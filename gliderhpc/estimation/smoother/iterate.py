@@ -36,8 +36,6 @@ _NEARLY_DONE = 1.0
 """Largest remaining move, in standard deviations, with which an iteration that ended early still gives an estimate."""
 _SETTLED = 0.1
 """Relative change of a variance of the noise below which the noise is not updated."""
-_MEAN_SHIFT_EVERY = 5
-"""Number of steps with a common mean shift, which then takes a quarter of a pass's time instead of half."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
 _SEGMENT = (0.15, 0.4)
@@ -119,7 +117,7 @@ def noise_from_segment(
     segment, rows = slice(first, stop), slice(first, stop + 1)
     part = dive._replace(
         bodies=dive.bodies[segment], noise=dive.noise[segment].copy(), fed=dive.fed[rows], measured=dive.measured[rows],
-        variance=dive.variance[rows].copy(), mean_shift=np.empty((stop - first + 1, 16)), damping=np.empty(6),
+        variance=dive.variance[rows].copy(), damping=np.empty(6),
         mean=np.concatenate([start.states[first, SENSED], np.zeros(6)]),
     )  # fmt: skip
     part_scale, part_start = scale.of_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
@@ -157,8 +155,7 @@ def iterate_passes(
         Steps by which the noise is judged; all by default.
     """
     nominal, noise = dive.variance.copy(), dive.noise.copy()
-    dive.mean_shift[:] = 0.0
-    sweeps = Sweeps(hull, dive, mean_shift_every=_MEAN_SHIFT_EVERY if settings.estimate == "mean" else None)
+    sweeps = Sweeps(hull, dive, mean=settings.estimate == "mean")
     iteration = _Iteration(
         sweeps, start, settings, gate, noise_models, np.ones(len(noise), bool) if usual is None else usual
     )
@@ -167,9 +164,9 @@ def iterate_passes(
     values = dive.fed[:, None] & np.isfinite(dive.measured)
     return SmoothedEstimate(
         states=iterate.trajectory.states,
-        states_std=_state_deviations(linear),
+        states_std=_at_steps(sweeps.rows, _state_deviations(linear)),
         disturbances=iterate.trajectory.disturbances[:-1],
-        disturbances_std=np.sqrt(linear.disturbance_variance + linear.correction[:, 10:] ** 2)[:-1],
+        disturbances_std=_at_steps(sweeps.rows, _disturbance_deviations(linear))[:-1],
         displacement=displacement(iterate.trajectory.states),
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),
@@ -228,10 +225,7 @@ class _Iteration:
 
     def _moved(self, fraction: float) -> Trajectory:
         """Trajectory moved by a fraction of the last pass's correction."""
-        states, disturbances = self.iterate.trajectory.states.copy(), self.iterate.trajectory.disturbances.copy()
-        states[:, SENSED] += fraction * self.linear.correction[:, :10]
-        disturbances += fraction * self.linear.correction[:, 10:]
-        return Trajectory(states, disturbances)
+        return self._sweeps.moved(self.iterate.trajectory, self.linear, fraction)
 
     def _iterate(self) -> Outcome:
         while self.passes < self._cap:
@@ -253,7 +247,7 @@ class _Iteration:
         if len(linear.mean_shift) and not self._damping.active:
             # For the next pass: this one used the mean shift about the previous trajectory.
             self.share = consistency(linear, self._sweeps.dive.noise, self._usual)
-            self._sweeps.dive.mean_shift[:] = self.share * linear.mean_shift
+            self._sweeps.mean_shift[:] = self.share * linear.mean_shift
         self.movement = _movement(linear)
         self.passes += 1
         return linear
@@ -317,8 +311,19 @@ def _movement(linear: Backward) -> float:
 
 
 def _state_deviations(linear: Backward) -> Array:
-    """Standard deviations ``(n+1, 12)``; the last pass's move of a state is added as uncertainty."""
+    """Standard deviations ``(s+1, 12)``; the last pass's move of a state is added as uncertainty."""
     deviations = np.empty((len(linear.state_variance), 12))
     deviations[:, SENSED] = np.sqrt(linear.state_variance + linear.correction[:, :10] ** 2)
     deviations[:, 3:5] = np.sqrt(linear.track_variance)
     return deviations
+
+
+def _disturbance_deviations(linear: Backward) -> Array:
+    """Standard deviations ``(s+1, 6)``; the last pass's move is added as uncertainty."""
+    return np.asarray(np.sqrt(linear.disturbance_variance + linear.correction[:, 10:] ** 2))
+
+
+def _at_steps(rows: NDArray[np.int64], values: Array) -> Array:
+    """Interpolate values ``(s+1, c)`` of the rows between segments linearly to all rows ``(n+1, c)``."""
+    every = np.arange(rows[-1] + 1)
+    return np.column_stack([np.interp(every, rows, column) for column in values.T])

@@ -8,6 +8,7 @@ gate. Two effects that the filter neglects are included, because the intervals w
 samples repeat their error together with their value, and the actuators' records may lag.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_block,
     allocate_checkpoints,
     allocate_costate,
+    allocate_segments,
 )
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.vocabulary import CHANNELS
@@ -41,6 +43,10 @@ Array = NDArray[np.float64]
 
 _INTERPOLATED = 0.5
 """Fraction of a sample interval to which the time of an actuator's move is known."""
+_SEGMENT_DURATION = 0.5
+"""Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
+_SEGMENTS_OF_MEAN_SHIFT = 3
+"""Number of segments with a common mean shift, which otherwise would take half of a pass's time."""
 _SHARED = 1.0 / 3.0
 """Share of a run of equal samples whose rounding error is assumed to be common: intervals of the pitching moment then
 have their nominal coverage on twins (docs/smoother.md)."""
@@ -95,9 +101,8 @@ def pose_dive(
         deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
         decay=np.exp(-settings.step / time),
         noise=scale.prior + scale.actuators,
-        # Both are set by the iteration.
+        # Set by the iteration.
         damping=np.empty(6),
-        mean_shift=np.empty((len(profile.bodies) + 1, 16)),
     )
     return dive, scale
 
@@ -175,23 +180,83 @@ class Iterate:
         return value if np.isfinite(value) and flyable(self.trajectory.states[:, SENSED]) else np.inf
 
 
+def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = None) -> NDArray[np.int64]:
+    """Divide a dive into segments: the first row of each, and the last row of the dive.
+
+    Parameters
+    ----------
+    dive : Dive
+        The dive; no segment has a sample inside.
+    also : sequence of int
+        Further rows at which a segment begins.
+    longest : int, optional
+        Largest number of steps of a segment; by default those of half a second.
+    """
+    longest = max(1, round(_SEGMENT_DURATION / dive.step)) if longest is None else longest
+    needed = np.union1d(np.flatnonzero(dive.fed), [0, len(dive.bodies), *also]).astype(np.int64)
+    parts = -(-np.diff(needed) // longest)
+    inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(needed[:-1], parts) + longest * inside, needed[-1])
+
+
+def steps_of_mean_shifts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each segment the number of steps that the mean shift of its first step stands for (`Segments`).
+
+    One of three segments stands for all three, unless segments are single steps. The mean shift rises and falls between
+    samples, of which two segments are usual: an even number would always take it from the same phase.
+    """
+    steps = np.diff(rows)
+    if steps.max() == 1:
+        return steps
+    groups = np.arange(0, len(steps), _SEGMENTS_OF_MEAN_SHIFT)
+    middle = np.minimum(groups + _SEGMENTS_OF_MEAN_SHIFT // 2, len(steps) - 1)
+    result = np.zeros_like(steps)
+    result[middle] = np.add.reduceat(steps, groups)
+    return result
+
+
 class Sweeps:
-    """The two sweeps of a pass, with buffers of their own."""
+    """The two sweeps of a pass, with buffers of their own.
+
+    Parameters
+    ----------
+    hull, dive : Hull, Dive
+        The problem.
+    rows : sequence of int
+        Rows with full covariances.
+    mean : bool
+        Whether the estimate is the mean in place of the mode.
+    longest : int, optional
+        Largest number of steps of a segment (`segment_rows`).
+
+    Attributes
+    ----------
+    rows : (s+1,) int
+        First row of each segment, and the last row of the dive.
+    mean_shift : (s+1, 16) or (0, 16)
+        Gradient of the linear term of the cost in these rows; none for the mode.
+    """
 
     def __init__(
-        self, hull: Hull, dive: Dive, rows: tuple[int, ...] = (), *, mean_shift_every: int | None = None
+        self, hull: Hull, dive: Dive, rows: Sequence[int] = (), *, mean: bool = False, longest: int | None = None
     ) -> None:
-        steps = len(dive.bodies)
         self.dive = dive
+        self.rows = segment_rows(dive, rows, longest=longest)
+        self.mean_shift = np.zeros((len(self.rows) if mean else 0, 16))
         self._hull = hull
-        self._block, self._checkpoints = allocate_block(), allocate_checkpoints(steps)
-        self._costates = allocate_costate()
+        self._segments = allocate_segments(self.rows, steps_of_mean_shifts(self.rows))
+        self._block = allocate_block()
+        self._checkpoints, self._costates = allocate_checkpoints(len(self.rows) - 1), allocate_costate()
         self._tally = np.zeros(LOG_DETERMINANT + 1)
-        self._mean = mean_shift_every is not None
-        self._backward = allocate_backward(steps, rows, every=mean_shift_every)
+        self._mean = mean
+        self._backward = allocate_backward(len(self.rows) - 1, len(dive.bodies), rows, mean_shift=mean)
 
     def forward(self, trajectory: Trajectory, gate: float = np.inf) -> Iterate:
-        """Filter about a trajectory; X and Y of the trajectory are replaced by the displacement along it."""
+        """Filter about a trajectory.
+
+        Rows inside the segments are replaced by the model's run from the segment's first row; X and Y are replaced by
+        the displacement along the trajectory.
+        """
         self._sweep(trajectory, gate, backwards=False)
         log_determinant = float(self._tally[LOG_DETERMINANT]) if self._mean else 0.0
         return Iterate(
@@ -203,10 +268,26 @@ class Sweeps:
         self._sweep(trajectory, np.inf, backwards=True)
         return self._backward
 
+    def moved(self, trajectory: Trajectory, linear: Backward, fraction: float) -> Trajectory:
+        """Return the trajectory moved by a fraction of the correction.
+
+        Inside the segments, the disturbances move by the smoothed noise; the states follow in the next forward sweep.
+        """
+        states, disturbances = trajectory.states.copy(), trajectory.disturbances.copy()
+        states[np.ix_(self.rows, SENSED)] += fraction * linear.correction[:, :10]
+        whole = trajectory.disturbances.copy()
+        whole[self.rows] += linear.correction[:, 10:]
+        lengths = np.diff(self.rows)
+        for place in range(1, lengths.max()):
+            inside = self.rows[:-1][lengths > place] + place
+            whole[inside] = self.dive.decay * whole[inside - 1] + linear.noise_mean[inside - 1]
+        disturbances += fraction * (whole - disturbances)
+        return Trajectory(states, disturbances)
+
     def _sweep(self, trajectory: Trajectory, gate: float, *, backwards: bool) -> None:
         kernel.sweep(
-            backwards, self._hull, self.dive, trajectory.states, trajectory.disturbances, gate, self._block,
-            self._checkpoints, self._tally, self._costates, self._backward,
+            backwards, self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, gate,
+            self._segments, self._block, self._checkpoints, self._tally, self._costates, self._backward,
         )  # fmt: skip
 
 

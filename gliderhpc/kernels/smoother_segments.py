@@ -1,0 +1,297 @@
+"""Linearisation of a dive's segments: each lane takes one segment, and all have the same path of linearisation.
+
+Covariances are needed where there are samples, which is once in several steps. A segment is a few steps without a
+sample in between. The model runs from the path's state in its first row with the path's disturbances. Products of the
+steps' transitions, computed by the transpose of the step, carry the states and the noise of its steps to its end; this
+is exact for the linearised problem (docs/smoother.md).
+"""
+
+from gliderhpc.kernels.dynamics import rates
+from gliderhpc.kernels.elementwise import LANES, clear, load, select, store, zero_like
+from gliderhpc.kernels.jacobian import store_partials, track_partials
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
+from gliderhpc.kernels.mass import load_body
+from gliderhpc.kernels.rk4 import displacement, shifted, step
+from gliderhpc.kernels.tangent import load_ten, pulled_over_step
+
+
+@formula
+def _load_six(array, k, first):
+    """Return six entries of row ``k``, the first of them in column ``first``."""
+    return (
+        load(array, (k, first)), load(array, (k, first + 1)), load(array, (k, first + 2)),
+        load(array, (k, first + 3)), load(array, (k, first + 4)), load(array, (k, first + 5)),
+    )  # fmt: skip
+
+
+@formula
+def _dot6(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+
+
+@inner_kernel
+def _gather(dive, states, disturbances, segments, number):
+    """Copy segments ``number`` to ``number + LANES`` into the lanes; a lane too many repeats the last segment."""
+    lanes, rows = segments.lanes, segments.rows
+    last = rows.shape[0] - 2
+    for lane in range(LANES):
+        segment = min(number + lane, last)
+        first, stop = rows[segment], rows[segment + 1]
+        for i in range(10):
+            lanes.states[0, i, lane] = states[first, i if i < 3 else i + 2]
+        lanes.states[0, 10, lane] = 0.0
+        lanes.states[0, 11, lane] = 0.0
+        for s in range(lanes.durations.shape[0]):
+            k = min(first + s, stop - 1)
+            within = first + s < stop
+            lanes.durations[s, lane] = dive.step if within else 0.0
+            for i in range(11):
+                lanes.bodies[s, i, lane] = dive.bodies[k, i]
+            for i in range(6):
+                lanes.disturbances[s, i, lane] = disturbances[k, i]
+                defect = dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
+                lanes.defects[s, i, lane] = defect if within else 0.0
+                lanes.noise[s, i, lane] = dive.noise[k, i] if within else 0.0
+
+
+@inner_kernel
+def _run(hull, lanes):
+    """Run the model over the segments."""
+    for s in range(lanes.durations.shape[0]):
+        h, body = load(lanes.durations, s), load_body(lanes.bodies, s)
+        new, stages, _ = step(hull, body, load_ten(lanes.states, s), _load_six(lanes.disturbances, s, 0), h)
+        north, east = displacement(stages, h)
+        for i in range(10):
+            store(lanes.states, (s + 1, i), new[i])
+        store(lanes.states, (s + 1, 10), load(lanes.states, (s, 10)) + north)
+        store(lanes.states, (s + 1, 11), load(lanes.states, (s, 11)) + east)
+
+
+@inner_kernel
+def _begin(lanes):
+    """Begin the products at the segments' ends: identity, no decay, no noise."""
+    clear(lanes.transition)
+    clear(lanes.gathered)
+    clear(lanes.gathered_cross)
+    clear(lanes.gathered_own)
+    clear(lanes.offset)
+    one = zero_like(load(lanes.durations, 0)) + 1.0
+    for i in range(10):
+        store(lanes.transition, (i, i), one)
+    for i in range(6):
+        store(lanes.remaining, i, one)
+
+
+@inner_kernel
+def _add_noise(lanes, s):
+    """Add the noise and the disturbances' defects of step ``s``, carried from its end to the end of the segment."""
+    noise, defects = _load_six(lanes.noise, s, 0), _load_six(lanes.defects, s, 0)
+    for i in range(12):
+        t = _load_six(lanes.transition, i, 10)
+        weighted = (
+            noise[0] * t[0],
+            noise[1] * t[1],
+            noise[2] * t[2],
+            noise[3] * t[3],
+            noise[4] * t[4],
+            noise[5] * t[5],
+        )
+        for j in range(i + 1):
+            total = load(lanes.gathered, (i, j)) + _dot6(weighted, _load_six(lanes.transition, j, 10))
+            store(lanes.gathered, (i, j), total)
+        for j in range(6):
+            total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(lanes.remaining, j)
+            store(lanes.gathered_cross, (j, i), total)
+        if i < 10:
+            store(lanes.offset, i, load(lanes.offset, i) + _dot6(defects, t))
+            for j in range(6):
+                store(lanes.by_noise, (s, i, j), t[j])
+    for j in range(6):
+        left = load(lanes.remaining, j)
+        store(lanes.gathered_own, j, load(lanes.gathered_own, j) + noise[j] * left * left)
+        store(lanes.offset, 10 + j, load(lanes.offset, 10 + j) + defects[j] * left)
+        store(lanes.by_own, (s, j), left)
+
+
+@inner_kernel
+def _store_stages(hull, lanes, s):
+    """Store the Jacobians of the stages of step ``s``, and of the horizontal velocity there, times the step."""
+    h, body, y = load(lanes.durations, s), load_body(lanes.bodies, s), load_ten(lanes.states, s)
+    disturbance = _load_six(lanes.disturbances, s, 0)
+    stage = y
+    for number in range(4):
+        inner = number == 1 or number == 2
+        store_partials(hull, body, stage, 0.5 * h if inner else h, lanes.partials, (0, number))
+        track = track_partials(stage)
+        for row in range(2):
+            for i in range(6):
+                store(lanes.track_partials, (number, 1 + row, i), h * track[row][i])
+        stage = shifted(y, h if number == 2 else 0.5 * h, rates(hull, body, stage, disturbance))
+
+
+@formula
+def _load_track(partials, number, row, zero):
+    """Return a stage's derivative of X (``row`` 1) or Y (2) by the ten sensed states, or zeros (0)."""
+    return (
+        load(partials, (number, row, 0)), load(partials, (number, row, 1)), load(partials, (number, row, 2)), zero,
+        load(partials, (number, row, 3)), load(partials, (number, row, 4)), load(partials, (number, row, 5)),
+        zero, zero, zero,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _pull_back(hull, decay, lanes, s):
+    """Multiply the transition from the right by that of step ``s``."""
+    _store_stages(hull, lanes, s)
+    h, transition = load(lanes.durations, s), lanes.transition
+    sixth, zero = h / 6.0, zero_like(h)
+    pushes = (
+        sixth / hull.mass_u, sixth / hull.mass_v, sixth / hull.mass_w,
+        sixth / hull.inertia_p, sixth / hull.inertia_q, sixth / hull.inertia_r,
+    )  # fmt: skip
+    for i in range(12):
+        row = max(i - 9, 0)
+        by_stages = (
+            _load_track(lanes.track_partials, 0, row, zero), _load_track(lanes.track_partials, 1, row, zero),
+            _load_track(lanes.track_partials, 2, row, zero), _load_track(lanes.track_partials, 3, row, zero),
+        )  # fmt: skip
+        new, push = pulled_over_step(lanes.partials, 0, load_ten(transition, i), by_stages, zero)
+        for j in range(10):
+            store(transition, (i, j), new[j])
+        for j in range(6):
+            decayed = load(transition, (i, 10 + j)) * _decay_over(decay, h, j)
+            store(transition, (i, 10 + j), decayed + pushes[j] * push[j])
+    for j in range(6):
+        store(lanes.remaining, j, load(lanes.remaining, j) * _decay_over(decay, h, j))
+
+
+@formula
+def _decay_over(decay, h, i):
+    """Return the decay of disturbance ``i`` over a step of length ``h``; there is none over a step of zero length."""
+    one = zero_like(h) + 1.0
+    return select(h > 0.0, one * decay[i], one)
+
+
+@inner_kernel
+def _scatter_run(dive, states, segments, number, tally):
+    """Write the run of each segment into the path, up to the row before its end; X and Y up to its end.
+
+    The defects of the sensed states are added to the offsets, and those of the disturbances to the cost.
+    """
+    lanes, rows = segments.lanes, segments.rows
+    for lane in range(min(LANES, rows.shape[0] - 1 - number)):
+        first, stop = rows[number + lane], rows[number + lane + 1]
+        for k in range(first, stop):
+            s = k - first
+            states[k + 1, 3] = states[first, 3] + lanes.states[s + 1, 10, lane]
+            states[k + 1, 4] = states[first, 4] + lanes.states[s + 1, 11, lane]
+            if k + 1 < stop:
+                for i in range(10):
+                    states[k + 1, i if i < 3 else i + 2] = lanes.states[s + 1, i, lane]
+            for i in range(6):
+                defect = lanes.defects[s, i, lane]
+                tally[2] += 0.5 * defect * defect / dive.noise[k, i]
+        for i in range(10):
+            defect = lanes.states[stop - first, i, lane] - states[stop, i if i < 3 else i + 2]
+            lanes.offset[i, lane] += defect
+            tally[3 + i] += abs(defect)
+
+
+@inner_kernel
+def _scatter(segments, number, block, at):
+    """Write the results of the lanes to the rows of the block from ``at`` on."""
+    lanes = segments.lanes
+    for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
+        row = at + lane
+        tangent, moved = block.tangent[row], block.track_tangent[row]
+        noise, cross, track = segments.noise[row], segments.noise_cross[row], segments.noise_track[row]
+        for i in range(16):
+            segments.offset[row, i] = lanes.offset[i, lane]
+            for j in range(10):
+                tangent[i, j] = lanes.transition[j, i, lane]
+            for j in range(6):
+                tangent[i, 10 + j] = lanes.remaining[j, lane] if i == 10 + j else 0.0
+            moved[0, i] = lanes.transition[10, i, lane]
+            moved[1, i] = lanes.transition[11, i, lane]
+        for i in range(10):
+            for j in range(i + 1):
+                noise[i, j] = lanes.gathered[i, j, lane]
+                noise[j, i] = noise[i, j]
+            for j in range(6):
+                noise[10 + j, i] = lanes.gathered_cross[j, i, lane]
+                noise[i, 10 + j] = noise[10 + j, i]
+            cross[0, i] = lanes.gathered[10, i, lane]
+            cross[1, i] = lanes.gathered[11, i, lane]
+        for i in range(6):
+            for j in range(6):
+                noise[10 + i, 10 + j] = lanes.gathered_own[i, lane] if i == j else 0.0
+            cross[0, 10 + i] = lanes.gathered_cross[i, 10, lane]
+            cross[1, 10 + i] = lanes.gathered_cross[i, 11, lane]
+        track[0, 0], track[1, 1] = lanes.gathered[10, 10, lane], lanes.gathered[11, 11, lane]
+        track[0, 1] = lanes.gathered[11, 10, lane]
+        track[1, 0] = track[0, 1]
+
+
+@inner_kernel
+def _scatter_noise(segments, number, at):
+    """Write what only the backward sweep uses: derivatives by the noise, and the transition after the first step."""
+    lanes = segments.lanes
+    for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
+        after = segments.after[at + lane]
+        for i in range(16):
+            for j in range(10):
+                after[j, i] = lanes.after[j, i, lane]
+        for j in range(6):
+            after[10 + j, 10 + j] = lanes.after_remaining[j, lane]
+        for s in range(lanes.durations.shape[0]):
+            by_noise = segments.by_noise[at + lane, s]
+            for i in range(10):
+                for j in range(6):
+                    by_noise[i, j] = lanes.by_noise[s, i, j, lane]
+            for i in range(6):
+                by_noise[10 + i, i] = lanes.by_own[s, i, lane]
+
+
+@inner_kernel
+def _save_after(lanes):
+    """Save the transition before the segments' first step is multiplied to it."""
+    for i in range(10):
+        for j in range(16):
+            store(lanes.after, (i, j), load(lanes.transition, (i, j)))
+    for i in range(6):
+        store(lanes.after_remaining, i, load(lanes.remaining, i))
+
+
+@kernel
+def linearise_segments(hull, dive, states, disturbances, segments, number, block, at, tally, backwards):
+    """Linearise segments ``number`` to ``number + LANES`` of the dive; results go to rows from ``at`` of the block.
+
+    Parameters
+    ----------
+    hull, dive : Hull, Dive
+        The problem.
+    states, disturbances : (n+1, 12), (n+1, 6)
+        Path of linearisation. The rows inside the segments are replaced by the model's run, and X and Y by the
+        displacement along it.
+    segments, block : Segments, Block
+        Memory, in which the results are stored.
+    number, at : int
+        First segment, and its row in the block.
+    tally : (14,)
+        Sums as in `gliderhpc.kernels.smoother.forward`; those of noise and defects are added.
+    backwards : bool
+        Whether the results that only the backward sweep uses are stored too.
+    """
+    lanes = segments.lanes
+    _gather(dive, states, disturbances, segments, number)
+    _run(hull, lanes)
+    _begin(lanes)
+    for s in range(lanes.durations.shape[0] - 1, -1, -1):
+        _add_noise(lanes, s)
+        if s == 0:
+            _save_after(lanes)
+        _pull_back(hull, dive.decay, lanes, s)
+    _scatter_run(dive, states, segments, number, tally)
+    _scatter(segments, number, block, at)
+    if backwards:
+        _scatter_noise(segments, number, at)
