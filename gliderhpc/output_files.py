@@ -39,16 +39,18 @@ def check_output(
     if out.is_dir():
         raise InputError(f"{out}: cannot be written, it is a folder; give {instead}")
     if not out.exists() and out.is_symlink():
-        raise InputError(f"{out}: cannot be written, it is a link to nothing; remove it or give {instead}")
+        raise InputError(f"{out}: cannot be written, it is a broken link; remove it or give {instead}")
     if out.exists() and not stat.S_ISREG(out.stat().st_mode):
         raise InputError(f"{out}: cannot be written, it is a device or a pipe; give {instead}")
     _check_no_input(out, inputs, instead)
     if out.exists() and not overwrite:
         raise InputError(f"{out}: this file exists; give {instead} or replace it with --overwrite")
     if not folder.is_dir():
-        raise InputError(f"{out}: there is no folder {folder}: it does not exist; make it first or give {instead}")
+        raise InputError(f"{out}: the folder {folder} does not exist; create it first or give {instead}")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"{out}: cannot be written, the folder {folder} takes no files from you; give {instead}")
+        raise InputError(
+            f"{out}: cannot be written, you have no write permission in the folder {folder}; give {instead}"
+        )
 
 
 @contextmanager
@@ -119,11 +121,11 @@ def _rename_unless_there(aside: Path, target: Path, out: Path) -> None:
     try:
         os.link(aside, target)
     except FileExistsError:
-        raise InputError(f"{out}: another program has written this file meanwhile; it is left as it is") from None
+        raise InputError(f"{out}: another program has written this file meanwhile, so it is not replaced") from None
     except OSError:
         # The file system does not support hard links.
         if target.exists():
-            raise InputError(f"{out}: another program has written this file meanwhile; it is left as it is") from None
+            raise InputError(f"{out}: another program has written this file meanwhile, so it is not replaced") from None
         aside.replace(target)
 
 
@@ -142,11 +144,13 @@ def check_folder(out: Path) -> None:
     """
     there = next(path for path in (out, *out.absolute().parents) if os.path.lexists(path))
     if not there.exists():
-        raise InputError(f"{out}: cannot be written, {there} is a link to nothing; remove it or give another --out")
+        raise InputError(f"{out}: cannot be written, {there} is a broken link; remove it or give another --out")
     if not there.is_dir():
-        raise InputError(f"{out}: cannot be written, {there} is no folder; give another --out")
+        raise InputError(f"{out}: cannot be written, {there} is not a folder; give another --out")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"{out}: cannot be written, the folder {there} takes no files from you; give another --out")
+        raise InputError(
+            f"{out}: cannot be written, you have no write permission in the folder {there}; give another --out"
+        )
 
 
 @contextmanager

@@ -66,16 +66,14 @@ class Position(Section):
 class Buoyancy(Section):
     """Buoyancy engine, and the water in which it works."""
 
-    neutral_volume: Number = Field(
-        description="oil volume in the bladder at which the hull floats level in weight, cm3"
-    )
+    neutral_volume: Number = Field(description="oil volume in the bladder at which the hull is neutrally buoyant, cm3")
     oil_density: Number = Field(ge=500.0, le=2000.0, description="density of the oil, kg/m3")
     water_density: Number = Field(ge=950.0, le=1100.0, description="density of the water, kg/m3")
     depth_slope: Number = Field(description="buoyancy gained with depth k_z, N/m")
     compressibility: NonNegative | None = Field(
         default=None,
         lt=1e-4,
-        description="compressibility of the hull, 1/dbar; with it, measured seawater takes the depth slope's place",
+        description="compressibility of the hull, 1/dbar; with it, measured seawater replaces the depth slope",
     )
     thermal_expansion: NonNegative = Field(default=0.0, lt=1e-2, description="thermal expansion of the hull, 1/K")
 
@@ -102,7 +100,7 @@ class Viscous(Section):
     K_L0: Number = Field(default=0.0, description="lift at zero angle of attack, kg/m")
     K_delta: Number = Field(default=0.0, description="yaw moment over rudder angle, kg/rad")
     rate_damping_floor: NonNegative = Field(
-        default=0.0, description="speed V_0 that keeps the rate damping alive near rest, m/s"
+        default=0.0, description="speed V_0 added in quadrature to the speed in the rate damping, m/s"
     )
 
 
@@ -112,17 +110,15 @@ class Sensors(Section):
     attitude_resolution: Positive = Field(le=10.0, description="quantum of roll, pitch and heading, degree")
     depth_noise: Positive = Field(le=10.0, description="standard deviation of the depth, m")
     sample_interval: Positive = Field(le=3600.0, description="usual time between samples, s")
-    roll_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the roll, degree")
-    pitch_offset: Number = Field(default=0.0, ge=-45, le=45, description="taken off the pitch, degree")
-    pitch_scale: Number = Field(
-        default=1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch"
-    )
-    heading_offset: Number = Field(default=0.0, ge=-180, le=180, description="taken off the heading, degree")
+    roll_offset: Number = Field(default=0.0, ge=-45, le=45, description="subtracted from the roll, degree")
+    pitch_offset: Number = Field(default=0.0, ge=-45, le=45, description="subtracted from the pitch, degree")
+    pitch_scale: Number = Field(default=1.0, ge=0.5, le=2, description="factor on the recorded pitch less its offset")
+    heading_offset: Number = Field(default=0.0, ge=-180, le=180, description="subtracted from the heading, degree")
     heading_deviation: tuple[Number, Number, Number, Number] = Field(
         default=(0.0, 0.0, 0.0, 0.0),
-        description="taken off the heading: times sine and cosine of the heading read and of twice it, degree",
+        description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
     )
-    depth_lag: Number = Field(default=0.0, description="by which the depth was recorded late, s")
+    depth_lag: Number = Field(default=0.0, description="delay of the recorded depth behind the attitude, s")
 
     @property
     def attitude_resolution_rad(self) -> float:
@@ -172,7 +168,7 @@ class Platform(Section):
     sensors: Sensors
     vibration: Vibration
     prior: DisturbancePrior | None = Field(default=None, description="disturbance prior, as `gliderhpc tune` writes it")
-    uncertainty: Uncertainty | None = Field(default=None, description="how far these numbers may be off")
+    uncertainty: Uncertainty | None = Field(default=None, description="uncertainty of these numbers")
 
     @model_validator(mode="before")
     @classmethod
@@ -262,7 +258,7 @@ def _with_covariance(label: str, content: dict[str, Any], folder: Path) -> dict[
         return content
     path = folder / section["covariance"]
     if not path.is_file():
-        raise InputError(f"{label}: uncertainty.covariance is {path}, and there is no such file; correct its name")
+        raise InputError(f"{label}: uncertainty.covariance is {path}, but there is no such file; correct its name")
     matrix = parse_yaml(read_yaml_text(path, "covariance"), str(path))
     return content | {"uncertainty": section | {"covariance": matrix}}
 

@@ -59,7 +59,7 @@ class CalibrationErrors(Section):
     )
     deviation: tuple[NonNegative, ...] = Field(description="standard deviation of each, in the file's unit")
     correlation: tuple[tuple[Correlation, ...], ...] = Field(
-        description="of each with those before it, a row each: none in the first, one in the second"
+        description="correlations of each with those before it, one row each: none in the first, one in the second"
     )
 
     @model_validator(mode="after")
@@ -68,7 +68,7 @@ class CalibrationErrors(Section):
         if len(self.deviation) != count or [len(row) for row in self.correlation] != list(range(count)):
             raise ValueError(f"needs a deviation and a row of correlations for each of its {count} parameters")
         if count and float(np.linalg.eigvalsh(self.correlation_matrix)[0]) < -_ROUNDED_CORRELATIONS:
-            raise ValueError("must be a covariance, and these correlations contradict one another")
+            raise ValueError("must be a covariance, but these correlations contradict one another")
         return self
 
     @property
@@ -93,10 +93,12 @@ class Uncertainty(Section):
         description="plausible deviation by key, in the file's unit, relative where a number varies by factors",
     )
     covariance: CalibrationErrors | None = Field(
-        default=None, description="errors of a calibration, as `gliderhpc calibrate` writes them, or a file with them"
+        default=None,
+        description="errors of a calibration, as `gliderhpc calibrate` writes them, or a file that contains them",
     )
     walk: dict[Text, NonNegative] = Field(
-        default_factory=dict, description="change with time by key, as the deviation, per square root of a day"
+        default_factory=dict,
+        description="change with time by key, in the same units as the deviation, per square root of a day",
     )
 
     @property

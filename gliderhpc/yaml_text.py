@@ -48,7 +48,7 @@ def read_yaml_text(path: Path, kind: str) -> str:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: cannot read this, it is not a regular file; give a YAML {kind} file")
+            raise InputError(f"{path}: cannot be read, it is not a regular file; give a YAML {kind} file")
         if status.st_size > MAX_FILE_BYTES:
             raise InputError(
                 f"{path}: is {status.st_size / 1e6:.1f} MB large, too large for a {kind} file "
@@ -56,9 +56,9 @@ def read_yaml_text(path: Path, kind: str) -> str:
             )
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file, so not a {kind}; give a YAML {kind} file") from None
+        raise InputError(f"{path}: not a text file, so not a {kind} file; give a YAML {kind} file") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot read this {kind} file ({error.strerror or error})") from None
+        raise InputError(f"{path}: this {kind} file cannot be read ({error.strerror or error})") from None
 
 
 def parse_yaml(text: str, label: str) -> Any:
@@ -128,7 +128,7 @@ def parse_value(text: str, label: str, expected: str) -> Any:
     label : str
         Beginning of a message.
     expected : str
-        End of a message, such as ``a number or a word``.
+        End of a message, such as ``neither a number nor a word``.
 
     Raises
     ------
@@ -162,10 +162,14 @@ class _StrictLoader(yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             self._aliases += 1
             if self._aliases > MAX_ALIASES or event.anchor in self._open:
-                raise _refused(f"the alias '*{event.anchor}' is one too many; write the values out", event.start_mark)
+                raise _refused(
+                    f"the alias '*{event.anchor}' is not accepted: there are too many aliases, or it contains itself; "
+                    "write the values out",
+                    event.start_mark,
+                )
             return super().compose_node(parent, index)
         if len(self._open) >= MAX_DEPTH:
-            raise _refused(f"nested more than {MAX_DEPTH} levels deep; write it flatter", event.start_mark)
+            raise _refused(f"nested more than {MAX_DEPTH} levels deep; use fewer levels", event.start_mark)
         self._open.append(event.anchor)
         try:
             return super().compose_node(parent, index)
@@ -178,7 +182,7 @@ class _StrictLoader(yaml.SafeLoader):
             if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
                 continue
             if key.value in seen:
-                problem = f"the key '{key.value}' is there twice, first at line {seen[key.value]}; remove one"
+                problem = f"the key '{key.value}' occurs twice, first at line {seen[key.value]}; remove one"
                 raise _refused(problem, key.start_mark)
             seen[key.value] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)

@@ -143,7 +143,7 @@ class Alerts(_Section):
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            yield f"{self.command[0]}: did not end within {self.timeout:g} s"
+            yield f"{self.command[0]}: did not finish within {self.timeout:g} s"
         except OSError as error:
             yield f"{self.command[0]}: cannot be run: {error.strerror or error}"
         else:
@@ -196,7 +196,7 @@ def _explanation(error: ValidationError) -> str:
         known = list(_SECTIONS[".".join(parents)].model_fields)
         return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"
     if fault["type"] == "missing":
-        return f"missing key '{key}'"
+        return f"missing key '{key}'; add it"
     expected = _EXPECTED.get(str(fault["loc"][0]))
     reason = f"give {expected}" if expected else fault["msg"][:1].lower() + fault["msg"][1:]
     return f"{key} is {shown(fault['input'])}: {reason}"

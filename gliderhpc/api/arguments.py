@@ -71,11 +71,11 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
         There is no such profile, or there are several and `profile` is None.
     """
     if not available:
-        raise InputError("profile: there is none; all have failed, or none is done yet")
+        raise InputError("profile: there is none to choose; all have failed, or none is done yet")
     if profile is None:
         if len(available) != 1:
             (first, last), count = (min(available), max(available)), len(available)
-            raise InputError(f"profile: which one? there are {count}, {first} to {last}; give profile={first}")
+            raise InputError(f"profile: there are {count}, {first} to {last}; choose one, for example profile={first}")
         return available[0]
     if isinstance(profile, bool) or not isinstance(profile, int | np.integer):
         raise InputError(f"profile={profile!r}: give the number of a profile")

@@ -110,7 +110,9 @@ def calibrated_by_dives(
         try:
             ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
         except InputError as error:
-            raise CalibrationError(f"calibration: with the hull that fits the dives best, {error}") from error
+            raise CalibrationError(
+                f"calibration: steady glides of the hull that fits the dives best: {error}"
+            ) from error
     check_errors(ours, others, _JUDGED)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 

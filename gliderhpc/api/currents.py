@@ -100,7 +100,7 @@ def estimate_currents(
 
 _SUMMARY = (
     "Currents averaged over the dives of an underwater glider, from GPS fixes and the displacement through the water "
-    "that pitch, heading and depth give by the glide angle, with standard deviations and covariance; corrected "
+    "computed from pitch, heading and depth by the glide angle, with standard deviations and covariance; corrected "
     "positions, speed through the water and angle of attack at every sample"
 )
 
@@ -111,7 +111,7 @@ def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Na
         return read_navigation(records)
     paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
     if not paths:
-        raise InputError("records: there are none; give a file, files or a Dataset")
+        raise InputError("records: none given; give a file, files or a Dataset")
     # The importers load libraries that a plain file does not need.
     from gliderhpc.api.records import import_records, is_instrument_file
 
@@ -133,7 +133,9 @@ def _plain_files(path: Path) -> list[Path]:
         return [path]
     held = sorted(path.glob("*.nc"))
     if not held:
-        raise InputError(f"{path}: contains no netCDF file and no records of an instrument")
+        raise InputError(
+            f"{path}: contains neither a netCDF file nor records of an instrument; give files that have them"
+        )
     return held
 
 

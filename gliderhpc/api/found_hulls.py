@@ -99,7 +99,9 @@ class CalibratedHull(FoundHull):
             There were no rounds over the dives, or they found no better hull.
         """
         if self.dives is None:
-            raise InputError("history: the steady glides alone have none; calibrate with rounds.most above zero")
+            raise InputError(
+                "history: a fit of the steady glides alone has none; calibrate with rounds.most above zero"
+            )
         return rounds_report.history_table(self.dives.rounds)
 
     @property
@@ -134,7 +136,7 @@ class CalibratedHull(FoundHull):
     @property
     def steady(self) -> Calibration:
         """Calibration on the steady glides, if there is none on whole dives."""
-        assert self.calibration is not None, "one of the two is there"
+        assert self.calibration is not None, "one of the two exists"
         return self.calibration
 
 

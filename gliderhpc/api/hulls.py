@@ -118,7 +118,7 @@ def calibrated_on(
         every = steady_segments(observations, platform, taken, settings, settings.steady)
         segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
-        log.info("calibrating on %d segments of steady flight, %d more held out", len(segments), len(apart))
+        log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))
     dives, trouble = None, ""
     if by_dives:
         try:
@@ -126,7 +126,7 @@ def calibrated_on(
                 start = fit_trim(platform, segments, settings.calibration, log.info)
             dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
         except CalibrationError as error:
-            trouble = f"the fit of the steady glides alone, since the dives found no better hull: {error}"
+            trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
             log.warning(trouble)
     if dives is not None:
         found = CalibratedHull(dives.platform, None, dives)
@@ -160,7 +160,7 @@ def chosen_profiles(
         return taken, None
     apart = list(select_profiles(available, hold_out, "--hold-out"))
     if set(taken) <= set(apart):
-        raise InputError("--hold-out keeps every profile out of the fit; name fewer")
+        raise InputError("--hold-out leaves no profile for the fit; name fewer profiles")
     return sorted({*taken, *apart}), apart
 
 

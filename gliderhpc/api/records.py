@@ -109,7 +109,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     """
     sources = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     if not sources:
-        raise InputError("files: there are none; give the glider's files, or the folder that holds them")
+        raise InputError("files: none given; give the glider's files, or the folder that holds them")
     if kind is None:
         kind = kind_of(sources)
     with tempfile.TemporaryDirectory(prefix="gliderhpc-import-") as folder:
@@ -163,12 +163,14 @@ def kind_of(sources: Sequence[Path]) -> str:
                 kinds.setdefault(kind, path)
     if len(kinds) > 1:
         (first, one), (second, other), *_ = kinds.items()
-        raise InputError(f"{one} is of kind {first}, {other} of kind {second}; give the files of one, or kind=")
+        raise InputError(
+            f"{one} is of kind {first}, and {other} of kind {second}; give the files of one kind, or set kind"
+        )
     if not kinds:
         _refuse_with_needs(sources)
         raise InputError(
-            f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; give "
-            f"kind= one of {', '.join(IMPORTERS)}"
+            f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; set "
+            f"kind to one of {', '.join(IMPORTERS)}"
         )
     return next(iter(kinds))
 

@@ -133,7 +133,7 @@ class Watch:
         try:
             return look(self.watched.source)
         except (InputError, OSError) as error:
-            log.warning("%s; looking again", first_line(error))
+            log.warning("%s; trying again", first_line(error))
             return {}
 
     def replay(self) -> None:
@@ -188,7 +188,7 @@ class Watch:
         """Return the files to import, by name, with their digests; only one of several with the same content."""
         same = duplicates(self.state.taken)
         for name, first in same.items():
-            log.info("%s: the same as %s", name, first)
+            log.info("%s: same content as %s", name, first)
         return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
 
     def _inputs(self) -> str:

@@ -54,7 +54,7 @@ class Importing:
             raise InputError(f"kind={self.kind!r}: give one of {', '.join(KINDS)}")
         for name in _OWN_OPTIONS:
             if name in self.options:
-                raise InputError(f"{name!r} cannot be set for the import of a watch")
+                raise InputError(f"{name!r} cannot be set as an option of the importer, because a watch sets it")
 
     def digest(self, files: Mapping[str, str]) -> str:
         """Return a digest of the options and of `files`, a mapping from names to digests of content."""

@@ -44,7 +44,9 @@ def executor_of(
         raise InputError(f"workers={workers}: give a number of processes, 0 for this process alone")
     if cluster is not None:
         if workers is not None:
-            raise InputError(f"workers={workers}: a running cluster has its own; leave out workers or scheduler")
+            raise InputError(
+                f"workers={workers}: a running cluster has its own workers; leave out workers or scheduler"
+            )
         return lambda: cluster_executor(cluster, needed, warm)
     count = default_workers() if workers is None else workers
     return lambda: local_executor(count if most is None else min(count, most), warm)

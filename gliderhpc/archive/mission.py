@@ -183,7 +183,9 @@ def _store(path: Place) -> Any:
     if is_empty(path):
         raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
     if not is_archive(path):
-        raise InputError(f"{path}: no archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote")
+        raise InputError(
+            f"{path}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
+        )
     return VerifiedStore(store_at(path, read_only=True), str(path))
 
 
@@ -191,7 +193,7 @@ def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
     version = str(attributes.get("schema_version", "none"))
     if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
         raise InputError(
-            f"{path}: the archive's schema has version {version}, this program reads {SCHEMA_VERSION}; "
+            f"{path}: the archive's schema has version {version}, but this program reads {SCHEMA_VERSION}; "
             "open it with the version of gliderhpc that wrote it, or run the mission again"
         )
     for fault in attribute_faults(attributes):
@@ -266,7 +268,7 @@ def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> I
             if complete:
                 yield f"the root attribute {name} is missing"
         elif not isinstance(attributes[name], kind) or isinstance(attributes[name], bool):
-            yield f"the root attribute {name} is {str(attributes[name])[:40]!r}, which it cannot be"
+            yield f"the root attribute {name} is {str(attributes[name])[:40]!r}, which is not a valid value"
         elif kind is Real and not attributes[name] > 0:
             yield f"the root attribute {name} is {attributes[name]}, not a positive number"
 

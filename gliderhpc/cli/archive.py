@@ -36,7 +36,7 @@ SHOWN_MESSAGES = 20
 def info(archive: Place, all_messages: bool) -> int:
     """Summarise ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
 
-    Exit status 1: chunks are missing; for each a line at the end names it and the command that repairs it.
+    Exit status 1: chunks are missing; a line at the end names each of them and the command that repairs it.
 
     \b
     Example:

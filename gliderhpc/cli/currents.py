@@ -66,7 +66,7 @@ def currents(
     if found.attrs["comment"] != "none":
         say(found.attrs["comment"])
     known = int(np.isfinite(found["dac_north"]).sum())
-    say(f"{known} of {found.sizes['profile']} profiles with a current, written to {out}")
+    say(f"{known} of {found.sizes['profile']} profiles have a current; written to {out}")
     return DONE if known else FAILED
 
 

@@ -170,7 +170,7 @@ def _light_currents(observations: Path) -> str:
     error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
     vectors = ", ".join(f"{n:+.2f} {e:+.2f}" for n, e in zip(north, east, strict=True))
     return (
-        f"depth-averaged currents from pitch, heading, depth and fixes alone, as of gliderhpc currents, "
+        f"depth-averaged currents from pitch, heading, depth and fixes alone, by gliderhpc currents, "
         f"m/s north and east (each ± {error:.2f}): {vectors}"
     )
 
@@ -204,7 +204,7 @@ def _invert(tour: _Tour) -> MissionResult:
 
 
 def _validate(tour: _Tour) -> None:
-    tour.say("comparing the model with fixed coefficients to the records")
+    tour.say("comparing the model with fixed coefficients with the records")
     with open_observations(tour.observations) as opened:
         validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
 

@@ -44,16 +44,16 @@ _out = click.option(
 @options.platform
 @_out
 @click.option(
-    "--profiles", metavar="LIST", help="Profiles to use, such as 18:20,68; default some, spread over the mission."
+    "--profiles", metavar="LIST", help="Profiles to use, such as 18:20,68; by default some, spread over the mission."
 )
 @click.option(
     "--hold-out",
     metavar="LIST",
-    help="Profiles held out of the fit and used only for the score; default every fourth.",
+    help="Profiles held out of the fit and used only for the score; by default every fourth.",
 )
 @click.option(
     "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
-    help="With rounds over the dives: also write the parameters dive by dive, by all dives and by those up to each.",
+    help="With rounds over the dives: also write the parameters of each dive, from all dives and from those up to it.",
 )  # fmt: skip
 @options.workers
 @options.assignments
@@ -109,7 +109,7 @@ def _print_calibration(found: CalibratedHull) -> None:
     for each in _steady_tables(found) if found.dives is None else _dive_tables(found.dives.rounds):
         results().print(each)
     results().print(
-        table("errors of the balance, root mean square", score_rows(found.fitted, found.held_out), SCORES,
+        table("root mean square errors of the balance", score_rows(found.fitted, found.held_out), SCORES,
               ("profiles",)),
     )  # fmt: skip
     for line in found.notes:
@@ -121,7 +121,10 @@ def _steady_tables(found: CalibratedHull) -> list[Table]:
     return [
         table("parameters, with 95 % intervals", parameter_rows(steady), PARAMETERS, ("parameter", "unit", "remark")),
         table(
-            "directions of those estimated, in plausible deviations", direction_rows(steady), DIRECTIONS, DIRECTIONS[1:]
+            "directions of the estimated parameters, in plausible deviations",
+            direction_rows(steady),
+            DIRECTIONS,
+            DIRECTIONS[1:],
         ),
     ]
 
@@ -135,7 +138,7 @@ def _dive_tables(found: HullRounds) -> list[Table]:
     ]  # fmt: skip
     if found.held_out:
         made.append(
-            table("dives held out, against the sum of the others", rounds_report.held_out_rows(found),
+            table("held-out dives compared with the sum of the others", rounds_report.held_out_rows(found),
                   rounds_report.HELD_OUT, ())
         )  # fmt: skip
     return made
@@ -149,7 +152,9 @@ log = logging.getLogger("gliderhpc.tune")
 @options.platform
 @_out
 @click.option(
-    "--profiles", metavar="LIST", help="Profiles to tune on, such as 18:20,68; default some, spread over the mission."
+    "--profiles",
+    metavar="LIST",
+    help="Profiles to tune on, such as 18:20,68; by default some, spread over the mission.",
 )
 @options.assignments
 @options.overwrite
@@ -192,7 +197,7 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
     console.print(
         table(f"disturbance prior, {used_text(used, settings)}", prior_rows(tuned), _PRIOR, _WORDS),
         table(
-            "normalised innovations: white if of mean 0, variance 1, portmanteau about 1",
+            "normalised innovations: white if mean 0, variance 1 and portmanteau about 1",
             whiteness_rows(tuned),
             _WHITENESS,
             _WORDS,
@@ -203,6 +208,6 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
         say(f"note: {INTERPOLATED}")
 
 
-_PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor", "remark")
+_PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor of", "remark")
 _WHITENESS = ("sensor", "prior", "count", "mean", "variance", "autocorrelation", "portmanteau", "p")
 _WORDS = ("channel", "quantity", "unit", "remark", "sensor", "prior")

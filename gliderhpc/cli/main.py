@@ -171,7 +171,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         click.echo(printable(shown.getvalue()), err=True, nl=False)
         return UNUSABLE
     except RunStoppedError as error:
-        return _say(f"{error}; the results so far are saved, {remedy}", FAILED)
+        return _say(f"{error}; the results so far are saved; {remedy}", FAILED)
     except CalibrationError as error:
         return _say(str(error), FAILED)
     except GliderhpcError as error:
@@ -210,7 +210,7 @@ def _follows_interruption(error: BaseException | None) -> bool:
 
 def _report_system_error(error: OSError, remedy: str) -> int:
     if error.errno in FULL:
-        return _say(f"no space left to write {error.filename or 'the results'}; free some and {remedy}", FAILED)
+        return _say(f"no space left to write {error.filename or 'the results'}; free some space and {remedy}", FAILED)
     if is_of_a_file(error):
         return _say(f"{error.filename}: {error.strerror}", UNUSABLE if is_unusable(error) else FAILED)
     return _say(describe_unexpected(error), FAILED)

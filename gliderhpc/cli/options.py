@@ -91,12 +91,12 @@ def _check_digits(ctx: click.Context, param: click.Parameter, value: str | None)
 
 
 profiles = click.option(
-    "--profiles", metavar="LIST", callback=_check_digits, help="Profiles to use, such as 18:20,68; default all."
+    "--profiles", metavar="LIST", callback=_check_digits, help="Profiles to use, such as 18:20,68; by default all."
 )
 workers = click.option(
     "--workers",
     type=click.IntRange(min=0, max=MAX_WORKERS),
-    help="Worker processes on this machine; default one per core, 0 to compute in this process.",
+    help="Worker processes on this machine; by default one per core, 0 to compute in this process.",
 )
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster of this scheduler, such as tcp://node17:8786."
@@ -104,7 +104,7 @@ scheduler_option = click.option(
 scheduler_file_option = click.option(
     "--scheduler-file",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="The same cluster, by the file that `dask scheduler --scheduler-file` wrote.",
+    help="The same, from the file that `dask scheduler --scheduler-file` wrote.",
 )
 _patience = click.option(
     "--worker-timeout",
@@ -131,7 +131,7 @@ def cluster(command: Command) -> Command:
 def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
     """Return the cluster of either option, None if neither is set."""
     if scheduler is not None and file is not None:
-        raise click.UsageError("--scheduler and --scheduler-file exclude each other")
+        raise click.UsageError("--scheduler and --scheduler-file exclude each other; give one of them")
     return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
 
 
@@ -140,7 +140,9 @@ def executor_for(
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Check the arguments as options, and return the function of `executor_of` that opens the executor."""
     if cluster is not None and workers is not None:
-        raise click.UsageError("--workers starts local workers; leave it out, since a running cluster has its own")
+        raise click.UsageError(
+            "--workers starts local workers; leave it out, since a running cluster has its own workers"
+        )
     return executor_of(workers, cluster, *further)
 
 
@@ -155,12 +157,12 @@ preset = click.option(
     type=click.Choice(["recommended", "paper"]),
     default="recommended",
     show_default=True,
-    help="With the transform of the control variables, or as in the paper.",
+    help="recommended: with a transform of the control variables; paper: as in the paper.",
 )
 start = click.option(
     "--start",
     type=click.Choice(["prior", "smoothed"]),
-    help="Path from which the windows start: the filter's or the smoother's.  [default: by preset and sensors]",
+    help="Path from which the windows start: the filter's (prior) or the smoother's.  [default: by preset and sensors]",
 )
 deployment = click.option(
     "--deployment",

@@ -42,7 +42,11 @@ MAX_SIGN_DOUBT = 0.05
     "--net-mass", "net_masses", multiple=True, type=options.Finite(0, 1000, min_open=True), help="Net mass, kg."
 )
 @click.option(
-    "--pitch", "pitches", multiple=True, type=options.Finite(0, 89, min_open=True), help="Pitch, degrees, unsigned."
+    "--pitch",
+    "pitches",
+    multiple=True,
+    type=options.Finite(0, 89, min_open=True),
+    help="Magnitude of the pitch, degrees.",
 )
 @click.option("--depth", default=0.0, show_default=True, help="Depth at which the glides are balanced, m.")
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, as a template.")
@@ -123,7 +127,7 @@ def _facts(glider: Glider, net_masses: tuple[float, ...]) -> Table:
     stable = glides_stably(glider)
     for what, value in {
         "source": platform.source,
-        "mass": f"{platform.mass.total:g} kg, of which the battery moves {platform.mass.battery:g} kg",
+        "mass": f"{platform.mass.total:g} kg, including the moving battery of {platform.mass.battery:g} kg",
         "neutral volume": f"{platform.buoyancy.neutral_volume:g} cm3",
         "least glide angle": f"{math.degrees(least_glide_angle(platform)):.1f} deg diving, "
         f"{math.degrees(least_glide_angle(platform, heavy=False)):.1f} deg climbing",
@@ -182,7 +186,7 @@ def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
     """Tabulate the net yaw moment at both ends of the glides' angles of attack."""
     angles = sorted({glide.angle_of_attack for glide in glides}) or [0.0]
     table = Table(title="yaw moment per u v, kg: sensitivity to a current", title_justify="left")
-    for column in ("angle of attack deg", "viscous", "Munk", "sum", "opposite sign in 15 % draws"):
+    for column in ("angle of attack deg", "viscous", "Munk", "sum", "opposite sign in draws of 15 %"):
         table.add_column(column, justify="right")
     doubts = []
     for alpha in dict.fromkeys((angles[0], angles[-1])):
@@ -200,7 +204,7 @@ def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
         if max(doubts) <= MAX_SIGN_DOUBT
         else "its sign is too uncertain"
     )
-    table.caption = f"of the Munk term {_remainder(platform, angles)} remains; {verdict}"
+    table.caption = f"{_remainder(platform, angles)} of the Munk term remains; {verdict}"
     return table
 
 

@@ -23,7 +23,7 @@ from gliderhpc.yaml_text import split_assignment
     "--out",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the page, made if missing.",
+    help="Folder for the page, created if missing.",
 )
 @click.option("--profile", type=options.PROFILE_NUMBER, metavar="N", help="Write the page of this profile.")
 @click.option(
@@ -39,7 +39,7 @@ def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: P
     missing ones, and how to reproduce everything; with --profile it shows everything about one profile.
 
     Several archives get a page each, in a folder of their own, and one page of the fleet: a row for each glider with
-    its last current, hull and anything odd, and a map. Exit status 1: an archive cannot be read, and its row says why.
+    its last current, hull and anything unusual, and a map. Exit status 1: an archive cannot be read; its row says why.
 
     \b
     Examples:
@@ -49,7 +49,7 @@ def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: P
       gliderhpc report sg033.zarr sg561.zarr --out fleet
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if profile is not None and twins is not None:
-        raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile")
+        raise click.UsageError("--twins belongs to the page of the mission, not to that of a profile; leave one out")
     if len(archives) > 1 and any(option is not None for option in (profile, twins, truth)):
         raise click.UsageError(
             "--profile, --twins and --truth belong to one archive; leave them out of a fleet's report"
@@ -120,7 +120,7 @@ def og1(
 @options.deployment
 @options.overwrite
 def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool) -> int:
-    """Write the currents of ARCHIVE as CF netCDF for assimilation: a profile for each dive, with errors and covariance.
+    """Write the currents of ARCHIVE as CF netCDF for assimilation: one profile per dive, with errors and covariance.
 
     Requires the group of `gliderhpc analyze ARCHIVE.zarr currents`. The depth-averaged current is `u`, `v`.
 
@@ -143,7 +143,7 @@ def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
         if not name.isidentifier():
             raise InputError(f"--attribute {text}: '{name}' is not a valid name; use letters, digits and underscores")
         if name.isupper() and name not in _TEXTS:
-            raise InputError(f"--attribute {name}: no such variable; those that can be given are {', '.join(_TEXTS)}")
+            raise InputError(f"--attribute {name}: there is no such variable; give one of {', '.join(_TEXTS)}")
         described[name] = value
     return described
 

@@ -50,7 +50,9 @@ _SHOWN_FAULTS = 10
 )
 @click.option("--append", is_flag=True, help="Resume, and add profiles that are new in OBSERVATIONS.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing archive.")
-@click.option("--dry-run", is_flag=True, help="Only estimate the run: number of profiles, time, memory, disk.")
+@click.option(
+    "--dry-run", is_flag=True, help="Only estimate the size of the run: number of profiles, time, memory, disk."
+)
 @options.log_file
 def run_mission(
     observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
@@ -70,7 +72,7 @@ def run_mission(
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if sum((resume, append, overwrite)) > 1:
-        raise click.UsageError("--resume, --append and --overwrite exclude each other")
+        raise click.UsageError("--resume, --append and --overwrite exclude each other; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     check_engine(settings)

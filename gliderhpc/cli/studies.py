@@ -41,7 +41,7 @@ _MAX_SHOWN_FAILURES = 10
     type=click.Choice(ESTIMATES),
     default=ADJOINT,
     show_default=True,
-    help="Estimate of disturbances and motion to study: the windows', or the smoother's.",
+    help="Estimate of disturbances and motion to study: that of the windows or of the smoother.",
 )
 @click.option(
     "--observations", type=click.Path(path_type=Path), help="The observation file, for studies that invert again."

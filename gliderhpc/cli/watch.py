@@ -39,7 +39,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder for messages, copies of the files, and state.  [default: ARCHIVE-watch in the archive's folder]",
 )
-@click.option("--once", is_flag=True, help="Process the files that are there and exit, for cron.")
+@click.option("--once", is_flag=True, help="Process the files that are already there and exit, for cron.")
 @click.option("--replay", is_flag=True, help="Process a finished mission dive by dive, as if each had just arrived.")
 @click.option(
     "--settle",
@@ -53,7 +53,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     type=options.Finite(0.1, _DAY),
     default=30.0,
     show_default=True,
-    help="Seconds between looks; a file that is the same in two looks is used.",
+    help="Seconds between looks at SOURCE; a file that is unchanged in two looks is used.",
 )
 @click.option("--kind", type=click.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
 @click.option(
@@ -97,7 +97,7 @@ def watch(
       gliderhpc watch sg249/ --platform sg249.yaml --store again.zarr --replay
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if once and replay:
-        raise click.UsageError("--once and --replay exclude each other")
+        raise click.UsageError("--once and --replay exclude each other; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "start": start}, values)
     check_engine(settings)
@@ -128,7 +128,7 @@ def _run(opened: Watch, once: bool, replay: bool, settle: float, interval: float
 def _option(text: str) -> tuple[str, Any]:
     key, value = split_assignment(text, "--import", "KEY=VALUE", "declination=15.4")
     name = key.replace("-", "_")
-    return name, parse_value(value, f"--import {key}", "a number or a word")
+    return name, parse_value(value, f"--import {key}", "neither a number nor a word")
 
 
 def _folder(store: Place) -> Path:

@@ -40,7 +40,9 @@ class _CommonErrors(Settings):
         0.2, ge=0, description="relative error of the displacement bridged while actuators move"
     )
     fix_error: float = Field(5.0, ge=0, description="error of a GPS fix, north and east each, m")
-    surface_shear: float = Field(0.2, ge=0, description="how far drift at the surface is from the current below, m/s")
+    surface_shear: float = Field(
+        0.2, ge=0, description="difference between the drift at the surface and the current below, m/s"
+    )
 
 
 class CurrentErrors(_CommonErrors):
@@ -63,8 +65,8 @@ class CurrentSettings(_CommonErrors):
     """Terms of the current's uncertainty, and of the drift at the surface. Unset terms depend on the hull."""
 
     budget: Literal["hull", "published"] | None = Field(
-        None, description="errors of the displacement: by the smoother with the hull's own, or by the publication's "
-        "terms; default hull, or published where one of these terms is given",
+        None, description="errors of the displacement: from the smoother and the hull's errors, or from the "
+        "publication's terms; default hull, or published if one of these terms is given",
     )  # fmt: skip
     axial_error: float | None = Field(
         None,
@@ -236,18 +238,18 @@ CHI_SQUARE_MEDIAN = 1.386
 class Budget(Settings):
     """Error budget of a hull by ``twin recoverability`` and ``twin currents``, for ``analyze currents --budget``."""
 
-    platform: str = Field(min_length=1, description="the hull it belongs to")
+    platform: str = Field(min_length=1, description="hull to which the budget belongs")
     axial_error: float = Field(ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(ge=0, description="relative error of the current's magnitude")
     heading_error: float = Field(ge=0, description="error of the course through the water, degree")
     cross_track_error: float = Field(0.0, ge=0, description="velocity error across the track, m/s")
-    identification_noise: float = Field(gt=0, description="high-passed yaw moment that noise alone leaves, RMS, N m")
+    identification_noise: float = Field(gt=0, description="high-passed yaw moment due to noise alone, RMS, N m")
     detection_floor: float = Field(gt=0, description="amplitude of a yaw impulse found nine times in ten, N m")
     axial_offset_dive: float = Field(description="mean error of B_cu on the dive, N")
     axial_offset_climb: float = Field(description="mean error of B_cu on the climb, N")
     axial_offset_rms: float = Field(ge=0, description="root mean square of the mean error of B_cu, N")
-    exact_axial_error: float = Field(ge=0, description="axial_error, were the coefficients exact, m/s")
-    how: dict[str, str] = Field(default_factory=dict, description="how each figure was got")
+    exact_axial_error: float = Field(ge=0, description="axial_error if the coefficients were exact, m/s")
+    how: dict[str, str] = Field(default_factory=dict, description="origin of each figure")
 
     @property
     def current(self) -> CurrentErrors:
@@ -326,7 +328,7 @@ def read_budget(path: str | Path) -> Budget:
         return Budget.model_validate(content)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in fault["loc"]) or "the whole"
+        key = ".".join(str(part) for part in fault["loc"]) or "the budget"
         raise InputError(f"{path}: {key}: {fault['msg'].lower()}") from None
 
 

@@ -76,7 +76,7 @@ def main() -> None:
     print(f"cost and gradient differ from Numba's by {found:.0e}, relative to the largest entry")
     # NaN fails the comparison, as intended.
     if not found < BOUND:
-        print(f"error: {BOUND:.0e} is the most that rounding explains; build it with other flags", file=sys.stderr)
+        print(f"error: rounding explains at most {BOUND:.0e}; build the library with other flags", file=sys.stderr)
         sys.exit(1)
 
 

@@ -183,7 +183,7 @@ class CurrentState:
             The observation begins before this time.
         """
         if observation.begin < self.time:
-            raise ValueError(f"observation from {observation.begin} s, but the filter is at {self.time} s already")
+            raise ValueError(f"observation from {observation.begin} s, but the filter is already at {self.time} s")
         ahead = self.at(observation.begin)
         length = observation.end - observation.begin
         weights = np.zeros((1, self.process.size))

@@ -73,8 +73,8 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     series = with_seawater(series, record)
     if settings.seawater == "density" and series.seawater is None:
         raise ProfileError(
-            f"profile {record.number}: {series.without_seawater}, and seawater=density allows nothing else; give "
-            "--set seawater=auto to take the depth slope here"
+            f"profile {record.number}: {series.without_seawater}, but seawater=density requires the density; give "
+            "--set seawater=auto to use the depth slope here"
         )
     return series
 
@@ -160,7 +160,7 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
     if settings.seawater == "density" and platform.buoyancy.compressibility is None:
         raise InputError(
             f"--set seawater=density: the platform {platform.name} states no buoyancy.compressibility; add it "
-            "(1/dbar, as `gliderhpc calibrate` finds it), or give --set seawater=depth_slope"
+            "(1/dbar, as `gliderhpc calibrate` estimates it), or give --set seawater=depth_slope"
         )
 
 

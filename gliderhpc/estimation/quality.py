@@ -30,7 +30,7 @@ _PREVAILS = 0.3
 """Share of a window's samples beyond which a condition is named as the reason why it did not converge."""
 SEGMENT = 600.0
 """Length of a segment of steady glide, s."""
-SLOPE_BIAS = "the neutral volume was found by density, so heave, speed and current are biased"
+SLOPE_BIAS = "the neutral volume was fitted by density, so heave, speed and current are biased"
 """Effect of the depth slope on a hull whose neutral volume was fitted by density."""
 
 Mask = NDArray[np.bool_]
@@ -82,15 +82,15 @@ def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
     """
     if platform.buoyancy.compressibility is None or by_density(platform, series):
         return []
-    reason = series.without_seawater or "as set"
-    return [f"buoyancy by the depth slope, not by density: {reason}; {SLOPE_BIAS}"]
+    reason = series.without_seawater or "by the setting seawater"
+    return [f"buoyancy from the depth slope, not from density: {reason}; {SLOPE_BIAS}"]
 
 
 def _remedy(platform: Platform) -> str:
     """Remedy against implausible self-motion."""
     if platform.calibration is None:
         return "calibrate the hull"
-    return "the hull flew otherwise than where it was calibrated; calibrate it on profiles like this one"
+    return "the hull flew differently when it was calibrated; calibrate it on profiles like this one"
 
 
 def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
@@ -104,7 +104,7 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
         f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality; the smoothed "
-        "estimate is the better one there"
+        "estimate is better there"
     ]
 
 
@@ -126,7 +126,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
-        lines.append(f"the usual disturbance prior could not follow this record; {freed} let follow gusts")
+        lines.append(f"the usual disturbance prior could not follow this record; {freed} allowed to follow gusts")
     run = longest_run(implausible_motion(estimate) & ~estimate.vibrating, series.step)
     if run >= STEADY_MINUTE:
         lines.append(
@@ -139,11 +139,11 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             lines.append(f"{count} of {len(estimate.solution.windows)} windows: {outcome.sentence}")
     lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
-        lines.append(f"{series.gap_seconds:.0f} s of gaps in the record weigh nothing")
+        lines.append(f"{series.gap_seconds:.0f} s of gaps in the record have no weight")
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
     if estimate.smoothed is not None and estimate.smoothed.noise_held:
-        lines.append("the smoother's noise is the prior's, since it found no estimate with one that follows the dive")
+        lines.append("the smoother's noise is the prior's, since it found no estimate with noise fitted to the dive")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(

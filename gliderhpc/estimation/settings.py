@@ -38,14 +38,16 @@ class Settings(BaseModel):
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, int | float) and abs(number) > LARGEST_SETTING:
-                    raise ValueError(f"{name} is {shown(number)}, and no setting is larger than {LARGEST_SETTING:g}")
+                    raise ValueError(f"{name} is {shown(number)}, but no setting may exceed {LARGEST_SETTING:g}")
         return self
 
 
 class WindowSettings(Settings):
     """Settings of windows and their handover (eq. 38). Unset lengths depend on the sensors, see `window_length`."""
 
-    length: float | None = Field(None, gt=0, description="T_seg, s; default 30, or six intervals of slow sensors")
+    length: float | None = Field(
+        None, gt=0, description="T_seg, s; default 30, or six sample intervals of slow sensors"
+    )
     margin: float | None = Field(None, ge=0, description="retraction, s; default a third of the length")
     cost_threshold: float = Field(0.2, gt=0, description="tau_c at a 30 s window, rad2 s; scaled with the window")
 
@@ -60,8 +62,8 @@ class OptimizerSettings(Settings):
     """Settings of the quasi-Newton solver of one window (docs/theory/estimate.md). Unset entries follow the preset."""
 
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
-    max_iterations: int = Field(200, ge=1, description="iteration cap a window")
-    history: int = Field(10, ge=1, description="correction pairs of L-BFGS")
+    max_iterations: int = Field(200, ge=1, description="largest number of iterations per window")
+    history: int = Field(10, ge=1, description="number of correction pairs of L-BFGS")
     scale: SixPositive | None = Field(
         None,
         description="s of the control-variable transform, six channels, N and N m; default from the prior, or ones",
@@ -72,52 +74,65 @@ class FilterSettings(Settings):
     """Settings of the extended Kalman filter (docs/theory/estimate.md)."""
 
     gate: float = Field(12.0, gt=0, description="innovations beyond this many standard deviations are rejected")
-    patience: float = Field(10.0, gt=0, description="seconds or three sample intervals of rejections before a restart")
-    vibration_noise_factor: float = Field(30.0, ge=1, description="disturbance noise inside the vibration set, factor")
-    slow_feed: float = Field(2.0, gt=0, description="sample interval (s) above which the interpolated record is fed")
-    feed_interval: float = Field(1.0, gt=0, description="s between samples of the interpolated record when fed")
-    max_rejected_fraction: float = Field(0.05, gt=0, le=1, description="share of rejected samples that fails")
+    patience: float = Field(
+        10.0, gt=0, description="time of rejections before a restart, s; at least three sample intervals"
+    )
+    vibration_noise_factor: float = Field(
+        30.0, ge=1, description="factor on the disturbance noise inside the vibration set"
+    )
+    slow_feed: float = Field(
+        2.0, gt=0, description="sample interval above which the filter gets the interpolated record, s"
+    )
+    feed_interval: float = Field(1.0, gt=0, description="interval of the interpolated record that the filter gets, s")
+    max_rejected_fraction: float = Field(
+        0.05, gt=0, le=1, description="share of rejected samples above which a profile fails"
+    )
 
 
 class SmootherSettings(Settings):
     """Settings of the iterated smoother (docs/smoother.md)."""
 
-    tolerance: float = Field(0.25, gt=0, description="move of a last pass, rms, in standard deviations")
+    tolerance: float = Field(
+        0.25, gt=0, description="the passes end at an rms move no larger than this, in standard deviations"
+    )
     max_passes: int | None = Field(
         None,
         ge=1,
-        description="pass cap a dive; default 20, or 1 for slow sensors on a hull without own prior",
+        description="largest number of passes per dive; default 20, or 1 for slow sensors on a hull without "
+        "its own prior",
     )
     estimate: Literal["mean", "mode"] = Field(
-        "mean", description="of the posterior: its mean, or the most probable path"
+        "mean", description="estimate from the posterior: its mean, or its most probable path"
     )
     actuator_lag: float = Field(
-        1.0, ge=0, description="s by which records of the actuators may be off; at least half a sample interval"
+        1.0, ge=0, description="error of the times of the actuators' records, s; at least half a sample interval"
     )
-    adaptive: bool = Field(True, description="whether a dive's noise follows what the dive shows, a factor a channel")
+    adaptive: bool = Field(True, description="whether the noise is fitted to each dive, by one factor per channel")
     degrees_of_freedom: float | None = Field(
-        None, gt=1, description="of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere"
+        None,
+        gt=1,
+        description="degrees of freedom of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere",
     )
     heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
     hull: Literal["held", "corrected", "believed"] = Field(
         "held",
-        description="errors of the hull: in the intervals, values held to the platform file; values corrected by each "
-        "dive's own information too; or none, the file believed to be exact",
+        description="errors of the hull: included in the intervals, with the platform file's values (held); with "
+        "values corrected by each dive's own information (corrected); or none, as if the file were exact (believed)",
     )
 
 
 class RecordSettings(Settings):
     """Corrections of the records, made after those of the platform's sensors; none by default."""
 
-    roll_offset: float = Field(0.0, ge=-45, le=45, description="taken off the roll, degree")
-    pitch_offset: float = Field(0.0, ge=-45, le=45, description="taken off the pitch, degree")
-    pitch_scale: float = Field(1.0, ge=0.5, le=2, description="times the pitch read less its offset: the true pitch")
-    heading_offset: float = Field(0.0, ge=-180, le=180, description="taken off the heading, degree")
+    roll_offset: float = Field(0.0, ge=-45, le=45, description="subtracted from the roll, degree")
+    pitch_offset: float = Field(0.0, ge=-45, le=45, description="subtracted from the pitch, degree")
+    pitch_scale: float = Field(1.0, ge=0.5, le=2, description="factor on the recorded pitch less its offset")
+    heading_offset: float = Field(0.0, ge=-180, le=180, description="subtracted from the heading, degree")
     heading_deviation: tuple[float, float, float, float] = Field(
         (0.0, 0.0, 0.0, 0.0),
-        description="taken off the heading: times sine and cosine of the heading read and of twice it, degree",
+        description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
     )
-    depth_lag: float = Field(0.0, description="by which the depth was recorded late, s")
+    depth_lag: float = Field(0.0, description="delay of the recorded depth behind the attitude, s")
 
 
 class EstimationSettings(Settings):
@@ -127,18 +142,22 @@ class EstimationSettings(Settings):
     engine: Literal["lanes", "scipy", "fortran"] = "lanes"
     start: Literal["prior", "smoothed"] | None = Field(
         None,
-        description="path that the windows start from, the filter's or the smoother's; default smoothed (recommended), "
-        "prior (paper, and slow sensors on a hull without own prior)",
+        description="path from which the windows start, the filter's or the smoother's; default smoothed "
+        "(recommended), prior (paper, and slow sensors on a hull without its own prior)",
     )
     step: float = Field(0.1, ge=1e-3, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
     seawater: Literal["auto", "density", "depth_slope"] = Field(
-        "auto", description="buoyancy by the measured density where hull and CTD allow, by it alone, or by depth slope"
+        "auto",
+        description="buoyancy from the measured density where hull and CTD allow, from density only, or from the "
+        "depth slope",
     )
     max_gap: float | None = Field(
-        None, gt=0, description="longer gaps are masked, s; default 10, or 3.5 intervals there"
+        None, gt=0, description="longer gaps are masked, s; default 10, or 3.5 local sample intervals if longer"
     )
-    slow_part: float = Field(120.0, gt=0, description="moving mean that starts the lateral channels (recommended), s")
+    slow_part: float = Field(
+        120.0, gt=0, description="length of the moving mean from which the lateral channels start (recommended), s"
+    )
     records: RecordSettings = RecordSettings()
     window: WindowSettings = WindowSettings()
     optimizer: OptimizerSettings = OptimizerSettings()

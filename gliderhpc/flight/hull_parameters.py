@@ -239,7 +239,7 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
     ),
     HullParameter("sensors.depth_lag", "s", "lag of the depth behind the attitude", _absolute(0.5)),
 )
-"""Errors of the records, which the platform's sensors take off."""
+"""Errors of the records, which the section `sensors` of a platform corrects."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
 """Not in the platform file; fitted on request."""
@@ -296,6 +296,6 @@ def check_uncertainty(platform: Platform) -> None:
         for key in platform.uncertainty.keys[entry]:
             if key not in known:
                 raise InputError(
-                    f"platform {platform.name}: uncertainty.{entry} names '{key}', which is not varied"
-                    f"{nearest(key, known)}; those varied are {', '.join(known)}"
+                    f"platform {platform.name}: uncertainty.{entry} names '{key}', which is not a parameter with an "
+                    f"uncertainty{nearest(key, known)}; the parameters are {', '.join(known)}"
                 )

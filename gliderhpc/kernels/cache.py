@@ -47,7 +47,7 @@ def choose_folder() -> Path:
     if folder is not None and not refused:
         return folder
     log.warning(
-        "compiled kernels are not stored (%s): each command compiles them, for about half a minute; point %s at a "
+        "compiled kernels are not stored (%s): each command compiles them, for about half a minute; set %s to a "
         "folder of your own with mode 0700",
         refused,
         VARIABLES[0],
@@ -126,9 +126,9 @@ def _open_to_others(path: Path, sticky: bool = False) -> str:
     if sticky and found.st_mode & stat.S_ISVTX:
         return ""
     if found.st_mode & stat.S_IWOTH:
-        return "every user can write it"
+        return "every user can write to it"
     if found.st_mode & stat.S_IWGRP and not _is_own_group(found.st_gid):
-        return "its group can write it"
+        return "its group can write to it"
     return ""
 
 

@@ -129,6 +129,8 @@ def precompiled_kernels() -> tuple[Path | None, str]:
     except NotUsable as reason:
         named = bool(os.environ.get(VARIABLE))
         log.log(
-            logging.WARNING if named else logging.DEBUG, "kernels are compiled here, if they were not yet: %s", reason
+            logging.WARNING if named else logging.DEBUG,
+            "kernels are compiled on this machine unless they already are: %s",
+            reason,
         )
         return None, str(reason)

@@ -78,7 +78,7 @@ class UnseenFileError(InputError):
     """
 
     def __init__(self, path: Path, worker: str) -> None:
-        super().__init__(f"{path}: {worker} does not see it; they must share the files")
+        super().__init__(f"{path}: {worker} cannot see this file; put it on storage that all workers share")
         self.path, self.worker = path, worker
 
 
@@ -158,8 +158,8 @@ def check_versions(client: Any) -> None:
         for name, here in ours.items():
             if theirs.get(name) != here:
                 raise InputError(
-                    f"worker {worker}: has {name} {theirs.get(name)}, this process {here}; start workers from the same "
-                    "environment"
+                    f"worker {worker}: has {name} {theirs.get(name)}, but this process has {here}; start workers from "
+                    "the same environment"
                 )
 
 
@@ -186,7 +186,8 @@ def _connected(cluster: ClusterAddress) -> Iterator[Any]:
         address = _address_in(cluster.file)
     if not address.startswith("tls://"):
         log.warning(
-            "%s: without TLS, so whoever reaches a port of this cluster can run code as you; see docs/clusters.md",
+            "%s: without TLS, so anyone who can connect to a port of this cluster can run code as you; see "
+            "docs/clusters.md",
             address,
         )
     with _quiet_connections():
@@ -205,13 +206,15 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
             client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
         # Other servers may answer with anything, which is then interpreted as message sizes.
-        raise InputError(f"{cluster}: no Dask scheduler answers there ({first_line(error)})") from None
+        raise InputError(
+            f"{cluster}: no Dask scheduler answers there ({first_line(error)}); check the address, or start one"
+        ) from None
     except TypeError as error:
         if not address.startswith("tls://"):
             raise
         raise InputError(
-            f"{cluster}: takes clients with a certificate only; set the DASK_DISTRIBUTED__COMM__TLS__... variables of "
-            f"docs/clusters.md ({first_line(error)})"
+            f"{cluster}: accepts only clients with a certificate; set the DASK_DISTRIBUTED__COMM__TLS__... variables "
+            f"of docs/clusters.md ({first_line(error)})"
         ) from None
     try:
         yield client
@@ -247,8 +250,8 @@ def _address_in(file: Path) -> str:
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             if time.monotonic() - seen > _FILE_TIMEOUT:
                 raise InputError(
-                    f"{file}: not what `dask scheduler --scheduler-file` writes ({first_line(error)}); start one, or "
-                    "wait for it"
+                    f"{file}: not a file of `dask scheduler --scheduler-file` ({first_line(error)}); start a scheduler "
+                    "with it"
                 ) from None
         time.sleep(0.1)
 

@@ -100,22 +100,24 @@ def processor() -> Check:
     import llvmlite.binding
 
     features = llvmlite.binding.get_host_cpu_features()
-    width = next((text for feature, text in _BY_WIDTH if features.get(feature)), "no wide vectors known")
-    found = f"{llvmlite.binding.get_host_cpu_name()}, {default_workers()} cores, {width}, {LANES} lanes a kernel"
+    width = next((text for feature, text in _BY_WIDTH if features.get(feature)), "vector width unknown")
+    found = f"{llvmlite.binding.get_host_cpu_name()}, {default_workers()} cores, {width}, {LANES} lanes per kernel"
     return Check("processor", State.OK, found)
 
 
 def kernel_cache() -> Check:
     """Check that the cache of compiled kernels can be written."""
     folder = compiled_cache()
-    return _check_write("kernel cache", str(folder), lambda: _write_file(folder), f"set {VARIABLES[0]} to a folder")
+    return _check_write(
+        "kernel cache", str(folder), lambda: _write_file(folder), f"set {VARIABLES[0]} to a folder that can be written"
+    )
 
 
 def precompiled() -> Check:
     """Report whether kernels compiled beforehand, in the wheel or in a named folder, are in use, or why not."""
     folder, reason = precompiled_kernels()
     if folder is None:
-        return Check("precompiled", State.ABSENT, reason, "kernels are compiled here instead, once")
+        return Check("precompiled", State.ABSENT, reason, "kernels are compiled on this machine instead, once")
     return Check("precompiled", State.OK, f"{folder.name}, {_compiled_in(folder)} kernels in {folder}")
 
 
@@ -124,11 +126,17 @@ def compiled_kernels() -> Check:
     folder = compiled_cache()
     before = _compiled_in(folder)
     if before == 0 and precompiled_kernels()[0] is None:
-        return Check("kernels", State.ABSENT, "none compiled yet", "the first run does it, in about half a minute")
+        return Check(
+            "kernels", State.ABSENT, "none compiled yet", "the first run compiles them, in about half a minute"
+        )
     began = time.perf_counter()
     warm_kernels()
     seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
-    found = f"{before} compiled, " * bool(before) + f"loaded and run in {seconds:.1f} s" + f"; {new} lacked" * bool(new)
+    found = (
+        f"{before} compiled, " * bool(before)
+        + f"loaded and run in {seconds:.1f} s"
+        + f"; {new} were missing" * bool(new)
+    )
     return Check("kernels", State.OK, found)
 
 
@@ -143,7 +151,11 @@ def free_disk(place: Path) -> Check:
     free = shutil.disk_usage(_existing(place)).free
     enough = free >= MIN_FREE_BYTES
     found = f"{free / 2**30:.1f} GiB at {place}"
-    remedy = "" if enough else f"free some: a mission takes gigabytes, and this is under {MIN_FREE_BYTES / 2**30:g} GiB"
+    remedy = (
+        ""
+        if enough
+        else f"free some space: a mission takes gigabytes, and this is less than {MIN_FREE_BYTES / 2**30:g} GiB"
+    )
     return Check("free disk", State.OK if enough else State.MISSING, found, remedy)
 
 
@@ -157,8 +169,8 @@ def reachable_cluster(cluster: ClusterAddress) -> Check:
     except InputError as error:
         return Check("cluster", State.MISSING, str(error), "see docs/clusters.md")
     if workers == 0:
-        return Check("cluster", State.MISSING, f"{cluster} answers, without workers", "start a `dask worker`")
-    return Check("cluster", State.OK, f"{cluster}: {workers} workers on {hosts} hosts, the same versions as here")
+        return Check("cluster", State.MISSING, f"{cluster} answers, but has no workers", "start a `dask worker`")
+    return Check("cluster", State.OK, f"{cluster}: {workers} workers on {hosts} hosts, with the same versions as here")
 
 
 def extra(name: str) -> Check:

@@ -36,7 +36,7 @@ class WorkerKilledError(Exception):
     """Error of a job whose workers all died, as they ran it or as it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
-        super().__init__(f"the worker was killed, or ran out of memory, {deaths} times")
+        super().__init__(f"the worker was killed or ran out of memory {deaths} times")
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ class DaskExecutor(Executor):
                 if self._has_workers():
                     seen = time.monotonic()
             except CancelledError:
-                raise RunStoppedError(f"the scheduler at {self._address} is gone") from None
+                raise RunStoppedError(f"the scheduler at {self._address} has stopped or cannot be reached") from None
             if time.monotonic() - seen > self._patience:
                 raise RunStoppedError(f"the scheduler at {self._address} has had no worker for {self._patience:.0f} s")
             yield done
@@ -230,7 +230,7 @@ class DaskExecutor(Executor):
         try:
             return bool(self._client.nthreads())
         except (OSError, CancelledError):
-            raise RunStoppedError(f"the scheduler at {self._address} is gone") from None
+            raise RunStoppedError(f"the scheduler at {self._address} has stopped or cannot be reached") from None
 
     @property
     def _address(self) -> str:
@@ -247,7 +247,7 @@ def _taken(future: Any, job: Any) -> Attempt:
             error = WorkerKilledError(error.allowed_failures + 1)
         return Attempt(job, error=error) if error is not None else Attempt(job, future.result())
     except CancelledError:
-        raise RunStoppedError("the scheduler is gone") from None
+        raise RunStoppedError("the scheduler has stopped or cannot be reached") from None
     finally:
         future.release()
 

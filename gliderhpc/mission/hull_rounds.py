@@ -135,7 +135,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
         return SmoothedDive(job.number, time, message=why)
     found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, job.settings)
     if not found.is_sound:
-        return SmoothedDive(job.number, time, message="its information on the hull is not finite, or negative")
+        return SmoothedDive(job.number, time, message="its information on the hull is negative or not finite")
     chosen = [found.names.index(key) for key in job.keys]
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
@@ -346,8 +346,8 @@ class DiveRounds:
         fitted = [terms[number] for number in self._fitted if number in terms]
         if not fitted:
             raise CalibrationError(
-                f"calibration: no dive could be smoothed, the first because {dives[0].message}; look at the records "
-                "with `gliderhpc inspect`, or leave out rounds.most for the steady glides alone"
+                f"calibration: no dive could be smoothed, the first because {dives[0].message}; check the records "
+                "with `gliderhpc inspect`, or leave out rounds.most to fit the steady glides alone"
             )
         return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
 

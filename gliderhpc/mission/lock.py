@@ -99,7 +99,7 @@ class FileLock:
         """
         try:
             if not stat.S_ISREG(self._path.lstat().st_mode):
-                raise InputError(f"{self._path}: no lock of gliderhpc but a folder, link or device; remove it")
+                raise InputError(f"{self._path}: is not a lock of gliderhpc but a folder, link or device; remove it")
             with self._path.open("rb") as file:
                 return file.read(_MAX_BYTES)
         except FileNotFoundError:
@@ -259,7 +259,7 @@ def check_held(archive: Place, token: str | None) -> None:
         return
     holder = _holder_of(lock_place_of(lock_name(archive)))
     if holder is None or holder.token != token:
-        raise RunStoppedError(f"{archive}: the run of this job has ended; nothing more is written for it")
+        raise RunStoppedError(f"{archive}: the run of this job has ended, so nothing more is written for it")
 
 
 def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
@@ -271,13 +271,13 @@ def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
         other = _holder_in(found)
         if not _is_dead(place, other):
             raise InputError(
-                f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that is "
-                "gone for good"
+                f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that "
+                "run has ended"
             )
         log.warning("%s: taking over from a run that was killed (%s)", archive, other.describe())
         place.release(found)
     if not place.create(content):
-        raise InputError(f"{archive}: another run has just begun to write it")
+        raise InputError(f"{archive}: another run has just begun to write it; wait for it")
 
 
 def _is_dead(place: LockPlace, other: Holder) -> bool:

@@ -74,7 +74,8 @@ class MissionPlan:
         hours = self.steps * settings.step / 3600.0
         return (
             f"{len(self.profiles)} profiles, {hours:.1f} h of record, {self.steps} steps; about {minutes:.1f} min on "
-            f"{busy} {'worker' if busy == 1 else 'workers'}, {memory:.2f} GB of memory a worker, {disk:.0f} MB of disk"
+            f"{busy} {'worker' if busy == 1 else 'workers'}, {memory:.2f} GB of memory per worker, {disk:.0f} MB of "
+            "disk"
         )
 
     def workers_that_fit(self, settings: MissionSettings, maximum: int) -> int:
@@ -97,8 +98,8 @@ class MissionPlan:
         fits = self._total_memory(settings, fitting) <= limit
         remedy = f"give --workers {fitting}" if fits else "leave the longest profiles out with --profiles"
         raise InputError(
-            f"{workers} {'worker' if workers == 1 else 'workers'} would need {needed / 1e9:.1f} GB of memory, and "
-            f"{limit / 1e9:.1f} GB are there; {remedy}"
+            f"{workers} {'worker' if workers == 1 else 'workers'} would need {needed / 1e9:.1f} GB of memory, but "
+            f"{limit / 1e9:.1f} GB are available; {remedy}"
         )
 
     def _total_memory(self, settings: MissionSettings, workers: int) -> float:
@@ -137,7 +138,7 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
         first, last = int(match[1]), int(match[2] or match[1])
         found = {number for number in available if first <= number <= last}
         if not found or last < first:
-            raise InputError(f"{option} {text}: no profile {part.strip()}; the file holds {_ranges(available)}")
+            raise InputError(f"{option} {text}: no profile {part.strip()}; the available ones are {_ranges(available)}")
         chosen |= found
     return tuple(sorted(chosen))
 
@@ -153,7 +154,7 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
         There is no profile, the margin is too long, or a profile alone needs more memory than the machine has.
     """
     if not profiles:
-        raise InputError(f"{observations.path}: no profile found; is depth positive down, in metres?")
+        raise InputError(f"{observations.path}: no profile found; check that depth is positive down, in metres")
     sound = [number for number in profiles if number not in observations.faults]
     steps = [max(1, int(np.floor(observations.duration(number) / settings.step + 1e-6))) for number in sound] or [1]
     if sound:
@@ -186,7 +187,7 @@ def _check_longest(
             hours = observations.duration(number) / 3600.0
             raise InputError(
                 f"{observations.path}: profile {number} lasts {hours:.1f} h with {sample_count} samples and needs "
-                f"{needed / 1e9:.1f} GB of memory, and {limit / 1e9:.1f} GB are there; leave it out with --profiles"
+                f"{needed / 1e9:.1f} GB of memory, but {limit / 1e9:.1f} GB are available; leave it out with --profiles"
             )
 
 

@@ -18,7 +18,7 @@ def main(folder: str, *levels: str) -> int:
     """Compile all kernels that warming calls, by default for the levels of a wheel."""
     unknown = [level for level in levels if level not in LEVELS]
     if unknown:
-        sys.stderr.write(f"{unknown[0]}: no level of processors; there are {', '.join(LEVELS)}\n")
+        sys.stderr.write(f"{unknown[0]}: not a processor level; give some of {', '.join(LEVELS)}\n")
         return 2
     warm_simulator()
     for engine in ("lanes", "scipy"):

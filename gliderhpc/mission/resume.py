@@ -204,19 +204,21 @@ def prepare_archive(
 
 def _check_version(store: str) -> None:
     if not is_archive(store):
-        raise InputError(f"{store}: is no archive of gliderhpc, so there is nothing to resume; give another --store")
+        raise InputError(
+            f"{store}: is not an archive of gliderhpc, so there is nothing to resume; give another --store"
+        )
     version = read_attributes(store).get("schema_version")
     if version != SCHEMA_VERSION:
         raise InputError(
-            f"{store}: was made with another schema version, {version}; finish it with the gliderhpc that began it, or "
-            "start again with --overwrite"
+            f"{store}: was made with another schema version, {version}; finish it with the version of gliderhpc that "
+            "began it, or start again with --overwrite"
         )
 
 
 def _check_structure(store: str) -> None:
     differences = structure_differences(store, studies=False)
     if differences:
-        raise InputError(f"{store}: {differences[0]}; its chunks cannot be trusted, start again with --overwrite")
+        raise InputError(f"{store}: {differences[0]}; its content cannot be used; start again with --overwrite")
 
 
 def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:

@@ -153,8 +153,8 @@ def run_mission(
 def _log_unused_seawater(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
     if settings.seawater == "auto" and observations.has_seawater and platform.buoyancy.compressibility is None:
         log.info(
-            "buoyancy by the depth slope: temperature and salinity are there, but the platform %s states no "
-            "buoyancy.compressibility; `gliderhpc calibrate` finds one",
+            "buoyancy from the depth slope: temperature and salinity are measured, but the platform %s states no "
+            "buoyancy.compressibility; `gliderhpc calibrate` estimates one",
             platform.name,
         )
 
@@ -167,7 +167,7 @@ def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
     numbers = [number for number, row in sorted(result.rows.items()) if row.get("buoyancy") == slope]
     if numbers:
         log.warning(
-            "profile %s: buoyancy by the depth slope, not by density, with the platform %s: %s; leave them out, or "
+            "profile %s: buoyancy from the depth slope, not from density, with the platform %s: %s; leave them out, or "
             "calibrate a hull for them with seawater=depth_slope",
             ", ".join(map(str, numbers)),
             platform.name,
@@ -301,7 +301,7 @@ def summary_table(result: MissionResult) -> Table:
     table = Table(
         title="Profiles",
         title_justify="left",
-        caption="current by the smoother; a: by the adjoint, where the smoother has none",
+        caption="current from the smoother; a: from the adjoint, where the smoother has none",
         caption_justify="left",
     )
     for heading in ("profile", "status", "depth m", "hours", "windows", "converged", "current N m/s", "E m/s", "s"):
@@ -327,7 +327,7 @@ def closing_line(result: MissionResult, store: str) -> str:
     done = [row for row in result.rows.values() if row["status"] == "done"]
     parts = [f"{len(done)} of {len(result.rows)} profiles done"]
     if result.reused:
-        parts[0] += f" ({len(result.reused)} of them by an earlier run)"
+        parts[0] += f" ({len(result.reused)} of them in an earlier run)"
     if result.failed:
         parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
     current = adopted_current(columns_of(done))

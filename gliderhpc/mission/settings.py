@@ -121,7 +121,7 @@ def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
         for parent in parents:
             node = node.setdefault(parent, {})
             if not isinstance(node, dict):
-                raise InputError(f"{key}: {parent} is no section of the settings")
+                raise InputError(f"{key}: {parent} is not a section of the settings")
         if isinstance(value, Settings):
             node[last] = value.model_dump(exclude_unset=True)
         elif isinstance(value, Mapping):

@@ -84,7 +84,7 @@ def check_samples(samples: Columns, path: str, otherwise: str) -> None:
         raise InputError(f"{path}: {odd[0]} {otherwise}")
     for name in ("roll", "pitch", "heading"):
         if not np.isfinite(samples[name].astype(np.float64)).any():
-            raise InputError(f"{path}: has no {name}: not one sample")
+            raise InputError(f"{path}: has no sample of {name}")
 
 
 def number_samples(spans: Mapping[int, Span], count: int) -> npt.NDArray[np.int64]:

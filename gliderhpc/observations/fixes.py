@@ -225,8 +225,8 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
     A position that is the same to the last digit after a dive is an old position reported again.
     """
     if (entry.latitude, entry.longitude) == (exit_.latitude, exit_.longitude):
-        repeated = f"GPS fix of {_clock(exit_.time)}: the position of {_clock(entry.time)} once more, to the last digit"
-        return f"{repeated}, though a profile lies between them: neither is used"
+        repeated = f"GPS fix of {_clock(exit_.time)}: repeats the position of {_clock(entry.time)} to the last digit"
+        return f"{repeated}, although a profile lies between them: neither is used"
     time = np.array([entry.time, exit_.time])
     latitude, longitude = np.array([[fix.latitude, fix.longitude] for fix in (entry, exit_)]).T
     distance = _distances(latitude, longitude)
@@ -239,7 +239,7 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
 
 def _null_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
     null = np.flatnonzero((latitude == 0.0) & (longitude == 0.0))
-    return dict.fromkeys(null.tolist(), "0 N, 0 E is what a receiver reports without a position")
+    return dict.fromkeys(null.tolist(), "0 N, 0 E, which a receiver reports if it has no position")
 
 
 def _stale_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
@@ -251,7 +251,7 @@ def _stale_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArra
     starts = np.flatnonzero(np.concatenate(([True], changed)))
     first, last = starts[run], np.append(starts[1:], len(time))[run] - 1
     stale = np.flatnonzero((time[last] - time[first] > STALE_AFTER) & (time - time[first] > SAME_SURFACING))
-    return {int(index): f"the position of {_clock(time[first[index]])} once more, to the last digit" for index in stale}
+    return {int(index): f"it repeats the position of {_clock(time[first[index]])} to the last digit" for index in stale}
 
 
 def _unreachable(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:
@@ -339,8 +339,8 @@ def _reachable(distance: FloatArray, elapsed: FloatArray) -> npt.NDArray[np.bool
 
 
 def _ground_speed(distance: float, elapsed: float) -> str:
-    speed = f"{distance / abs(elapsed):.3g} m/s over ground" if elapsed else f"{distance / 1000.0:.3g} km in no time"
-    return f"{speed}, where {MAX_GROUND_SPEED:g} m/s is the most that glider and current make,"
+    speed = f"{distance / abs(elapsed):.3g} m/s over ground" if elapsed else f"{distance / 1000.0:.3g} km in zero time"
+    return f"{speed} (glider and current together reach at most {MAX_GROUND_SPEED:g} m/s)"
 
 
 def _clock(time: np.datetime64) -> str:

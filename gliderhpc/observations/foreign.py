@@ -18,7 +18,7 @@ _HEADS = (
     (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
     (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
     (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
-    (b"version https://git-lfs", "is a pointer of Git LFS, not the file itself; fetch it (git lfs pull)"),
+    (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
     (b"<", "is a web page or XML, not the file itself; download it again"),
 )
 
@@ -37,7 +37,7 @@ def describe_content(path: Path) -> str:
     except OSError:
         return ""
     if not head:
-        return "is empty; fetch it again"
+        return "is empty; copy it again"
     return next((words for start, words in _HEADS if head.lstrip().startswith(start)), "")
 
 
@@ -65,7 +65,7 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
                 refuse_compressed([source])
             yield source
         else:
-            what = "is a device or a pipe, no regular file" if source.exists() else "no such file or folder"
+            what = "is a device or a pipe, not a regular file" if source.exists() else "no such file or folder"
             raise InputError(f"{source}: {what}")
 
 
@@ -117,8 +117,8 @@ def importer_of(names: Iterable[str]) -> tuple[str, str] | None:
 
 
 IN_THE_FORMAT = (
-    "is in the observation format already; there is nothing to import: give it to `gliderhpc currents`, `gliderhpc "
-    "inspect` or `gliderhpc run-mission` as it is"
+    "is already in the observation format, so there is nothing to import; give it to `gliderhpc currents`, `gliderhpc "
+    "inspect` or `gliderhpc run-mission` unchanged"
 )
 
 
@@ -213,7 +213,7 @@ class ForeignFile(NamedColumns):
             raise InputError(f"{self.path}: has no variable {name}")
         values = np.ma.asarray(self._read(name))
         if values.dtype.kind not in "fiu":
-            raise InputError(f"{self.path}: {name} holds no numbers")
+            raise InputError(f"{self.path}: {name} does not contain numbers")
         if values.ndim > 1:
             raise InputError(f"{self.path}: {name} has {values.ndim} dimensions; it must have one")
         numbers = np.atleast_1d(np.ma.filled(values.astype(np.float64), np.nan))
@@ -238,7 +238,8 @@ class ForeignFile(NamedColumns):
         odd = next((name for name, length in lengths.items() if length != lengths[first]), None)
         if odd is not None:
             raise InputError(
-                f"{self.path}: {odd} has {lengths[odd]} values and {first} has {lengths[first]}; they belong together"
+                f"{self.path}: {odd} has {lengths[odd]} values and {first} has {lengths[first]}; they must have the "
+                "same length"
             )
 
     def text(self, name: str) -> str:
@@ -265,4 +266,4 @@ class ForeignFile(NamedColumns):
         content = describe_content(self.path)
         if content:
             return InputError(f"{self.path}: {content}")
-        return InputError(f"{self.path}: cannot be read as netCDF, it may have been cut short ({error})")
+        return InputError(f"{self.path}: cannot be read as netCDF, it may have been truncated ({error})")

@@ -267,7 +267,9 @@ def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], 
         `out` is a folder, or is named like the instrument's files; or as for `check_output`.
     """
     if out.is_dir() or is_record(out):
-        raise InputError(f"{out}: is no file to write to; the last argument is the netCDF file, for example mission.nc")
+        raise InputError(
+            f"{out}: is not an output file; the last argument must be the netCDF file to write, for example mission.nc"
+        )
     check_output(out, overwrite=overwrite, inputs=sources)
 
 

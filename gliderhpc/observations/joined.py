@@ -94,10 +94,10 @@ def _conflict(
     if records.values("time")[0] <= last.values("time")[-1]:
         return f"overlaps {last_name} in time; give every sample once"
     if ("profile" in records.variables) != ("profile" in last.variables):
-        return "has profile numbers where the others have none, or none where they have; give them to all files or none"
+        return "has profile numbers and the others have none, or the reverse; give them in all files or in none"
     shared = numbers & owners.keys()
     if shared:
-        return f"profile {min(shared)} is in {owners[min(shared)]} too; give every profile its own number"
+        return f"profile {min(shared)} is also in {owners[min(shared)]}; give every profile its own number"
     return ""
 
 

@@ -147,7 +147,9 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     _, first = np.unique(time[order], return_index=True)
     order = order[first]
     if len(order) < MIN_SAMPLES:
-        raise InputError(f"{source}: {len(order)} samples with a time between 2000 and 2099, too few for a current")
+        raise InputError(
+            f"{source}: {len(order)} samples have a time between 2000 and 2099, which is too few for a current"
+        )
     time = time[order]
     fixes, fix_error, remarks = _positions(columns)
     depth = columns.depth(fixes)[order]
@@ -158,11 +160,15 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
     roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
     _check_plausible(source, pitch, depth)
     if len(order) < dataset.sizes[columns.dimension]:
-        remarks.append(f"{dataset.sizes[columns.dimension] - len(order)} samples without a time of their own left out")
+        remarks.append(
+            f"{dataset.sizes[columns.dimension] - len(order)} samples without a valid time, or with the time of "
+            "another sample, are left out"
+        )
     profile = _profiles(columns, order, time, depth)
     if not profile.any():
         raise InputError(
-            f"{source}: no dive below 10 m with depth, pitch and heading; there is nothing to average over"
+            f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
+            "estimate"
         )
     return Navigation(
         source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks)
@@ -207,7 +213,7 @@ def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[st
         if len(time) == len(latitude) == len(longitude) and np.isfinite(latitude + longitude).any():
             return screen_fixes(time, latitude, longitude, np.isfinite(latitude + longitude)), RECEIVER_ERROR, []
     if not (columns.find("latitude") and columns.find("longitude")):
-        return SurfaceFixes.none(), RECEIVER_ERROR, ["the GPS variables hold no position"]
+        return SurfaceFixes.none(), RECEIVER_ERROR, ["the GPS variables contain no position"]
     latitude, longitude, time = (
         columns.quantity("latitude"),
         columns.quantity("longitude"),

@@ -47,7 +47,7 @@ class NavigationColumns(NamedColumns):
         """Values ``(n,)`` without conversion, NaN where missing."""
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
-            raise InputError(f"{self.source}: {name} holds no numbers")
+            raise InputError(f"{self.source}: {name} does not contain numbers")
         return np.asarray(array.values, dtype=np.float64)
 
     def times(self, name: str) -> TimeArray:
@@ -85,7 +85,7 @@ class NavigationColumns(NamedColumns):
         found = [self.find(name) for name in ("depth", "pitch", "heading")]
         odd = [name for name in found if name and self._dataset[name].dims != (samples,)]
         if odd:
-            raise InputError(f"{self.source}: {odd[0]} is not on the dimension {samples} of the samples")
+            raise InputError(f"{self.source}: {odd[0]} does not lie along {samples}, the dimension of the samples")
 
     def declination(self) -> tuple[float, list[str]]:
         """Declination (degree) to add if the heading is magnetic by its attributes, and remarks on it."""
@@ -97,9 +97,9 @@ class NavigationColumns(NamedColumns):
         if np.isfinite(values).any():
             declination = float(np.nanmedian(values))
             return declination, [
-                f"the heading is magnetic: the declination of the file, {declination:.1f} degrees, added"
+                f"the heading is magnetic: the declination in the file, {declination:.1f} degrees, is added"
             ]
-        return 0.0, ["the heading is magnetic and the file holds no declination: give --declination"]
+        return 0.0, ["the heading is magnetic and the file has no declination: give --declination"]
 
     def depth(self, fixes: SurfaceFixes) -> FloatArray:
         """Depth (m), positive down; computed from pressure if there is no depth."""
@@ -108,7 +108,7 @@ class NavigationColumns(NamedColumns):
             depth = self.quantity("depth", -1.0 if self.attribute("positive", name) == "up" else 1.0)
             if np.count_nonzero(np.isfinite(self.numbers(name))) > 2 * np.count_nonzero(np.isfinite(depth)):
                 raise InputError(
-                    f"{self.source}: {name} is negative under water; give it positive down, or with the "
+                    f"{self.source}: {name} is negative under water; make it positive down, or set the "
                     "attribute positive = 'up'"
                 )
             return depth

@@ -150,7 +150,7 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         except InputError as error:
             rejected[path.name] = str(error)
     if not found:
-        raise InputError(next(iter(rejected.values()), f"{sources[0]}: holds no netCDF file"))
+        raise InputError(next(iter(rejected.values()), f"{sources[0]}: contains no netCDF file"))
     found.sort(key=lambda record: record.samples["time"][0])
     vehicle = _only_vehicle(found)
     numbers = _profile_numbers(found)
@@ -225,12 +225,12 @@ def _numbered(record: Record, numbers: Sequence[int]) -> FileRecords:
 def _remarks(record: Record) -> tuple[str, ...]:
     name = record.path.name
     remarks = [
-        f"{name}: has no {what}: taken as zero, which leaves its effect to the disturbance" for what in record.absent
+        f"{name}: has no {what}: taken as zero, so its effect becomes part of the disturbance" for what in record.absent
     ]
     if not record.declination.known:
         remarks.append(
-            f"{name}: heading left magnetic, its declination is not in the file: give --declination, or the currents "
-            "will be turned by it"
+            f"{name}: heading left magnetic, because the file has no declination: give --declination, or the currents "
+            "will be rotated by it"
         )
     return tuple(remarks)
 
@@ -242,13 +242,15 @@ def _describe_processing(found: list[Record]) -> dict[str, str]:
     )
     return {
         "heading_comment": "; ".join(headings),
-        "battery_position_comment": "minus PITCH_CTL, which grows aft and is in cm where the file does not say",
-        "battery_rotation_comment": "ROLL_CTL, in degrees where the file does not say, positive with starboard down",
-        "ballast_volume_comment": "VBD_CC, in cm3 where the file does not say, positive buoyant",
+        "battery_position_comment": "minus PITCH_CTL, which increases aft; in cm unless the file declares a unit",
+        "battery_rotation_comment": "ROLL_CTL, in degrees unless the file declares a unit; positive with starboard "
+        "down",
+        "ballast_volume_comment": "VBD_CC, in cm3 unless the file declares a unit; positive is buoyant",
         "controls_absent": f"{absent} (zero)" if absent != "none" else absent,
-        "profile_comment": "the file's dives, or those judged from depth, between the depths of 3 m",
+        "profile_comment": "the file's dives, or dives detected from depth; from the first to the last sample below "
+        "3 m",
         "fix_comment": "the file's GPS positions without repetitions; those that no drift below "
-        f"{MAXIMUM_DRIFT:g} m/s leads to are left out",
+        f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
         "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged 3, 4 or 9",
         "reference_comment": "the producer's own current and speed through the water, for comparison; no estimate uses "
         "them",
@@ -318,7 +320,7 @@ def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns
     samples["heading"] = np.mod(_floats(samples["heading"]) + turned.angle, 360.0)
     controls, absent = read_controls(file, len(samples["time"]))
     samples |= controls | read_seawater(file)
-    check_samples(samples, str(file.path), "does not lie along TIME; is it an OG1 trajectory file?")
+    check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
     return samples, turned, absent
 
 

@@ -103,16 +103,16 @@ def check_complete(file: ForeignFile) -> None:
     raise InputError(
         f"{file.path}: has no {first} ({terms[first].describe()}){_remedy(file, lacking)}"
         + (f"; it also lacks {', '.join(others)}" if others else "")
-        + (f"; it does have {found}" if found else "")
+        + (f"; it has {found}" if found else "")
     )
 
 
 def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
     kind = importer_of(file.names)
     if kind is not None and kind[0] != "og1":
-        return f": it holds {kind[1]}, which `gliderhpc import {kind[0]}` reads"
+        return f"; it contains {kind[1]}, which `gliderhpc import {kind[0]}` reads"
     if "ballast volume" in lacking:
-        return f": without the buoyancy that drives the glide there is nothing to invert; {OWN_FILES}"
+        return f"; without the ballast, which drives the glide, there is nothing to invert; {OWN_FILES}"
     return ""
 
 
@@ -241,7 +241,7 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
         return Declination(given, "given by the user")
     described = " ".join(file.attribute(name, heading) for name in ("comment", "long_name", "standard_name"))
     if "magnetic" not in described.lower():
-        return Declination(0.0, "none: the file does not call its heading magnetic, so it is taken as true")
+        return Declination(0.0, "none: the file does not describe its heading as magnetic, so it is taken as true")
     name = DECLINATION.find(file)
     if name is not None and np.isfinite(file.converted(name, "degree")).any():
         return Declination(float(np.nanmedian(file.converted(name, "degree"))), f"the file's {name}")
@@ -251,7 +251,7 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
 def _from_track(file: ForeignFile, heading: str) -> Declination:
     """Return the declination as the true course of the file's own dead reckoning less the magnetic heading."""
     names = [term.find(file) for term in (TRACK_NORTH, TRACK_EAST)]
-    unknown = Declination(0.0, "unknown: the heading is magnetic and stays so", known=False)
+    unknown = Declination(0.0, "unknown: the heading is left magnetic", known=False)
     if None in names:
         return unknown
     file.check_lengths((heading, *map(str, names)))

@@ -100,29 +100,29 @@ def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str
     known = inside[np.isfinite(inside)]
     if len(known) and known.min() >= -np.pi and known.max() <= 2.0 * np.pi and np.ptp(known) > _MIN_CIRCLE_EXTENT:
         raise InputError(
-            f"{path}: heading lies between {known.min():.3f} and {known.max():.3f} degree in every profile: it is in "
-            "radians; convert it to degrees"
+            f"{path}: heading lies between {known.min():.3f} and {known.max():.3f} degree in every profile, so it is "
+            "in radians; convert it to degrees"
         )
 
 
 def check_length(number: int, time: TimeArray) -> str | None:
     """Fault of a profile with too few samples, too short or too long a time, or too long a gap; None if it has none."""
     if len(time) < MIN_SAMPLES:
-        return f"profile {number}: only {len(time)} samples, at least {MIN_SAMPLES} are needed"
+        return f"profile {number}: only {len(time)} samples, but at least {MIN_SAMPLES} are needed"
     duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
     if duration < MIN_DURATION:
-        return f"profile {number}: lasts only {duration:.0f} s, at least {MIN_DURATION:.0f} s are needed"
+        return f"profile {number}: lasts only {duration:.0f} s, but at least {MIN_DURATION:.0f} s are needed"
     gap = int(np.argmax(np.diff(time)))
     longest = float((time[gap + 1] - time[gap]) / np.timedelta64(1, "s"))
     if longest > MAX_GAP:
         return (
-            f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, at most "
+            f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, but at most "
             f"{_describe_days(MAX_GAP)} are bridged; correct the times or split the profile there"
         )
     if duration > MAX_PROFILE_DURATION:
         return (
-            f"profile {number}: lasts {_describe_days(duration)}, at most {_describe_days(MAX_PROFILE_DURATION)} are "
-            "plausible; is the unit of time right, and is every dive a profile?"
+            f"profile {number}: lasts {_describe_days(duration)}, but at most {_describe_days(MAX_PROFILE_DURATION)} "
+            "are plausible; check the unit of time, and that every dive is a profile"
         )
     return None
 
@@ -160,7 +160,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
         )
     needed = MIN_SAMPLES if variable.name in MEASURED else 2
     if count < needed:
-        return f"profile {number}: {variable.name} has only {count} samples that are not NaN, {needed} are needed"
+        return f"profile {number}: {variable.name} has only {count} samples that are not NaN, but {needed} are needed"
     return None
 
 
@@ -171,8 +171,8 @@ def _implausible_unit(variable: Variable, values: FloatArray) -> str | None:
         return None
     extent = f"{variable.name} lies between {known.min():.3g} and {known.max():.3g} {variable.unit}"
     if variable.name == "pitch":
-        return f"{extent}, too flat for a glide: is it in radians? convert it to degrees"
-    return f"{extent}, too little oil to drive a glider: is it in m3 or in litres? convert it to cm3"
+        return f"{extent}, too flat for a glide; if it is in radians, convert it to degrees"
+    return f"{extent}, too little oil to drive a glider; if it is in m3 or litres, convert it to cm3"
 
 
 def _describe_days(seconds: float) -> str:
@@ -225,8 +225,8 @@ def _fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | Non
     mean = 2.0 * extent / float(seconds[-1] - seconds[0])
     if mean > FASTEST_GLIDE:
         return (
-            f"profile {number}: dives {extent:.0f} m and comes back at {mean:.3g} m/s up and down, faster than any "
-            "glider; are the units of time and depth right?"
+            f"profile {number}: dives {extent:.0f} m and returns at a mean vertical speed of {mean:.3g} m/s, faster "
+            "than any glider; check the units of time and depth"
         )
     # The slowest glide passes this fraction of the range in one bin; a faster glide passes it within one bin, or most
     # of it in two.
@@ -236,6 +236,6 @@ def _fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | Non
     if len(begins) > 1 and passed.max() < _PART * extent:
         return (
             f"profile {number}: nowhere moves faster than {SLOWEST_GLIDE:g} m/s up or down between the surface and "
-            f"{depth.max():.0f} m, slower than any glide; are the units of time and depth right?"
+            f"{depth.max():.0f} m, slower than any glide; check the units of time and depth"
         )
     return None

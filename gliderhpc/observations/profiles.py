@@ -186,10 +186,10 @@ def dive_span(
     deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
     if not deepest >= minimum:
         reached = f"dives to {deepest:.0f} m" if np.isfinite(deepest) else "has no depth"
-        raise ProfileError(f"too shallow: {reached}, at least {minimum:g} m are needed")
+        raise ProfileError(f"too shallow: {reached}, but at least {minimum:g} m are needed")
     first, last = np.flatnonzero(depth > begin), np.flatnonzero(depth > end)
     if not len(first) or not len(last):
         raise ProfileError(
-            f"too shallow: dives to {deepest:.0f} m, and would begin below {begin:g} m and end above {end:g} m"
+            f"too shallow: dives to {deepest:.0f} m, but a dive begins below {begin:g} m and ends above {end:g} m"
         )
     return int(first[0]), int(last[-1]) + 1

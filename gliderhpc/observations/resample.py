@@ -225,7 +225,7 @@ def _present(record: ProfileRecord, name: str) -> npt.NDArray[np.int64]:
     """Find the samples in which the variable `name` is present."""
     indices = np.flatnonzero(np.isfinite(getattr(record, name)))
     if len(indices) < 2:
-        raise ProfileError(f"profile {record.number}: {name} has {len(indices)} samples, at least 2 are needed")
+        raise ProfileError(f"profile {record.number}: {name} has {len(indices)} samples, but at least 2 are needed")
     return indices
 
 

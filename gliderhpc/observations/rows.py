@@ -231,7 +231,7 @@ def without_doubtful(
     for step in steps:
         number = _profile_at(step, profile)
         if number:
-            left_out[number] = f"{step.describe()}: a part of the profile is lost"
+            left_out[number] = f"{step.describe()}: part of the profile is lost"
             profile[profile == number] = 0
             continue
         begin, end = _surfacing(step.place, profile, time)

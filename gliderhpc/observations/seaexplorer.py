@@ -105,7 +105,7 @@ def _read_mission(
     steps: list[ClockStep] = []
     rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps, reads=reads)
     if len(rows) == 0:
-        nothing = f"{sources[0]}: not one usable navigation row ({describe_reasons(dropped)})"
+        nothing = f"{sources[0]}: no usable navigation row ({describe_reasons(dropped)})"
         raise InputError(next(iter(unreadable.values()), nothing))
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     spans = {leg.number: (leg.start, leg.stop) for leg in legs}
@@ -166,9 +166,10 @@ def _describe_processing(linear_scale: float, linear_zero: float, include_surfac
         "battery_rotation_comment": "AngPos taken as degrees, positive with starboard down",
         "ballast_volume_comment": "BallastPos taken as cm3",
         "heading_comment": "magnetic heading plus the declination in the same row of the file",
-        "profile_comment": f"from the first row below the surface to {ending}; numbered by the cycle it begins in",
-        "fix_comment": "rows of NavState 116 with a new position; one logged before a pause has the time of its end; "
-        f"those that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
+        "profile_comment": f"from the first row below the surface to {ending}; numbered by the cycle in which it "
+        "begins",
+        "fix_comment": "rows of NavState 116 with a new position; one logged before a pause gets the time of "
+        f"its end; those that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
     }
 
 
@@ -249,9 +250,9 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
         if dive < MIN_DIVE:
             # A dive of less than a metre is a floating glider with a wrong state, or the end of the previous climb.
             if dive >= SUBMERGED and np.any(rows["NavState"][start:stop] != CLIMBING):
-                refused[leg.number] = f"too shallow: dives {dive:.0f} m, at least {MIN_DIVE:g} m are needed"
+                refused[leg.number] = f"too shallow: dives {dive:.0f} m, but at least {MIN_DIVE:g} m are needed"
         elif legs and legs[-1].number == leg.number:
-            refused[leg.number] = "dives twice between surfacings within one file: the first dive is taken"
+            refused[leg.number] = "dives twice between surfacings within one file: only the first dive is used"
         else:
             legs.append(leg)
     return legs, _cycles_without(rows, legs, refused)

@@ -130,7 +130,7 @@ def read_water(
     variables, sampled = _on_rows(chosen, unit, time, interval)
     remarks = [*_remarks(files, sampled, faults)]
     if others:
-        remarks.append(f"CTD {sensor or 'without a name'} taken, which has more samples than {', '.join(others)}")
+        remarks.append(f"CTD {sensor or 'without a name'} is used; it has more samples than {', '.join(others)}")
     if unit is None and any(np.isfinite(cast.conductivity).any() for cast in chosen):
         remarks.append(f"CTD {sensor}: its conductivity gives no plausible salinity, neither in S/m nor in mS/cm")
     return Water(dict(variables), _comment(sensor, unit, basis), tuple(remarks))
@@ -173,7 +173,7 @@ def conductivity_unit(
     computed = {unit: _salinity(conductivity[rows], temperature[rows], pressure[rows], unit) for unit in TO_MS_PER_CM}
     matching = _matching_unit(computed, salinity[rows])
     if matching is not None:
-        return matching, "by the salinity in the file"
+        return matching, "from the salinity in the file"
     usual = next((unit for name, unit in USUAL_UNIT.items() if name in sensor), None)
     medians = {unit: _median(values) for unit, values in computed.items()}
     for low, high in (SEA, FRESH):
@@ -181,7 +181,7 @@ def conductivity_unit(
         if usual in plausible:
             return usual, "usual for this sensor"
         if plausible:
-            return max(plausible, key=lambda unit: plausible[unit]), "by the salinity that results"
+            return max(plausible, key=lambda unit: plausible[unit]), "from the resulting salinity"
     return None, "implausible"
 
 
@@ -312,7 +312,7 @@ def _comment(sensor: str, unit: str | None, basis: str) -> str:
         salinity = f"practical salinity by PSS-78 from conductivity in {unit} (gsw; unit {basis})"
     return (
         f"{sensor or 'CTD'}: temperature, pressure and {salinity}, on the nearest navigation row within half a "
-        "sampling interval, from pld1.raw or pld1.sub, whichever has more samples, and in its gaps from the other"
+        "sampling interval, from pld1.raw or pld1.sub, whichever has more samples, with its gaps filled from the other"
     )
 
 
@@ -322,7 +322,7 @@ def _remarks(files: MissionFiles, sampled: Iterable[int], faults: Mapping[int, l
     without = {cycle: _reason(files, cycle) for cycle in files.navigation if cycle not in there}
     spoilt = [f"cycle {cycle}: {why}" for cycle, reasons in faults.items() for why in dict.fromkeys(reasons)]
     grouped = {reason: [c for c in without if without[c] == reason] for reason in dict.fromkeys(without.values())}
-    return (*spoilt, *(f"{_name_cycles(cycles)}: {reason}, so no CTD" for reason, cycles in grouped.items()))
+    return (*spoilt, *(f"{_name_cycles(cycles)}: {reason}, so no CTD data" for reason, cycles in grouped.items()))
 
 
 def _reason(files: MissionFiles, cycle: int) -> str:

@@ -96,10 +96,14 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
         cycles, cycle = found[match["kind"].lower(), match["rate"].lower()], int(match["cycle"])
         first = cycles.setdefault(cycle, path)
         if first != path and read_content(first) != read_content(path):
-            raise InputError(f"{path}: cycle {cycle} is already there as {first}; give every cycle once")
+            raise InputError(
+                f"{path}: cycle {cycle} is already given as {first}, with other content; give every cycle once"
+            )
     navigation = {cycle: paths[0] for cycle, paths in _by_cycle(found, "gli").items()}
     if not navigation:
-        raise InputError(f"{', '.join(map(str, sources))}: no *.gli.sub.* file there; give the folder that holds them")
+        raise InputError(
+            f"{', '.join(map(str, sources))}: no *.gli.sub.* file found; give the folder that contains them"
+        )
     if len(owners) > 1:
         first, second = list(owners.values())[:2]
         raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
@@ -121,7 +125,7 @@ def read_content(path: Path) -> bytes:
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     if len(content) > MAX_CONTENT:
-        raise InputError(f"{path}: holds more than {MAX_CONTENT / 1e6:.0f} MB, which is no record of one cycle")
+        raise InputError(f"{path}: contains more than {MAX_CONTENT / 1e6:.0f} MB, too much for the record of one cycle")
     return content
 
 
@@ -216,7 +220,7 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
-        raise InputError(f"{path}: has no column {absent[0]}; is it a whole SeaExplorer record?")
+        raise InputError(f"{path}: has no column {absent[0]}; give a complete SeaExplorer record")
     places = [fields.index(name) for name in names]
     clock_place = fields.index(clock)
     times: list[np.datetime64] = []

@@ -66,10 +66,10 @@ def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
         owners.setdefault(int(match["vehicle"]), path)
         dive = int(match["dive"])
         if dive in dives:
-            raise InputError(f"{path}: dive {dive} is already there as {dives[dive]}; give every dive once")
+            raise InputError(f"{path}: dive {dive} is already given as {dives[dive]}; give every dive once")
         dives[dive] = path
     if not dives:
-        raise InputError(f"{', '.join(map(str, sources))}: no pGGGDDDD.nc there; give the folder of per-dive files")
+        raise InputError(f"{', '.join(map(str, sources))}: no pGGGDDDD.nc found; give the folder of per-dive files")
     if len(owners) > 1:
         first, second = list(owners.values())[:2]
         raise InputError(f"{second}: belongs to another glider than {first}; import one glider at a time")
@@ -125,7 +125,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
         except InputError as error:
             rejected[f"dive {number}"] = str(error)
     if not found:
-        raise InputError(f"{sources[0]}: not one dive can be used; {describe_reasons(rejected | without)}")
+        raise InputError(f"{sources[0]}: no dive can be used; {describe_reasons(rejected | without)}")
     dives = list(found.values())
     variables, fixes, steps, rows_dropped = join_files([dive.records for dive in dives])
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
@@ -199,12 +199,12 @@ def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, 
     declinations = [item.dive.declination for item in dives]
     return {
         "control_columns": layouts,
-        "battery_position_comment": "minus the file's position (cm, growing aft) over 100",
+        "battery_position_comment": "minus the file's position (cm, increasing aft) over 100",
         "battery_position_zero_count": centres[PITCH],
         "battery_rotation_comment": "the file's position in degrees, positive with starboard down; one centre, that "
         "of the dive, for dive and climb",
         "battery_rotation_zero_count": centres[ROLL],
-        "ballast_volume_comment": "the file's oil volume (cm3), positive buoyant",
+        "ballast_volume_comment": "the file's oil volume (cm3); positive is buoyant",
         "ballast_volume_zero_count": centres[BALLAST],
         "control_comment": "positions are referred to the first dive's centres (counts of the position sensors); "
         "between the runs of the motors in the gc tables they are interpolated",
@@ -212,7 +212,7 @@ def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, 
         f"{max(declinations):g} degrees",
         "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
         "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
-        f"that no drift below {MAXIMUM_DRIFT:g} m/s leads to are left out",
+        f"that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
         "ctd_comment": "the basestation's corrected temperature and salinity on the nearest sample within half an "
         "interval",
         "reference_comment": "the basestation's own solution, for comparison; no estimate uses it",

@@ -120,7 +120,9 @@ def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatAr
     counts = np.column_stack([before[known], after[known]]).ravel()
     conversion, centre = file.number(control.conversion), file.number(control.centre)
     if not np.isfinite(conversion * centre):
-        raise InputError(f"{file.path}: has no {control.conversion} and {control.centre} to convert counts with")
+        raise InputError(
+            f"{file.path}: lacks {control.conversion} or {control.centre}, which convert counts to positions"
+        )
     seconds = (time - np.datetime64(0, "s")) / _SECOND
     return conversion * (np.interp(seconds, clock, counts) - centre)
 
@@ -219,7 +221,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     }
     if "pressure" in file:
         samples["pressure"] = file.converted("pressure", "dbar")
-    check_samples(samples, str(file.path), "is not sampled with time; is it a per-dive file of the basestation?")
+    check_samples(samples, str(file.path), "is not sampled with time; give a per-dive file of the basestation")
     _check_clock(file, time)
     keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}

@@ -204,7 +204,7 @@ def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:
     here, anywhere = own.covers(levels), whole.covers(levels)
     lacking = levels[~(here | anywhere)]
     if len(lacking):
-        raise SeawaterMissingError(f"no usable temperature and practical_salinity about {lacking[0]:.0f} dbar")
+        raise SeawaterMissingError(f"no usable temperature and practical_salinity near {lacking[0]:.0f} dbar")
     values = np.empty((len(levels), 2))
     for cast, chosen in ((whole, ~here), (own, here)):
         if chosen.any():

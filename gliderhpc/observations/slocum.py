@@ -147,9 +147,9 @@ def _read_records(
 def _check_mission(mission: Mission, source: Path) -> None:
     if len(mission.vehicles) > 1:
         first, second = mission.vehicles[:2]
-        raise InputError(f"the sources hold records of {first} and of {second}; import one glider at a time")
+        raise InputError(f"the sources contain records of {first} and of {second}; import one glider at a time")
     if len(mission.flight) == 0:
-        raise InputError(f"{source}: not one usable flight record ({describe_reasons(mission.dropped)})")
+        raise InputError(f"{source}: no usable flight record ({describe_reasons(mission.dropped)})")
 
 
 def _ballast_sensor(rows: Rows) -> str:
@@ -163,8 +163,8 @@ def _ballast_sensor(rows: Rows) -> str:
     recorded = [name for name in BALLAST_SENSORS if np.isfinite(rows[name]).any()]
     if not recorded:
         raise InputError(
-            f"{' and '.join(BALLAST_SENSORS)} are not there or hold no value; without the ballast the flight cannot be "
-            "modelled: give records that have one of them"
+            f"{' and '.join(BALLAST_SENSORS)} are missing or have no values; without the ballast the flight cannot be "
+            "modelled: give records that contain one of them"
         )
     return max(recorded, key=lambda name: float(np.nanmax(rows[name]) - np.nanmin(rows[name])))
 
@@ -254,7 +254,8 @@ def _label(mission: Mission) -> str:
 
 def _describe_cuts(mission: Mission) -> tuple[str, ...]:
     return tuple(
-        f"{path}: ends before its closing mark; what is before the cut is imported" for path in mission.cut_short
+        f"{path}: ends before its closing mark; the complete records before the cut are imported"
+        for path in mission.cut_short
     )
 
 
@@ -266,18 +267,18 @@ def _describe_controls(ballast: str, scale: float, zero: float, *, rudder: bool)
         "ballast_volume_comment": f"{ballast} in cm3",
         "rudder_comment": "m_fin, positive where it turns the vehicle to starboard"
         if rudder
-        else "none: m_fin is not in the records, so the rudder counts as amidships",
+        else "none: m_fin is not in the records, so the rudder is taken as amidships",
     }
 
 
 _PROCESSING = {
-    "profile_comment": f"from {SURFACE_MARGIN:g} m below the depth that the sensor read at the nearest surfacing's "
-    f"fixes to there; a visit to the surface of less than {MIN_SURFACE_TIME:g} s does not end a profile, "
-    f"a pause of the record of more than {RECORD_BREAK:g} s does",
+    "profile_comment": f"begins and ends {SURFACE_MARGIN:g} m below the depth that the sensor read at the fixes of the "
+    f"nearest surfacing; a surfacing shorter than {MIN_SURFACE_TIME:g} s does not end a profile, "
+    f"a pause of the record longer than {RECORD_BREAK:g} s does",
     "measurement_comment": "depth and attitude of a cycle that lasted more than "
     f"{HANGING_CYCLE:g} times the median are left out",
-    "fix_comment": "records with a new position that the receiver calls valid; those that no drift below "
-    f"{MAXIMUM_DRIFT:g} m/s leads to are left out",
+    "fix_comment": "records with a new position that the receiver reports as valid; those that no drift below "
+    f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
 }
 """Attributes on profiles, measurements and fixes."""
 
@@ -325,13 +326,13 @@ def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str
         No declination is given, and the receiver reported none.
     """
     if declination is not None:
-        note = f"magnetic heading (m_heading) plus the declination that was given, {declination:g} degree"
+        note = f"magnetic heading (m_heading) plus the given declination, {declination:g} degree"
         return np.mod(rows["m_heading"] + declination, 360.0), note
     variation = rows["m_gps_mag_var"]
     reported = np.isfinite(variation)
     if not reported.any():
         raise InputError(
-            "m_gps_mag_var is not there, so the magnetic heading cannot be turned to true north; give the declination "
+            "m_gps_mag_var is missing, so the magnetic heading cannot be referred to true north; give the declination "
             "with --declination (degree, east positive; 0 leaves the heading as it is)"
         )
     seconds = (rows.time - rows.time[0]) / np.timedelta64(1, "s")

@@ -86,7 +86,7 @@ class DbdProcess:
             line = ""
         if line is None:
             self.close()
-            raise InputError(f"{path}: cannot be read within {READ_TIMEOUT:.0f} s, it is damaged; leave it out")
+            raise InputError(f"{path}: cannot be read within {READ_TIMEOUT:.0f} s; the file is damaged, leave it out")
         if not line:
             status = process.wait()
             self.close()
@@ -205,7 +205,7 @@ class BinaryReader:
 
     def __init__(self, folder: Path, cache: Path | None) -> None:
         if cache is not None and not cache.is_dir():
-            raise InputError(f"{cache}: no such folder; --cache takes the folder that holds the *.cac files")
+            raise InputError(f"{cache}: no such folder; give --cache the folder that contains the *.cac files")
         self._library = _import_dbdreader()
         self._process = DbdProcess(folder)
         self._folder = folder
@@ -287,14 +287,14 @@ class BinaryReader:
                 content, _ = self._content(found, compressed=found.suffix.lower() == _COMPRESSED_CACHE)
                 if not _lists_sensors(content.split(b"\n"), header):
                     raise InputError(
-                        f"{path}: its cache file {found} is cut short or no list of sensors; copy it again"
+                        f"{path}: its cache file {found} is truncated or not a list of sensors; copy it again"
                     )
                 wanted.write_bytes(content)
                 return
         where = str(self._cache) if self._cache else f"{path.parent} or its folders cac and cache"
         raise InputError(
             f"{path}: its cache file {wanted.name} is not in {where}; copy it from the glider's folder STATE/CACHE, "
-            "or name its folder with --cache"
+            "or give its folder with --cache"
         )
 
     def _columns(self, plain: Path, path: Path, clock: str, sensors: Sequence[Sensor]) -> dict[str, FloatArray]:
@@ -304,7 +304,7 @@ class BinaryReader:
             if sensor.required and sensor not in held:
                 raise InputError(
                     f"{path}: has no {sensor.name} ({sensor.required}); give the full record (*.dbd), or one whose "
-                    "list of sensors has it"
+                    "list of sensors contains it"
                 )
         if clock not in values:
             raise InputError(
@@ -346,21 +346,21 @@ def _next_block(decompressor: Any) -> bytes | None:
 def _header(path: Path, content: bytes) -> dict[str, str]:
     """Read the text header of a file, and check it and the list of sensors that may follow."""
     if not content.startswith(b"dbd_label:"):
-        raise InputError(f"{path}: is no binary Slocum file (it does not begin with dbd_label); leave it out")
+        raise InputError(f"{path}: is not a binary Slocum file (it does not begin with dbd_label); leave it out")
     text = content[:4096].decode("ascii", errors="replace").split("\n")
     pairs = (line.split(":", 1) for line in text if ":" in line)
     header = {pair[0]: pair[1].strip() for pair in pairs if pair[0] in _KEYS}
     if any(key not in header for key in _KEYS) or not _is_whole(content, header):
-        raise InputError(f"{path}: ends within its header, so it was cut short; copy it again from the glider")
+        raise InputError(f"{path}: is truncated within its header; copy it again from the glider")
     if header["encoding_ver"] != _ENCODING:
         raise InputError(f"{path}: has encoding {header['encoding_ver']}; only encoding {_ENCODING} can be read")
     if not _CRC.fullmatch(header["sensor_list_crc"]):
         raise InputError(
-            f"{path}: its sensor_list_crc is no check sum in hexadecimal; the header is damaged, leave it out"
+            f"{path}: its sensor_list_crc is not a hexadecimal checksum; the header is damaged, leave it out"
         )
     used, states = (int(header[key]) for key in ("sensors_per_cycle", "state_bytes_per_cycle"))
     if states != -(-used // _STATES_IN_A_BYTE):
-        raise InputError(f"{path}: has {states} bytes of state for {used} sensors; the header is damaged, leave it out")
+        raise InputError(f"{path}: has {states} state bytes for {used} sensors; the header is damaged, leave it out")
     return header
 
 

@@ -110,11 +110,11 @@ def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
     accepted = _accepted(quantity)
     known = ", ".join(accepted)
     if unit is None and quantity != "state":
-        raise InputError(f"{where} declares no unit; give it a units attribute, one of {known}")
+        raise InputError(f"{where} declares no unit; set its units attribute to one of {known}")
     found = accepted.get((unit or "1").strip().lower())
     if found is None:
         raise InputError(
-            f"{where} is in '{unit}', which is no {quantity.partition(' ')[0]}; it must be in one of {known}"
+            f"{where} is in '{unit}', which is not a unit of {quantity.partition(' ')[0]}; it must be in one of {known}"
         )
     return found
 
@@ -188,8 +188,8 @@ def find_files(sources: Sequence[Path], out: Path) -> MissionFiles:
     decoded = tuple(dict.fromkeys(path for path in files if _ending(path) == _DECODED))
     if not flight and not decoded:
         raise InputError(
-            f"{', '.join(map(str, sources))}: no flight record there (*.dbd, *.sbd, their compressed forms, or "
-            "netCDF); give the folder that holds them"
+            f"{', '.join(map(str, sources))}: no flight record found (*.dbd, *.sbd, their compressed forms, or "
+            "netCDF); give the folder that contains them"
         )
     return MissionFiles(flight, science, decoded)
 
@@ -209,7 +209,7 @@ def _expand(source: Path, out: Path) -> list[Path]:
         raise InputError(f"{source}: no such file or folder")
     if not _is_record(source):
         refuse_compressed([source])
-        raise InputError(f"{source}: is neither a Slocum record (*.dbd, *.ebd and their kin) nor a netCDF file")
+        raise InputError(f"{source}: is neither a Slocum record (*.dbd, *.ebd and the like) nor a netCDF file")
     return [source]
 
 
@@ -271,10 +271,10 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
     except (OSError, RuntimeError, ValueError) as error:
-        content = describe_content(path) or "is not a netCDF file that can be read; is it cut short?"
+        content = describe_content(path) or "cannot be read as netCDF, it may be truncated; copy it again"
         raise InputError(f"{path}: {content}") from error
     if FLIGHT_CLOCK not in dataset.variables:
-        raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must hold native sensors with the time of each record")
+        raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")
     held = [sensor.name for sensor in science if sensor.name in dataset.variables]
     clock = SCIENCE_CLOCK if SCIENCE_CLOCK in dataset.variables else FLIGHT_CLOCK
     return (
@@ -293,7 +293,7 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
     if sensor.name not in dataset.variables:
         if sensor.required:
             raise InputError(
-                f"{path}: has no {sensor.name} ({sensor.required}); decode the mission again with that sensor"
+                f"{path}: has no {sensor.name} ({sensor.required}); decode the mission again, with that sensor"
             )
         return np.full(dataset[clock].shape, np.nan)
     array = dataset[sensor.name]
@@ -303,7 +303,7 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
             f"({', '.join(map(str, dataset[clock].dims))})"
         )
     if not np.issubdtype(array.dtype, np.number):
-        raise InputError(f"{path}: {sensor.name} holds no numbers")
+        raise InputError(f"{path}: {sensor.name} does not contain numbers")
     unit = array.attrs.get("units")
     convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
     values = np.asarray(array.values, dtype=np.float64)
@@ -315,7 +315,7 @@ def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
     if clock.ndim != 1:
         raise InputError(f"{path}: {clock.name} has {clock.ndim} dimensions; it must have one")
     if not np.issubdtype(clock.dtype, np.number):
-        raise InputError(f"{path}: {clock.name} holds no numbers")
+        raise InputError(f"{path}: {clock.name} does not contain numbers")
     unit = str(clock.attrs.get("units", "")).strip()
     if unit.lower() in _BARE_SECONDS:
         return np.asarray(clock.values, dtype=np.float64)

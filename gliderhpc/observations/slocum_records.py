@@ -30,7 +30,7 @@ _NO_PART = -1
 """Number of science records, which need none because profiles consist of flight records."""
 
 CLOCK_NOT_SET = "clock not set"
-HUNG = "measurements of a cycle that hung"
+HUNG = "measurements of a delayed cycle of the computer"
 
 HANGING_CYCLE = 2.0
 """Length of a cycle of the flight computer, in medians, above which it was waiting for a sensor (mostly the compass).

@@ -40,7 +40,7 @@ def needs_of_inversion(columns: NamedColumns) -> str:
     lacking = [what for what, term in terms.items() if term.find(columns) is None]
     kind = importer_of(columns.names)
     if is_in_the_format(columns.names) or not lacking or (kind is not None and kind[0] != "og1"):
-        return "the inversion finds all that it needs"
+        return "the inversion has everything that it needs"
     return f"the inversion lacks {', '.join(lacking)}"
 
 
@@ -49,7 +49,7 @@ def describe_suitability(columns: NamedColumns) -> str:
     if is_in_the_format(columns.names):
         return f"{columns.source}: {IN_THE_FORMAT}"
     lacking = lacking_for_currents(columns)
-    currents = f"currents lack {', '.join(lacking)}" if lacking else "`gliderhpc currents` reads it as it is"
+    currents = f"currents lack {', '.join(lacking)}" if lacking else "`gliderhpc currents` reads it without conversion"
     return f"{columns.source}: is {_kind(columns)}; {currents}; {needs_of_inversion(columns)}"
 
 
@@ -63,7 +63,7 @@ def _kind(columns: NamedColumns) -> str:
     if {"profile_index", "profile_direction"} <= names:
         return "a pyglider timeseries"
     if "erddap" in described:
-        return "a file of ERDDAP"
+        return "an ERDDAP file"
     if "ioos_glider" in described:
         return "an IOOS glider file"
     return "a file of another program"

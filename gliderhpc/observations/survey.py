@@ -203,7 +203,9 @@ def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], 
         depth = stored.numbers("depth", 0, len(time))
         places, faults = profile_spans(detect_profiles(seconds, depth))
     if not places:
-        raise InputError(f"{path}: holds no profile; depth never leaves the surface, or profile is 0 everywhere")
+        raise InputError(
+            f"{path}: has no profile; depth never leaves the surface, or the variable profile is 0 everywhere"
+        )
     return places, faults
 
 
@@ -257,7 +259,7 @@ def _after_clock_steps(time: TimeArray, places: Mapping[int, Span], clock_faults
             step = clock_set_back(time[start:stop])
             if step is not None:
                 doubts[after] = (
-                    f"the clock was set back by {step:.0f} s in profile {number}, before it: fixes are not used"
+                    f"the clock was set back by {step:.0f} s in profile {number}, the preceding one: fixes are not used"
                 )
     return doubts
 
@@ -286,6 +288,6 @@ def _submerged_fixes(
             doubts.setdefault(
                 span.number,
                 f"GPS fix of {fixes.time[index].astype('datetime64[s]')} at {around.min():.0f} m depth: the clocks of "
-                "fixes and samples disagree, fixes are not used",
+                "fixes and samples disagree, so fixes are not used",
             )
     return doubts

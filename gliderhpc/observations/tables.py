@@ -41,7 +41,7 @@ def read_table(path: Path) -> xr.Dataset:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         reason = str(error).strip().splitlines()[0]
-        raise InputError(f"{path}: cannot be read as a table of ERDDAP ({reason})") from error
+        raise InputError(f"{path}: cannot be read as an ERDDAP table ({reason})") from error
     heads = [_UNIT_IN_HEAD.match(str(column)) for column in table.columns]
     if any(heads):
         names = [
@@ -52,12 +52,12 @@ def read_table(path: Path) -> xr.Dataset:
         names, units = [str(column) for column in table.columns], [str(unit) for unit in table.iloc[0]]
         table = table.iloc[1:]
     else:
-        raise InputError(f"{path}: is no table of ERDDAP: the row of units is missing")
+        raise InputError(f"{path}: is not an ERDDAP table: the row of units is missing")
     columns = {
         name: ("row", *_column(table.iloc[:, place].to_numpy(dtype=str), name, unit, path))
         for place, (name, unit) in enumerate(zip(names, units, strict=True))
     }
-    return xr.Dataset(columns, attrs={"title": "table of ERDDAP", "id": path.stem})
+    return xr.Dataset(columns, attrs={"title": "ERDDAP table", "id": path.stem})
 
 
 def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.ndarray, dict[str, str]]:
@@ -72,7 +72,9 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
         return numbers, {"units": unit} if unit else {}
     if len(odd) == np.count_nonzero(~missing):
         return texts, {}
-    raise InputError(f"{path}: {name} in row {int(odd[0]) + 1} of the values is '{texts[odd[0]]}', which is no number")
+    raise InputError(
+        f"{path}: {name} in row {int(odd[0]) + 1} of the values is '{texts[odd[0]]}', which is not a number"
+    )
 
 
 def _times(texts: np.ndarray, name: str, path: Path) -> np.ndarray:
@@ -81,4 +83,4 @@ def _times(texts: np.ndarray, name: str, path: Path) -> np.ndarray:
     try:
         return plain.astype("datetime64[ns]")
     except ValueError as error:
-        raise InputError(f"{path}: {name} holds a time that is not of ISO 8601 ({error})") from error
+        raise InputError(f"{path}: {name} has a time that is not in ISO 8601 format ({error})") from error

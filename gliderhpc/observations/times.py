@@ -106,7 +106,7 @@ def _unit_and_reference(units: str, where: str) -> tuple[float, float]:
     zone = "" if reference is None else reference["zone"].strip()
     if not _UTC.fullmatch(zone):
         raise InputError(
-            f"{where} is in '{units}': '{zone}' is no time zone that can be read; convert the times to UTC, or write "
+            f"{where} is in '{units}': '{zone}' is not a readable time zone; convert the times to UTC, or write "
             "the offset, such as -05:00"
         )
     try:
@@ -114,7 +114,9 @@ def _unit_and_reference(units: str, where: str) -> tuple[float, float]:
         year, month, day = (int(part) for part in reference.group("year", "month", "day")) if reference else (0, 0, 0)
         midnight = np.datetime64(f"{year:04}-{month:02}-{day:02}", "s")
     except ValueError:
-        raise InputError(f"{where} is in '{units}', which names no day; write the reference as 1970-01-01") from None
+        raise InputError(
+            f"{where} is in '{units}', which has no valid reference date; write it as 1970-01-01"
+        ) from None
     return factor, float(midnight.astype(np.int64))
 
 

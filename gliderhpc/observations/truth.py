@@ -40,7 +40,9 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
     with _opened(path) as dataset:
         rows = {axis: np.flatnonzero(dataset[of].values == number) for axis, of in OF_PROFILE.items()}
         if len(rows["dive"]) != 1:
-            raise InputError(f"{path}: holds no truth for profile {number}")
+            raise InputError(
+                f"{path}: has no truth for profile {number}; give the truth file that was written with the observations"
+            )
         return dataset.isel(rows).isel(dive=0).load()
 
 

@@ -157,8 +157,8 @@ def profile_spans(numbers: npt.NDArray[np.int64]) -> tuple[dict[int, Span], dict
         if number in spans:
             faults.setdefault(
                 number,
-                f"profile {number}: interrupted, profile takes up the number {number} again at sample {start}; "
-                "number every profile once, in one stretch",
+                f"profile {number}: interrupted, the variable profile has the number {number} again at sample {start}; "
+                "number every profile once, on consecutive samples",
             )
         else:
             spans[number] = (start, stop)
@@ -174,13 +174,15 @@ def _check_complete(names: Sequence[str], path: str) -> None:
     parts = [f"required variable {first} is missing" + (f", and so are {', '.join(others)}" if others else "")]
     kind, found = importer_of(names), describe_found(names, lacking)
     if kind is not None:
-        parts.append(f"the file holds {kind[1]}: bring it into the observation format by `gliderhpc import {kind[0]}`")
+        parts.append(
+            f"the file contains {kind[1]}: convert it to the observation format with `gliderhpc import {kind[0]}`"
+        )
     elif len(lacking) == 1:
         parts.append(_remedy_missing(first))
     if kind is None and first == "ballast_volume":
-        parts.append(f"without the oil that drives the glide there is nothing to invert: {OWN_FILES}")
+        parts.append(f"without the ballast, which drives the glide, there is nothing to invert: {OWN_FILES}")
     elif kind is None and others:
-        parts.append("bring the file into the observation format (`gliderhpc import`)")
+        parts.append("convert the file to the observation format (`gliderhpc import`)")
     if found:
         parts.append(f"it has {found}")
     raise InputError(f"{path}: {'; '.join(parts)}")
@@ -189,7 +191,9 @@ def _check_complete(names: Sequence[str], path: str) -> None:
 def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
     _check_dimension(array, dimension, path)
     if not np.issubdtype(array.dtype, np.number):
-        raise InputError(f"{path}: {array.name} holds {array.dtype} values; it must hold numbers in a CF unit of time")
+        raise InputError(
+            f"{path}: {array.name} contains {array.dtype} values; it must contain numbers in a CF unit of time"
+        )
     units, calendar = (str(array.attrs.get(key, "")) for key in ("units", "calendar"))
     check_time_unit(units, calendar, f"{path}: {array.name}")
 
@@ -206,26 +210,26 @@ def _check_variable(array: xr.DataArray, variable: Variable, path: str) -> None:
     _check_dimension(array, variable.dimension, path)
     unit = array.attrs.get("units", "" if variable.dimensionless else None)
     if unit is None:
-        raise InputError(f"{path}: {variable.name} has no units attribute; it must say '{variable.unit}'")
+        raise InputError(f"{path}: {variable.name} has no units attribute; it must be '{variable.unit}'")
     if not variable.accepts_unit(str(unit)):
         raise InputError(
             f"{path}: {variable.name} is in '{unit}'; convert it to '{variable.unit}'{_hint(variable, unit)}"
         )
     if not (np.issubdtype(array.dtype, np.number) or array.dtype == bool):
-        raise InputError(f"{path}: {variable.name} holds {array.dtype} values; it must hold numbers")
+        raise InputError(f"{path}: {variable.name} contains {array.dtype} values; it must contain numbers")
 
 
 def _hint(variable: Variable, unit: object) -> str:
     if variable.name == "depth" and VARIABLES["pressure"].accepts_unit(str(unit)):
-        return " (what is in decibars is a pressure, not a depth)"
+        return " (a variable in decibars is a pressure, not a depth)"
     return ""
 
 
 def _remedy_missing(name: str) -> str:
     if name == "time":
-        return "it must hold the time of every sample"
+        return "it must contain the time of every sample"
     variable = VARIABLES[name]
-    return f"it must hold the {variable.long_name} in '{variable.unit}' along {variable.dimension}"
+    return f"it must contain the {variable.long_name} in '{variable.unit}' along {variable.dimension}"
 
 
 def _first_bad_time(time: TimeArray) -> int | None:
@@ -253,7 +257,7 @@ def _describe_clock(time: TimeArray, sample: int, implausible: npt.NDArray[np.bo
     verb = "is repeated" if time[sample] == before else "runs backwards"
     return (
         f"time {verb} at sample {sample} ({describe_time(time[sample])} after {describe_time(before)}); "
-        "sort the samples by time and drop the repeated ones"
+        "sort the samples by time and remove the repeated ones"
     )
 
 

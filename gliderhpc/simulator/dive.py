@@ -294,7 +294,8 @@ def _failure(glider: Glider, depths: FloatArray, scenario: Scenario, plan: Fligh
     minutes = plan.time_limit / 60.0
     if not np.isfinite(depths).all():
         return (
-            f"{glider.platform.name} loses stable flight in this scenario; weaken its disturbances or shorten its step"
+            f"{glider.platform.name} loses stable flight in this scenario; weaken its disturbances or shorten "
+            "integration.step"
         )
     if depths.max() < scenario.depth:
         return (

@@ -210,7 +210,7 @@ def _attributes(platform: Platform, scenario: Scenario, seed: int, *, truth: boo
     attributes: dict[str, str | int] = {
         "platform": platform.name,
         "mission": f"synthetic {scenario.name}, seed {seed}",
-        "source": "gliderhpc simulate-mission: a synthetic mission, no glider was at sea",
+        "source": "gliderhpc simulate-mission: a synthetic mission; no glider was at sea",
     }
     if truth:
         attributes |= {
@@ -294,7 +294,7 @@ def write_ocean_model(truth: str | Path, out: Path, seed: int) -> Path:
         },
         attrs={
             "Conventions": "CF-1.11",
-            "title": "true currents of a synthetic mission with errors drawn by chance; no ocean model was run",
+            "title": "true currents of a synthetic mission with random errors; no ocean model was run",
             "seed": seed,
         },
     )

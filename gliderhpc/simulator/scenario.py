@@ -39,7 +39,9 @@ class Scenario(Section):
     name: str = Field("impulses", min_length=1, description="name of the scenario")
     profiles: int = Field(4, ge=1, description="number of profiles")
     depth: float = Field(200.0, ge=15, le=11_000, description="depth at which a dive is turned into a climb, m")
-    depth_spread: float = Field(0.0, ge=0, description="dives turn at the depth give or take so much, uniformly, m")
+    depth_spread: float = Field(
+        0.0, ge=0, description="half width of the uniform distribution of turning depths about depth, m"
+    )
     start_depth: float = Field(1.0, ge=0, le=5, description="depth at which the records of a profile begin and end, m")
     start: NaiveDatetime = Field(
         datetime.datetime(2024, 1, 1),
@@ -66,7 +68,8 @@ class Scenario(Section):
     def _spread_fits(self) -> Self:
         if self.depth - self.depth_spread < 15.0:
             raise ValueError(
-                f"a depth_spread of {self.depth_spread:g} m leaves less than 15 m of {self.depth:g} m depth"
+                f"a depth_spread of {self.depth_spread:g} m leaves less than 15 m of the depth of {self.depth:g} m; "
+                "make it smaller"
             )
         return self
 
@@ -128,7 +131,7 @@ def _explanation(error: ValidationError) -> str:
     faults = error.errors(include_url=False)
     faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
     fault = faults[0]
-    key = ".".join(str(part) for part in fault["loc"]) or "the whole"
+    key = ".".join(str(part) for part in fault["loc"]) or "the scenario"
     if fault["type"] == "extra_forbidden":
         section = _section_at(fault["loc"][:-1])
         known = list(section.model_fields)

@@ -12,7 +12,7 @@ LARGEST_VALUE = 1e9
 
 def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
-        raise ValueError(f"the lower limit {limits[0]:g} lies above the upper limit {limits[1]:g}")
+        raise ValueError(f"the lower limit {limits[0]:g} exceeds the upper limit {limits[1]:g}; exchange them")
     return limits
 
 
@@ -37,7 +37,7 @@ class Section(BaseModel):
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, int | float) and abs(number) > LARGEST_VALUE:
-                    raise ValueError(f"{name} is {shown(number)}, and nothing in a scenario is larger than 1e9")
+                    raise ValueError(f"{name} is {shown(number)}, but no value in a scenario may exceed 1e9")
         return self
 
 
@@ -52,10 +52,12 @@ class Actuation(Section):
     dive_net_mass: float | None = Field(None, gt=0, description="net mass at the surface on the dive, kg")
     climb_net_mass: float | None = Field(None, lt=0, description="net mass at the surface on the climb, kg")
     inflection_duration: float = Field(
-        20.0, gt=0, description="time battery and ballast take from dive to climb, s; fast for a pump at depth"
+        20.0,
+        gt=0,
+        description="time that battery and ballast take from dive to climb, s; 20 is short for a pump at depth",
     )
     rotation_rate: float = Field(
-        2.0, gt=0, description="rate of the battery's rotation, degree/s; times the lag, what the records get wrong"
+        2.0, gt=0, description="rate of the battery's rotation, degree/s; times the lag, the error of its record"
     )
     lag: float = Field(0.7, gt=0, description="time constant at which all actuators follow the recorded commands, s")
 
@@ -67,16 +69,16 @@ class Steering(Section):
     """
 
     courses: tuple[float, ...] = Field(
-        (75.0, 345.0), min_length=1, description="headings steered, one a profile in turn, degree"
+        (75.0, 345.0), min_length=1, description="headings steered, one per profile in turn, degree"
     )
     waypoints: tuple[tuple[Latitude, Longitude], ...] = Field(
-        (), description="latitude and longitude to steer to, one after the other and over again, degree"
+        (), description="latitude and longitude of the waypoints, steered to in turn and repeatedly, degree"
     )
     reach: float = Field(3000.0, gt=0, description="distance at which a waypoint counts as reached, m")
-    dead_band: float = Field(12.0, gt=0, lt=180, description="heading error that is left alone, degree")
+    dead_band: float = Field(12.0, gt=0, lt=180, description="heading error that is not corrected, degree")
     rotation: float = Field(20.0, ge=0, le=90, description="battery rotation of a turn, degree; 0 does not steer")
     interval: float = Field(600.0, gt=0, description="time between decisions, s")
-    longest_turn: float = Field(60.0, gt=0, description="longest time the battery is kept rotated, s")
+    longest_turn: float = Field(60.0, gt=0, description="longest time that the battery stays rotated, s")
     initial_error: float = Field(30.0, ge=0, le=180, description="largest heading error at the start of a dive, degree")
 
 
@@ -94,7 +96,7 @@ class Disturbances(Section):
         (0.15, 0.0, 0.2, 0.0, 0.035, 0.0), description="root mean square of the slow part, six channels, N and N m"
     )
     slow_periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
-    slow_terms: int = Field(3, ge=1, description="sinusoids a channel")
+    slow_terms: int = Field(3, ge=1, description="number of sinusoids per channel")
     impulse_interval: float | None = Field(
         90.0, gt=0, description="mean time between yaw impulses (a Poisson process), s; null for none"
     )
@@ -118,10 +120,11 @@ class Current(Section):
     mode_rms: NonNegative = Field(
         0.0, description="rms, north and east each, of the first of the vertical modes cos(k pi Z / mode_depth), m/s"
     )
-    modes: int = Field(3, ge=1, description="number of modes; the k-th has the k-th part of the first one's amplitude")
+    modes: int = Field(3, ge=1, description="number of modes; the k-th has the amplitude of the first divided by k")
     mode_depth: float = Field(1000.0, gt=0, description="depth of the modes' lower end, m")
     fine_rms: NonNegative = Field(
-        0.0, description="rms, north and east each, of a smooth random profile, another one every profile, m/s"
+        0.0,
+        description="rms, north and east each, of a smooth random current profile, a new one for every profile, m/s",
     )
     fine_scale: float = Field(40.0, ge=0.5, description="vertical scale of the smooth random profile, m")
     evolution: float = Field(
@@ -155,7 +158,10 @@ class Gusts(Section):
     outer: float = Field(128.0, gt=0, description="largest scale, m")
     inner: float = Field(0.5, gt=0, description="smallest scale, m")
     slope: float | None = Field(
-        None, gt=1, lt=3, description="slope of the spectrum; null for the cascade's own, 5/3 and 0.03 of intermittency"
+        None,
+        gt=1,
+        lt=3,
+        description="slope of the spectrum; null for that of the cascade, 5/3 plus 0.03 for intermittency",
     )
 
     @model_validator(mode="after")
@@ -182,7 +188,7 @@ class Ocean(Section):
     temperature_noise: NonNegative = Field(0.002, description="standard deviation of the CTD's temperature, degC")
     salinity_noise: NonNegative = Field(0.003, description="standard deviation of the CTD's practical salinity")
     pressure_noise: NonNegative = Field(0.05, description="standard deviation of the CTD's pressure, dbar")
-    spikes: NonNegative = Field(0.0, description="false samples of the salinity an hour")
+    spikes: NonNegative = Field(0.0, description="false samples of the salinity per hour")
     spike_size: NonNegative = Field(1.0, description="rms error of a false sample, practical salinity")
 
 
@@ -199,28 +205,30 @@ class Fouling(Section):
     `climb_share` times those on the dive.
     """
 
-    profiles: int = Field(565, ge=1, description="number of profiles over which the changes come about")
-    exponent: float = Field(1.0, gt=0, description="the changes go with this power of the part of them flown")
+    profiles: int = Field(565, ge=1, description="number of profiles over which the changes develop")
+    exponent: float = Field(
+        1.0, gt=0, description="the changes grow as this power of the fraction of these profiles flown"
+    )
     drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the dive")
     lift: float = Field(0.0, gt=-1, description="relative change of K_L on the dive")
     moment: float = Field(0.0, gt=-1, description="relative change of K_M on the dive")
-    climb_share: float = Field(1.0, ge=0, le=1, description="changes on the climb over those on the dive")
+    climb_share: float = Field(1.0, ge=0, le=1, description="ratio of the changes on the climb to those on the dive")
     net_mass: float = Field(0.0, description="gain in net mass, not in any record, kg")
 
 
 class Episode(Section):
     """Additional drag that appears suddenly, decays linearly and ends suddenly; dive and climb are separate."""
 
-    first: int = Field(0, ge=0, description="first profile with it; 0 for none")
-    last: int = Field(0, ge=0, description="last profile with it")
+    first: int = Field(0, ge=0, description="first profile of the episode; 0 for none")
+    last: int = Field(0, ge=0, description="last profile of the episode")
     dive_drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the dive of the first profile")
     climb_drag: float = Field(0.0, gt=-1, description="relative change of K_D0 on the climb of the first profile")
-    remaining: float = Field(1.0, ge=0, le=1, description="part of the change that is left on the last profile")
+    remaining: float = Field(1.0, ge=0, le=1, description="fraction of the change that remains on the last profile")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.last < self.first:
-            raise ValueError(f"the last profile of an episode, {self.last}, lies before its first, {self.first}")
+            raise ValueError(f"the last profile of an episode, {self.last}, comes before its first, {self.first}")
         return self
 
     def part(self, number: int) -> float:
@@ -234,7 +242,7 @@ class SensorErrors(Section):
     """Errors between the truth and the records."""
 
     factor: float = Field(
-        1.0, ge=0, description="times the platform's attitude quantum and depth noise; 0 for perfect sensors"
+        1.0, ge=0, description="factor on the platform's attitude quantum and depth noise; 0 for perfect sensors"
     )
     attitude: Literal["rounded", "white"] = Field(
         "rounded", description="rounded to whole quanta, or with white Gaussian errors of a rounding's variance"
@@ -243,11 +251,9 @@ class SensorErrors(Section):
     roll_offset: float = Field(0.0, description="constant error of the roll, degree")
     pitch_offset: float = Field(0.0, description="constant error of the pitch, degree")
     heading_offset: float = Field(0.0, description="constant error of the heading, degree")
-    dropouts: NonNegative = Field(
-        0.0, description="gaps an hour, in the attitude or in the depth, as often in one as in the other"
-    )
+    dropouts: NonNegative = Field(0.0, description="gaps per hour, equally often in the attitude and in the depth")
     dropout_length: float = Field(20.0, gt=0, description="mean length of a gap, s")
-    outliers: NonNegative = Field(0.0, description="false samples an hour, in one of the four channels")
+    outliers: NonNegative = Field(0.0, description="false samples per hour, each in one of the four channels")
     outlier_angle: float = Field(10.0, ge=0, le=30, description="rms error of a false angle, degree")
     outlier_depth: float = Field(5.0, ge=0, le=50, description="rms error of a false depth, m")
 

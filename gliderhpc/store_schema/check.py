@@ -82,14 +82,14 @@ def _other_version(root: zarr.Group) -> str:
     if version == MISSION.version:
         return ""
     return (
-        f"schema_version is {version!r}, this program's is '{MISSION.version}'; use the gliderhpc that made it, or run "
-        "the mission again"
+        f"schema_version is {version!r}, but this program's is '{MISSION.version}'; use the version of gliderhpc that "
+        "made it, or run the mission again"
     )
 
 
 def _opened(place: Place) -> zarr.Group:
     if not is_archive(place):
-        raise InputError(f"{place}: no archive of gliderhpc; give the folder that run-mission wrote")
+        raise InputError(f"{place}: not an archive of gliderhpc; give the folder that run-mission wrote")
     return group_at(place)
 
 
@@ -160,7 +160,7 @@ def variable_differences(
         return
     shape = tuple(sizes.get(dim, -1) for dim in dims)
     if -1 not in shape and array.shape != shape:
-        yield f"shape is {array.shape}, its coordinates have {shape}"
+        yield f"shape is {array.shape}, but its coordinates have {shape}"
     if not _chunks_fit(array, group, variable):
         yield f"chunks are {array.chunks}, not {chunks(group, variable, array.shape)}"
     if _settings_of(array.compressors) != _settings_of(CODECS):
@@ -169,7 +169,7 @@ def variable_differences(
         "name": CHUNK_KEYS["name"],
         "configuration": {"separator": CHUNK_KEYS["separator"]},
     }:
-        yield "chunks are not named as the schema has it"
+        yield "chunks are not named as in the schema"
     if _dtype_name(array) != variable.dtype:
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
     elif not _same(array.fill_value, variable.fill_value):
@@ -206,10 +206,10 @@ def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
     for name in own.keys() - consolidated.keys():
         yield f"{name}: not in the consolidated metadata"
     for name in consolidated.keys() - own.keys():
-        yield f"{name}: in the consolidated metadata, but not there"
+        yield f"{name}: in the consolidated metadata, but not in the archive"
     for name in sorted(own.keys() & consolidated.keys()):
         if own[name] != consolidated[name]:
-            yield f"{name}: the consolidated metadata is not its own"
+            yield f"{name}: the consolidated metadata differs from its own"
 
 
 def _is_consolidated(place: Place) -> bool:
@@ -256,7 +256,7 @@ def _coordinate_differences(node: zarr.Group, group: Group, numbers: Any) -> Ite
             yield f"{label}: {values}"
         elif variable.labels is not None:
             if tuple(values) != variable.labels:
-                yield f"{label}: its labels are not those of the schema"
+                yield f"{label}: its labels differ from those of the schema"
         elif variable.name != PROFILE:
             if not np.array_equal(values, np.arange(len(values))):
                 yield f"{label}: does not count from 0"
@@ -264,7 +264,7 @@ def _coordinate_differences(node: zarr.Group, group: Group, numbers: Any) -> Ite
             if (np.diff(values) <= 0).any():
                 yield f"{label}: the profiles' numbers do not increase"
         elif not isinstance(numbers, str) and not np.array_equal(values, numbers):
-            yield f"{label}: the profiles' numbers are not those of the root"
+            yield f"{label}: the profiles' numbers differ from those of the root"
 
 
 def _status_differences(root: zarr.Group) -> Iterator[str]:

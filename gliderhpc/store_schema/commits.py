@@ -25,7 +25,7 @@ from gliderhpc.store_schema.digests import Digests, digest_of
 from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, store_at, stored_bytes, wait_for
 from gliderhpc.store_schema.schema import COMMITS, MISSION, Group
 
-BY_RESUME = "run-mission --resume mends it"
+BY_RESUME = "run-mission --resume repairs it"
 
 AsyncArray = zarr.AsyncArray[Any]
 
@@ -334,7 +334,7 @@ def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
         return None
     content = json.loads(marker)
     if digest_of(manifest.encode()) != content["manifest"]:
-        return "the manifest is not the marker's"
+        return "the manifest does not match the marker"
     return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest))
 
 

@@ -51,7 +51,7 @@ class Difference:
         where = f"{self.variable}: differs in {len(self.profiles)} profiles ({_some(self.profiles)})"
         if np.isfinite(self.largest):
             where += f", by {self.largest:.3g} at most (root mean square of the values {self.typical:.3g})"
-        return where + (f", {self.missing} values missing in one alone" if self.missing else "")
+        return where + (f", {self.missing} values missing in only one of the two" if self.missing else "")
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,9 @@ def check_place(place: Place, overwrite: bool) -> None:
     if is_empty(place):
         return
     if not is_archive(place):
-        raise InputError(f"{place}: exists and is no archive of gliderhpc, so it is left alone; give another --store")
+        raise InputError(
+            f"{place}: exists and is not an archive of gliderhpc, so it is not replaced; give another --store"
+        )
     if not overwrite:
         raise InputError(f"{place}: this archive exists; finish it with --resume or start again with --overwrite")
 

@@ -172,7 +172,7 @@ def _table_damages(
             continue
         for index in commits:
             if not _equal(found[index], wanted[index]):
-                what = f"the table has {found[index]!s}, the commit {wanted[index]!s}"
+                what = f"the table has {found[index]!s}, but the commit has {wanted[index]!s}"
                 yield Fault(f"profile {numbers[index]}", name, what, BY_RESUME)
         if name == "status":
             for index, status in enumerate(found):

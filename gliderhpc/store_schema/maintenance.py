@@ -84,8 +84,8 @@ def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[i
     """
     if list(profiles[: len(before)]) != list(before):
         raise InputError(
-            f"{place}: holds profiles that these are no continuation of; append only adds profiles after number "
-            f"{before[-1]}, or use --overwrite"
+            f"{place}: the chosen profiles do not begin with those of the archive; append only adds profiles after "
+            f"number {before[-1]}; otherwise use --overwrite"
         )
 
 

@@ -124,10 +124,12 @@ def restore_set_aside(place: Place) -> None:
     if not found:
         return
     if is_begun(path):
-        log.warning("%s: is what an earlier run replaced; remove it if it is not needed", found[-1])
+        log.warning("%s: is the archive that an earlier run replaced; remove it if it is not needed", found[-1])
         return
     _restore(path, found[-1])
-    log.warning("%s: the run that was to replace this archive was killed before its first profile; it is back", path)
+    log.warning(
+        "%s: this archive is restored, because the run that was to replace it was killed before its first profile", path
+    )
 
 
 def new_token() -> str:

@@ -99,7 +99,7 @@ class ArchiveRows:
         labels = {f"{group}/{name}": group_called(group)[name] for name in values}
         for label, variable in labels.items():
             if not variable.is_row:
-                raise ValueError(f"{label} is no row of a profile")
+                raise ValueError(f"{label} is not a row of a profile")
         arrays = self._opened(labels, profile_index)
         write_values(
             (array, profile_index, padded_row(labels[label], label, values[labels[label].name], array.shape[1:]))
@@ -231,7 +231,7 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
         if own == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
         if not variable.is_table:
-            raise ValueError(f"{owner}/{own} is no column of a table")
+            raise ValueError(f"{owner}/{own} is not a column of a table")
         array = array_at(root, label_of(owner, own))
         column = np.asarray(array[:])
         _put(column, variable, name, rows)

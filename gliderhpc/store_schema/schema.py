@@ -335,7 +335,7 @@ def schema_page() -> str:
     ]
     for group in MISSION:
         lines += _group_lines(group)
-    lines += ["### Studies", "", "Each is there once its study has been run.", ""]
+    lines += ["### Studies", "", "Each exists once its study has been run.", ""]
     for group in STUDIES:
         lines += _group_lines(group)
     return "\n".join(lines).rstrip()

@@ -52,12 +52,15 @@ class CalibrationSettings(Settings):
     """Settings of a calibration."""
 
     profiles: int = Field(
-        40, ge=MIN_PROFILES, description="profiles used, spread over the mission, where none are named"
+        40, ge=MIN_PROFILES, description="number of profiles used, spread over the mission, if none are named"
     )
     hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
     trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
     undetermined: float = Field(
-        0.33, gt=0, le=1, description="a direction no better known than this part of its plausible deviation is held"
+        0.33,
+        gt=0,
+        le=1,
+        description="a direction is held if its error exceeds this fraction of its plausible deviation",
     )
 
 
@@ -175,7 +178,7 @@ def calibrate(
     lateral = np.isin([p.key for p in candidates], LATERAL)
     search, wanted = _searched(errors, free, settings, report), free
     if not is_stable(errors, search):
-        report("the hull has no stable steady dive and climb: once more, with the lateral terms held")
+        report("the hull has no stable steady dive and climb: fitting again with the lateral terms held")
         search, wanted = _searched(errors, free & ~lateral, settings, report), free & ~lateral
     covariance = _covariance(errors, search)
     parameters, found = _judged(errors, search, covariance, _reasons(search, free, wanted))
@@ -227,7 +230,7 @@ def check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {count} profiles apart from those held out, at least {MIN_PROFILES} are "
+            f"calibration: steady flight in {count} profiles besides those held out, but at least {MIN_PROFILES} are "
             "needed; name more --profiles, or hold fewer out"
         )
 
@@ -245,7 +248,8 @@ def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[s
         found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
         if not found:
             raise InputError(
-                f"--set calibration.hold: no parameter {name}; they are {', '.join(p.key for p in parameters)}"
+                f"--set calibration.hold: no parameter {name}; the parameters are "
+                f"{', '.join(p.key for p in parameters)}"
             )
         keys += found
     return keys
@@ -264,8 +268,8 @@ def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
     before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
     if after > _ROSE_COST * before + 1.0:
         raise CalibrationError(
-            f"calibration: the fit is worse than its start (cost {after:.1f} after {before:.1f}): nothing is written; "
-            f"{REMEDY}"
+            f"calibration: the fit is worse than its start (cost {after:.1f}, at the start {before:.1f}): nothing is "
+            f"written; {REMEDY}"
         )
     check_errors(found.fitted, found.held_out)
 

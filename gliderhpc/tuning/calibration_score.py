@@ -19,8 +19,8 @@ ROSE = 0.5 * np.array(FIRST_SCALES)
 """Largest errors (m/s, rad, rad, rad/s) that a calibration may add in quadrature to the root mean square."""
 
 REMEDY = (
-    "look for a sensor or an actuator that is off with `gliderhpc inspect`, choose other --profiles, or hold what is "
-    "known, such as --set calibration.hold=[K_L]"
+    "look for an error of a sensor or actuator with `gliderhpc inspect`, choose other --profiles, or hold parameters "
+    "that are known, such as --set calibration.hold=[K_L]"
 )
 """Remedy where no fit is better than its start."""
 
@@ -118,5 +118,5 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
         if rose.any():
             raise CalibrationError(
                 f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
-                f"the platform does, on the profiles {name}: nothing is written; {REMEDY}"
+                f"the platform on the profiles {name}: nothing is written; {REMEDY}"
             )

@@ -53,11 +53,11 @@ class CalibrationVerdict(Enum):
     """Outcome of a parameter's fit: estimated, or the reason why it was held and the value at which it was held."""
 
     ESTIMATED = "estimated"
-    ASKED = "held as asked"
+    ASKED = "held as requested"
     UNDETERMINED = "held: the glides do not determine it"
-    REFUTED = "held: the glides refute the platform's value without determining another: at the most probable one"
-    IMPLAUSIBLE = "held: the fit ran to the bound of what is plausible: at the bound"
-    UNSTABLE = "held: with it free the hull has no stable glide"
+    REFUTED = "held at the most probable value: the glides refute the platform's value but do not determine another"
+    IMPLAUSIBLE = "held at the bound: the fit reached the limit of plausible values"
+    UNSTABLE = "held: if it is free, the hull has no stable glide"
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ class CalibrationSearch:
             xtol=100.0 * tolerance, ftol=tolerance, gtol=tolerance, max_nfev=60,
         )  # fmt: skip
         self.steps = at(found.x)
-        self._report(f"cost {found.cost:.1f} with {len(chosen)} free, {found.nfev} evaluations")
+        self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
 
     def _scale_of_each(self) -> Array:
         return self.scales[self._errors.kind]

@@ -48,12 +48,12 @@ _DIGITS = 4
 class TuningSettings(Settings):
     """Settings of tuning a disturbance prior."""
 
-    profiles: int = Field(4, ge=1, description="profiles used, spread over the mission, where none are named")
-    longest: float = Field(3600.0, gt=0, description="time from its start that a profile is used for, s")
-    recovery: float = Field(60.0, ge=0, description="time after the vibration set that does not count, s")
-    error_factor: float = Field(2.0, gt=1, description="a number known no better than to this factor is held")
-    lags: int = Field(20, ge=1, description="lags of the whiteness test, samples")
-    max_rounds: int = Field(40, ge=1, description="rounds of a maximisation at most")
+    profiles: int = Field(4, ge=1, description="number of profiles used, spread over the mission, if none are named")
+    longest: float = Field(3600.0, gt=0, description="length of each profile that is used, from its start, s")
+    recovery: float = Field(60.0, ge=0, description="time after the vibration set that is left out, s")
+    error_factor: float = Field(2.0, gt=1, description="a number is held if it is not known to within this factor")
+    lags: int = Field(20, ge=1, description="number of lags of the whiteness test, samples")
+    max_rounds: int = Field(40, ge=1, description="largest number of rounds of a maximisation")
 
 
 class TuneSettings(EstimationSettings):

@@ -57,7 +57,7 @@ def tuning_requests(
         No profile can be used, or density is requested with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
-    requests, reason = [], "it holds no profile"
+    requests, reason = [], "it has no profile"
     for number in numbers:
         try:
             requests.append(_request(observations, platform, number, longest, settings))

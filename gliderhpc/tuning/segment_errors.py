@@ -194,13 +194,16 @@ def choose_buoyancy(
     """
     known = segments.in_known_water
     if choice == "density" and not known.any():
-        raise InputError("--set seawater=density: no steady flight of the profiles chosen has a known density")
+        raise InputError(
+            "--set seawater=density: no steady flight of the chosen profiles has a known density; give --set "
+            "seawater=depth_slope"
+        )
     if choice == "density" or (choice == "auto" and known.any() and known.mean() >= MIN_SHARE):
         for number in np.unique(segments.profile[~known]):
             report(f"profile {number} is left out: the density of its water is not known")
         return compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
     if choice == "auto" and known.any():
-        report(f"by depth slope: only {known.mean():.0%} of the steady flight has a known density")
+        report(f"buoyancy from the depth slope: only {known.mean():.0%} of the steady flight has a known density")
     if platform.buoyancy.compressibility is not None:
         platform = with_values(platform, {"buoyancy.compressibility": None})
     return platform, _in_unknown_water(segments), _in_unknown_water(held_out)

@@ -35,11 +35,15 @@ class SegmentSettings(Settings):
     settling: float = Field(20.0, ge=0, description="time after the vibration set that is left out, s")
     least_depth: float = Field(5.0, ge=0, description="shallower samples are left out, m")
     least_depth_rate: float = Field(0.03, gt=0, description="slower vertical motion counts as stalled, m/s")
-    pitch_change: float = Field(2.0, gt=0, description="change of pitch in a segment that is not steady, degree")
-    rate_change: float = Field(0.25, gt=0, description="likewise of the depth rate, relative")
-    least_pitch: float = Field(8.0, ge=0, description="flatter than this, nose down or up, is no glide, degree")
+    pitch_change: float = Field(2.0, gt=0, description="change of pitch beyond which a segment is not steady, degree")
+    rate_change: float = Field(
+        0.25, gt=0, description="relative change of the depth rate beyond which a segment is not steady"
+    )
+    least_pitch: float = Field(8.0, ge=0, description="smallest magnitude of the pitch in a glide, degree")
     steepness: float = Field(
-        1.05, ge=1, description="path (pitch less angle of attack) over the hull's least glide angle, at least"
+        1.05,
+        ge=1,
+        description="smallest ratio of the path's angle (pitch less angle of attack) to the hull's least glide angle",
     )
     straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
 
@@ -120,7 +124,7 @@ def steady_segments(
     InputError
         No profile has a steady segment.
     """
-    parts, reason = [], "no profile was asked for"
+    parts, reason = [], "no profile was selected"
     for number in numbers:
         try:
             parts.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
@@ -155,7 +159,7 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
     bounds = _parts(usable, series, steady)
     if not bounds:
-        raise ProfileError(f"profile {series.number}: no undisturbed stretch of {steady.shortest:g} s or more")
+        raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
     found = _averaged(series, bounds, steady)
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():

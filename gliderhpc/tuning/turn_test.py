@@ -24,10 +24,12 @@ _SECONDS_PER_DAY = 86400.0
 class TurnTestSettings(Settings):
     """Settings of the turn test: changes of the current from dive to dive."""
 
-    use: bool = Field(False, description="whether currents count, as alike from dive to dive")
-    deviation: float = Field(0.1, gt=0, description="departure of a dive's current from the mission's mean, m/s")
-    time: float = Field(1.0, gt=0, description="time over which departures are alike, days")
-    mean: float = Field(0.3, gt=0, description="plausible size of the mean, m/s")
+    use: bool = Field(False, description="whether currents are used, assumed to be similar from dive to dive")
+    deviation: float = Field(
+        0.1, gt=0, description="standard deviation of a dive's current about the mission's mean, m/s"
+    )
+    time: float = Field(1.0, gt=0, description="correlation time of these departures from the mean, days")
+    mean: float = Field(0.3, gt=0, description="plausible standard deviation of the mean, m/s")
 
 
 @dataclass(frozen=True, eq=False)

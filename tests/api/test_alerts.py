@@ -102,7 +102,7 @@ def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_with
         "webhook: http://127.0.0.1:9/secret-token\ntimeout: 0.2\n"
     )
     ended, refused = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")[1]
-    assert ended == f"{sys.executable}: did not end within 0.2 s"
+    assert ended == f"{sys.executable}: did not finish within 0.2 s"
     assert refused.startswith("127.0.0.1: ")
     assert "secret" not in refused
 

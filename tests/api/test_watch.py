@@ -274,7 +274,7 @@ def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp
     with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1, 1]
-    assert sum("looking again" in record.getMessage() for record in caplog.records) == 1
+    assert sum("trying again" in record.getMessage() for record in caplog.records) == 1
 
 
 def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dives, tmp_path, monkeypatch):

@@ -111,7 +111,7 @@ def test_a_refused_study_leaves_the_earlier_one(swift_store, tmp_path):
     del before[lost.relative_to(copy)]
     answer = program(*study)
     assert answer.status == 2
-    assert answer.line.endswith("series/depth: the chunk is missing; run-mission --resume mends it")
+    assert answer.line.endswith("series/depth: the chunk is missing; run-mission --resume repairs it")
     assert _files(copy) == before
 
 

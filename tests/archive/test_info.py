@@ -112,10 +112,10 @@ def test_info_of_an_empty_archive(archive):
 def test_only_our_archives_open(tmp_path, archive):
     with pytest.raises(InputError, match=r"absent\.zarr: no such archive"):
         open_mission(tmp_path / "absent.zarr")
-    with pytest.raises(InputError, match="no archive of gliderhpc"):
+    with pytest.raises(InputError, match="not an archive of gliderhpc"):
         open_mission(tmp_path)
     set_attributes(archive, {"schema_version": "99.0"})
-    with pytest.raises(InputError, match=rf"version 99\.0, this program reads {re.escape(SCHEMA_VERSION)}"):
+    with pytest.raises(InputError, match=rf"version 99\.0, but this program reads {re.escape(SCHEMA_VERSION)}"):
         open_mission(archive)
 
 
@@ -128,5 +128,5 @@ def test_an_archive_of_another_version_is_not_called_damaged(archive):
     consolidate(archive)
     result = CliRunner().invoke(info, [str(archive)])
     assert result.exit_code == 0, result.output
-    assert "use the gliderhpc that made it" in result.stderr
+    assert "use the version of gliderhpc that made it" in result.stderr
     assert "damaged" not in result.stderr

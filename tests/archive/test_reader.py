@@ -51,5 +51,5 @@ def test_a_group_is_opened_when_it_is_asked_for(archive):
 @pytest.mark.parametrize("opened", [open_mission, open_for_reading, open_for_job])
 def test_archives_of_other_versions_are_refused_by_every_way_to_open(opened, archive):
     set_attributes(archive, {"schema_version": "999.0"})
-    with pytest.raises(InputError, match=r"the archive's schema has version 999.0, this program reads"):
+    with pytest.raises(InputError, match=r"the archive's schema has version 999.0, but this program reads"):
         opened(archive)

@@ -192,7 +192,7 @@ def test_a_full_disk_is_1(brief, run, monkeypatch):
     monkeypatch.setattr(mission_run, "run_mission", fill)
     answer, _ = run(brief)
     assert answer.status == 1
-    assert "no space left to write some.zarr; free some and finish it with --resume" in answer.line
+    assert "no space left to write some.zarr; free some space and finish it with --resume" in answer.line
 
 
 def test_bugs_are_not_hidden(brief, run, monkeypatch, tmp_path):
@@ -321,7 +321,7 @@ def test_an_unknown_setting(brief, run, assignment, words):
 def test_profiles_that_the_file_does_not_hold(brief, run):
     answer, _ = run(brief, "--profiles", "2:3,7")
     assert answer.status == 2
-    assert "no profile 7; the file holds 1 to 3 (3 profiles)" in answer.line
+    assert "no profile 7; the available ones are 1 to 3 (3 profiles)" in answer.line
 
 
 def test_an_archive_that_exists(brief, brief_store):
@@ -337,7 +337,7 @@ def test_what_is_no_archive_is_left_alone(brief, tmp_path, option):
     (folder / "chapter.txt").write_text("years of work")
     answer = program("run-mission", brief, *PETREL, "--store", folder, *option)
     assert answer.status == 2
-    assert "no archive of gliderhpc" in answer.line
+    assert "not an archive of gliderhpc" in answer.line
     assert (folder / "chapter.txt").read_text() == "years of work"
 
 
@@ -372,7 +372,7 @@ def clock_back_within(content):
 PROFILES = [
     ("heading 720", heading_of_720, ["heading is 720 degree at sample", "outside"]),
     ("all-NaN pitch", pitch_all_missing, ["pitch is missing (NaN) in all"]),
-    ("20 samples", only_20_samples, ["only 20 samples, at least 30 are needed"]),
+    ("20 samples", only_20_samples, ["only 20 samples, but at least 30 are needed"]),
     ("clock back", clock_back_within, ["time runs backwards at sample"]),
 ]
 
@@ -548,5 +548,5 @@ def test_no_current_comes_of_an_impossible_fix(brief, tmp_path):
         row = archive.to_dataset().sel(profile=1).load()
     assert str(row["status"].values) == "done"
     assert not np.isfinite(row["dac_north"].values) or float(np.hypot(row["dac_north"], row["dac_east"])) < 1.0
-    assert "m/s over ground, where 4 m/s is the most" in str(row["message"].values)
+    assert "m/s over ground (glider and current together reach at most 4 m/s)" in str(row["message"].values)
     assert "left out: " in answer.err

@@ -95,8 +95,8 @@ def test_kernels_none_and_sound(monkeypatch, tmp_path):
     ("examined", "state", "fragment"),
     [
         ((3, 2), State.OK, "3 workers on 2 hosts"),
-        ((0, 0), State.MISSING, "without workers"),
-        (InputError("worker tcp://a:1: has numba 0.1, this process 0.2"), State.MISSING, "numba 0.1"),
+        ((0, 0), State.MISSING, "has no workers"),
+        (InputError("worker tcp://a:1: has numba 0.1, but this process has 0.2"), State.MISSING, "numba 0.1"),
     ],
 )
 def test_a_cluster(monkeypatch, examined, state, fragment):

@@ -143,12 +143,12 @@ def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, 
     with dask.config.set(settings):
         assert cluster.examine_cluster(ClusterAddress(file=file)) == (0, 0)
     assert "run code as you" not in caplog.text
-    with pytest.raises(InputError, match="takes clients with a certificate only"):
+    with pytest.raises(InputError, match="accepts only clients with a certificate"):
         cluster.examine_cluster(ClusterAddress(file=file))
     plain = json.loads(file.read_text())["address"].replace("tls://", "tcp://")
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         cluster.examine_cluster(ClusterAddress(plain))
-    assert "without TLS, so whoever reaches a port of this cluster can run code as you" in caplog.text
+    assert "without TLS, so anyone who can connect to a port of this cluster can run code as you" in caplog.text
     # What this process computes by dask afterwards, it computes itself.
     assert dask.config.get("scheduler", None) is None
     assert int(da.ones(3).sum().compute()) == 3
@@ -159,7 +159,7 @@ def test_a_scheduler_file_of_odd_content(tmp_path, content, monkeypatch):
     file = tmp_path / "scheduler.json"
     file.write_bytes(content.encode("utf-8", "surrogateescape"))
     monkeypatch.setattr(cluster, "_FILE_TIMEOUT", 0.2)
-    with pytest.raises(InputError, match="not what `dask scheduler --scheduler-file` writes"):
+    with pytest.raises(InputError, match="not a file of `dask scheduler --scheduler-file`"):
         cluster.examine_cluster(ClusterAddress(file=file))
 
 

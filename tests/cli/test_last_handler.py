@@ -69,7 +69,7 @@ def test_with_a_log_the_traceback_is_there(failing, tmp_path):
         (
             OSError(errno.ENOSPC, "No space left on device", "a.nc"),
             1,
-            "no space left to write a.nc; free some and run it",
+            "no space left to write a.nc; free some space and run it",
         ),
         (MemoryError(), 1, "not enough memory; use fewer --workers"),
         (OSError("of no file"), 1, "unexpected error, OSError: of no file"),

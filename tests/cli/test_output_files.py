@@ -90,8 +90,8 @@ def test_places_that_are_refused(tmp_path):
     dangling.symlink_to(tmp_path / "nowhere.nc")
     for out, words in (
         (tmp_path, "it is a folder"),
-        (dangling, "it is a link to nothing"),
-        (tmp_path / "absent" / "out.nc", "there is no folder"),
+        (dangling, "it is a broken link"),
+        (tmp_path / "absent" / "out.nc", "absent does not exist"),
         (store / "out.nc", "lies within the input"),
     ):
         with pytest.raises(InputError, match=words):

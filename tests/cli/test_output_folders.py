@@ -55,9 +55,9 @@ def test_what_others_put_there_meanwhile_stays(tmp_path):
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path, below):
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to(tmp_path / "nothing")
-    with pytest.raises(InputError, match="file is no folder; give another --out"):
+    with pytest.raises(InputError, match="file is not a folder; give another --out"):
         check_folder(tmp_path / "file" / below)
-    with pytest.raises(InputError, match="link is a link to nothing; remove it or give another --out"):
+    with pytest.raises(InputError, match="link is a broken link; remove it or give another --out"):
         check_folder(tmp_path / "link" / below)
     check_folder(tmp_path / "new" / below)
     assert not (tmp_path / "new").exists()

@@ -21,13 +21,13 @@ BOMB = "a: &a [x, x, x]\n" + "".join(
 CASES = {
     "a key twice": (
         "depth: 100\nprofiles: 2\ndepth: 200\n",
-        "the key 'depth' is there twice, first at line 1; remove one at line 3",
+        "the key 'depth' occurs twice, first at line 1; remove one at line 3",
     ),
-    "a key twice below": ("actuation:\n  pitch: 20\n  pitch: 25\n", "the key 'pitch' is there twice, first at line 2"),
+    "a key twice below": ("actuation:\n  pitch: 20\n  pitch: 25\n", "the key 'pitch' occurs twice, first at line 2"),
     "10,000 levels": ("a: " + "[" * 10_000, "nested more than 20 levels deep"),
     "deep sections": ("".join(" " * n + f"k{n}:\n" for n in range(60)), "nested more than 20 levels deep"),
     "an alias bomb": (BOMB, "the alias '*"),
-    "itself": ("a: &a [*a]\n", "the alias '*a' is one too many"),
+    "itself": ("a: &a [*a]\n", "the alias '*a' is not accepted: there are too many"),
     "too large": ("# " + "x" * MAX_FILE_BYTES, "MB large, too large for a"),
     "thousands of digits": ("depth: " + "9" * 5000, "a value cannot be read"),
     "no date": ("start: 2024-02-31\n", "a value cannot be read"),

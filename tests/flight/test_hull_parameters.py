@@ -119,7 +119,7 @@ def test_the_file_states_deviation_and_walk(file_with):
         ({"deviation": {"viscous.K_D": -1.0}}, r"uncertainty\.deviation\..*greater than 0"),
         ({"deviation": {"viscous.K_X": 1.0}}, r"no number 'viscous\.K_X', which uncertainty\.deviation names"),
         ({"walk": {"position.hull.3": 1.0}}, r"no number 'position\.hull\.3'"),
-        ({"walk": {"mass.total": 1.0}}, r"'mass\.total', which is not varied"),
+        ({"walk": {"mass.total": 1.0}}, r"'mass\.total', which is not a parameter with an uncertainty"),
         ({"covariance": "lost.yaml"}, r"no such file"),
         ({"surprise": 1}, r"unknown key 'uncertainty\.surprise'"),
         (

@@ -141,7 +141,7 @@ def test_unknown_name_lists_hulls_and_nearest():
 def test_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         read_platform(tmp_path / "absent.yaml")
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_platform(tmp_path)
     (tmp_path / "binary.yaml").write_bytes(b"\x89HDF\xff\xfe")
     with pytest.raises(InputError, match="not a text file"):

@@ -65,7 +65,7 @@ def test_a_folder_that_all_can_write_is_refused(cache, tmp_path, caplog, where):
     taken = cache(GLIDERHPC_CACHE=folder)
     assert taken.parent != folder
     assert stat.S_IMODE(taken.stat().st_mode) == 0o700
-    assert "every user can write it" in caplog.text
+    assert "every user can write to it" in caplog.text
     assert "with mode 0700" in caplog.text
     folder.parent.chmod(0o1777)
     for path in (folder, inside):
@@ -81,7 +81,7 @@ def test_a_folder_that_a_group_can_write_is_refused(cache, tmp_path, caplog, mon
     folder.chmod(0o770)
     monkeypatch.setattr(compiled_cache, "_is_own_group", lambda group: False)
     assert cache(NUMBA_CACHE_DIR=folder).parent != folder
-    assert "its group can write it" in caplog.text
+    assert "its group can write to it" in caplog.text
     monkeypatch.setattr(compiled_cache, "_is_own_group", lambda group: True)
     assert cache(NUMBA_CACHE_DIR=folder).parent == folder
 

@@ -136,7 +136,7 @@ def test_another_level_is_not_used(named: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_folder_that_others_can_write_is_not_used(named: Path) -> None:
     (named / "x86-64-v3").chmod(0o777)
-    with pytest.raises(NotUsable, match="every user can write it"):
+    with pytest.raises(NotUsable, match="every user can write to it"):
         find_precompiled()
 
 

@@ -115,7 +115,7 @@ def test_killed_before_its_first_profile(swift, swift_store, own_copy, option):
     assert read_commits(own_copy) == {}
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, option)
     assert answer.status == 0
-    assert "was killed before its first profile; it is back" in answer.err
+    assert "this archive is restored, because the run that was to replace it was killed" in answer.err
     assert ("3 profiles are valid; nothing to compute" in answer.err) == (option == "--resume")
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
     assert names(own_copy) == ["copy.zarr"]
@@ -145,7 +145,7 @@ def test_what_an_older_run_set_aside_is_named_and_stays(own_copy, caplog):
     aside = shutil.copytree(own_copy, own_copy.with_name("copy.zarr.0123456789abcdef.old"))
     restore_set_aside(own_copy)
     assert is_archive(aside)
-    assert f"{aside}: is what an earlier run replaced; remove it if it is not needed" in caplog.text
+    assert f"{aside}: is the archive that an earlier run replaced; remove it if it is not needed" in caplog.text
 
 
 def test_an_archive_that_cannot_take_its_place(own_copy, swift_store, monkeypatch):

@@ -107,7 +107,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert found.dives is None
-    assert found.notes[-1].startswith("WARNING: the fit of the steady glides alone, since the dives found no better")
+    assert found.notes[-1].startswith("WARNING: fit of the steady glides alone, since the dives did not give a better")
     assert found.platform.source.endswith("calibration: worse.")
     assert "calibration" not in found.platform.model_fields_set
 
@@ -122,7 +122,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
     assert done.status == 0, done.err
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
     assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
-    assert "dives held out" in done.out
+    assert "held-out dives" in done.out
 
 
 def test_a_long_step_is_shortened_as_a_whole():

@@ -103,7 +103,7 @@ def test_a_job_that_kills_its_workers_fails_alone(executor):
     attempts = {attempt.job: attempt for attempt in executor.attempts(_deadly, [1, 2, 3])}
     assert [attempts[number].result for number in (1, 3)] == [1, 3]
     assert was_killed(attempts[2].error)
-    assert one_line(attempts[2].error) == "the worker was killed, or ran out of memory, 4 times"
+    assert one_line(attempts[2].error) == "the worker was killed or ran out of memory 4 times"
 
 
 def _described(_):
@@ -139,7 +139,7 @@ def test_workers_that_cannot_start_are_given_up(monkeypatch):
     monkeypatch.setattr(local_workers, "_serve", os.getpid)  # it takes no argument; the process ends at once
     executor = LocalExecutor(1)
     try:
-        with pytest.raises(RunStoppedError, match="end as they start"):
+        with pytest.raises(RunStoppedError, match="processes end at once"):
             list(executor.attempts(_doubled, [1]))
     finally:
         executor.close()

@@ -471,7 +471,7 @@ def test_resume_does_what_is_missing_and_nothing_else(swift, swift_store, own_co
     assert len(unchanged) == 2
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
     assert answer.status == 0, answer.err
-    assert "3 of 3 profiles done (2 of them by an earlier run)" in answer.out
+    assert "3 of 3 profiles done (2 of them in an earlier run)" in answer.out
     assert "profile 2 done" in answer.err
     assert "profile 1 done" not in answer.err
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
@@ -647,7 +647,7 @@ def test_compare_says_what_differs(swift_store, own_copy):
     assert "engine: lanes and scipy" in answer.out
     assert "series/depth: differs in 1 profiles (2), by 1 at most" in answer.out
     assert "series/B_cu: differs in 1 profiles (2), " in answer.out
-    assert "values missing in one alone" in answer.out
+    assert "values missing in only one of the two" in answer.out
     assert "2 profiles are the same" in answer.out
 
 
@@ -693,7 +693,7 @@ def test_a_dry_run_tells_and_does_nothing(brief, brief_store, tmp_path):
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--dry-run")
     assert answer.status == 0
     assert answer.out.startswith("3 profiles, 0.")
-    assert all(word in answer.out for word in ("min on", "of memory a worker", "of disk"))
+    assert all(word in answer.out for word in ("min on", "of memory per worker", "of disk"))
     assert not store.exists()
 
 

@@ -122,7 +122,7 @@ def test_a_mission_of_impossible_years_is_refused(tmp_path):
     folder = write_mission(tmp_path / "m")
     for path in folder.iterdir():
         path.write_text(path.read_text().replace("/20", "/16"))
-    with pytest.raises(InputError, match=r"not one usable navigation row .*clock not set"):
+    with pytest.raises(InputError, match=r"no usable navigation row .*clock not set"):
         import_seaexplorer([folder], tmp_path / "out.nc")
 
 
@@ -176,12 +176,12 @@ def spoil(path: Path, name: str, *, values=None, **attributes) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"log_gps_lat": "sg_data_point"}, "they belong together"),
+        ({"log_gps_lat": "sg_data_point"}, "they must have the same length"),
         ({"eng_pitchAng": "gps_info"}, "not sampled with time"),
         ({"time": np.full(132, np.inf)}, "has no depth"),
         ({"time": np.full(132, 1e300)}, "has no depth"),
-        ({"log_D_FLARE": 9.96921e36, "log_D_SURF": 1e9}, "would begin below"),
-        ({"eng_head": np.full(132, np.inf)}, "has no heading"),
+        ({"log_D_FLARE": 9.96921e36, "log_D_SURF": 1e9}, "a dive begins below"),
+        ({"eng_head": np.full(132, np.inf)}, "has no sample of heading"),
     ],
     ids=["fixes", "short", "infinite", "huge", "flare", "heading"],
 )
@@ -221,7 +221,7 @@ def test_a_zone_by_name_costs_the_dive(tmp_path):
     path = made.write_dive(tmp_path / "m", 1, columns=True)
     spoil(path, "time", units="seconds since 1970-01-01 00:00:00 EST")
     summary = import_seaglider([tmp_path / "m"], tmp_path / "out.nc")
-    assert "'EST' is no time zone that can be read" in summary.rejected["dive 1"]
+    assert "'EST' is not a readable time zone" in summary.rejected["dive 1"]
 
 
 # Slocum's binary files
@@ -241,7 +241,7 @@ def dbd(tmp_path):
 def test_a_header_cannot_name_a_file_elsewhere(dbd, tmp_path, crc):
     before = sorted(tmp_path.rglob("*"))
     dbd.write_bytes(binary(flight(), name=dbd.stem).replace(b"0BADCAFE", crc.encode()))
-    with pytest.raises(InputError, match="its sensor_list_crc is no check sum in hexadecimal"):
+    with pytest.raises(InputError, match="its sensor_list_crc is not a hexadecimal checksum"):
         import_slocum([dbd], tmp_path / "out.nc")
     assert sorted(tmp_path.rglob("*")) == before
 

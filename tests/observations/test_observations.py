@@ -161,7 +161,7 @@ def test_not_a_zarr_group(tmp_path):
 @pytest.mark.parametrize("name", ["time", "pitch", "battery_position"])
 def test_missing_variable(tmp_path, name):
     text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(name)))
-    assert f"required variable {name} is missing; it must hold" in text
+    assert f"required variable {name} is missing; it must contain" in text
 
 
 def test_variables_that_have_another_name(tmp_path):
@@ -193,12 +193,12 @@ def test_a_file_that_is_something_else(tmp_path, content, words):
 
 def test_depth_in_decibars(tmp_path):
     text = refusal(edited(tmp_path, lambda dataset: dataset["depth"].attrs.update(units="dbar")))
-    assert "depth is in 'dbar'; convert it to 'm' (what is in decibars is a pressure, not a depth)" in text
+    assert "depth is in 'dbar'; convert it to 'm' (a variable in decibars is a pressure, not a depth)" in text
 
 
 def test_missing_unit(tmp_path):
     text = refusal(edited(tmp_path, lambda dataset: dataset["roll"].attrs.pop("units") and None))
-    assert "roll has no units attribute; it must say 'degree'" in text
+    assert "roll has no units attribute; it must be 'degree'" in text
 
 
 def test_wrong_dimension(tmp_path):
@@ -224,7 +224,7 @@ def test_profile_that_is_no_whole_number(tmp_path):
 
 
 def test_no_profile_at_all(tmp_path):
-    assert "holds no profile" in refusal(write(tmp_path, profile=np.zeros(3 * (SAMPLES + 10), int)))
+    assert "has no profile" in refusal(write(tmp_path, profile=np.zeros(3 * (SAMPLES + 10), int)))
 
 
 def test_time_running_backwards_across_profiles(tmp_path):
@@ -313,20 +313,20 @@ def test_profile_of_twenty_samples(tmp_path):
     numbers = mission()["profile"]
     numbers[first_sample(2) + 20 : first_sample(2) + SAMPLES] = 0
     text = fault(write(tmp_path, profile=numbers))
-    assert text == "profile 2: only 20 samples, at least 30 are needed"
+    assert text == "profile 2: only 20 samples, but at least 30 are needed"
 
 
 def test_profile_that_is_too_short(tmp_path):
     numbers = mission()["profile"]
     numbers[first_sample(2) + 100 : first_sample(2) + SAMPLES] = 0
-    assert "profile 2: lasts only 99 s, at least 120 s are needed" in fault(write(tmp_path, profile=numbers))
+    assert "profile 2: lasts only 99 s, but at least 120 s are needed" in fault(write(tmp_path, profile=numbers))
 
 
 def test_profile_in_two_pieces(tmp_path):
     numbers = mission()["profile"]
     numbers[first_sample(2) + 200] = 0
     text = fault(write(tmp_path, profile=numbers))
-    assert f"takes up the number 2 again at sample {first_sample(2) + 201}" in text
+    assert f"has the number 2 again at sample {first_sample(2) + 201}" in text
 
 
 def test_all_profiles_faulty_still_opens(tmp_path):
@@ -372,5 +372,5 @@ def test_writer_refuses_what_is_not_of_the_format(tmp_path):
 
 
 def test_writer_needs_the_folder(tmp_path):
-    with pytest.raises(InputError, match="does not exist; make it first"):
+    with pytest.raises(InputError, match="does not exist; create it first"):
         write(tmp_path / "absent")

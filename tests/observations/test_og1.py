@@ -140,11 +140,11 @@ def test_the_producers_solution_is_carried_along(tmp_path):
             {"PITCH": None},
             r"has no pitch \(PITCH or GLIDER_PITCH.*it does have ballast volume \(VBD_CC\), roll \(ROLL\)",
         ),
-        ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no heading: not one sample"),
+        ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample of heading"),
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
         ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),
-        (None, "cannot be read as netCDF, it may have been cut short"),
+        (None, "cannot be read as netCDF, it may have been truncated"),
     ],
 )
 def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, words):
@@ -196,16 +196,16 @@ TEN = np.arange(10.0)
     [
         (
             {"TIME": TEN, "GLIDER_PITCH": TEN, "DEPTH": TEN},
-            r"has no ballast volume \(VBD_CC\): without the buoyancy.*import the glider's own files instead.*"
+            r"has no ballast volume \(VBD_CC\); without the ballast.*import the glider's own files instead.*"
             r"it also lacks roll, heading; it does have pitch \(GLIDER_PITCH\), depth \(DEPTH\), time \(TIME\)",
         ),
         ({"time": TEN, "pitch": TEN}, r"has no ballast volume.*it does have pitch \(pitch\), time \(time\)"),
         (
             {"m_present_time": TEN, "m_pitch": TEN},
-            "holds the sensors of a Slocum, which `gliderhpc import slocum` reads",
+            "contains the sensors of a Slocum, which `gliderhpc import slocum` reads",
         ),
         ({"eng_pitchAng": TEN, "log_gps_lat": TEN}, "a Seaglider's dive, which `gliderhpc import seaglider` reads"),
-        (dict.fromkeys(HELPFUL_ORDER, TEN), "is in the observation format already"),
+        (dict.fromkeys(HELPFUL_ORDER, TEN), "is already in the observation format"),
     ],
 )
 def test_a_foreign_file_lacks_first_what_helps(tmp_path, variables, words):
@@ -233,7 +233,7 @@ def test_files_that_count_from_the_same_number_are_counted_through(tmp_path):
 
 def test_an_og1_file_is_never_written_over(tmp_path):
     first, second = (made.write_og1(tmp_path / name, (1,)) for name in ("a.nc", "b.nc"))
-    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+    with pytest.raises(InputError, match="the last argument must be the netCDF file"):
         import_og1([first], second)
 
 

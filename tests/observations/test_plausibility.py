@@ -48,7 +48,7 @@ def test_a_fix_far_off_is_left_out_and_reported(tmp_path, index, profiles):
     """Its neighbours on both sides say which fix of a pair is the bad one."""
     off = mission()["fix_latitude"][index] + 27.0
     for number, (text, _) in enumerate(notes(write(tmp_path, **changed_fixes(latitude={index: off}))), start=1):
-        assert ("m/s over ground, where 4 m/s is the most that glider and current make" in text) == (number in profiles)
+        assert ("m/s over ground (glider and current together reach at most 4 m/s)" in text) == (number in profiles)
     with open_observations(tmp_path / "mission.nc") as observations:
         assert len(observations.survey.fixes.time) == len(mission()["fix_time"]) - 1
         assert "left out" in observations.warnings[0]
@@ -89,7 +89,7 @@ def test_fixes_at_null_are_missing(tmp_path):
     path = write(tmp_path, **changed_fixes(latitude=zero, longitude=zero))
     found = notes(path)
     assert not any(there for _, there in found)
-    assert all("0 N, 0 E is what a receiver reports without a position" in text for text, _ in found)
+    assert all("0 N, 0 E, which a receiver reports if it has no position" in text for text, _ in found)
     with open_observations(path) as observations:
         assert "no usable GPS fix in the file (GPS fix of" in observations.warnings[0]
 
@@ -100,7 +100,7 @@ def test_a_position_that_never_changes_is_stale(tmp_path):
     same = {"fix_latitude": np.full(9, 50.0), "fix_longitude": np.full(9, -128.0)}
     found = notes(write_observations(made | same, tmp_path / "still.nc", attributes=ATTRIBUTES))
     assert not any(there for _, there in found)
-    assert "once more, to the last digit" in found[-1][0]
+    assert "it repeats the position of" in found[-1][0]
 
 
 def test_a_position_that_is_the_same_after_a_dive_gives_no_current(tmp_path):
@@ -108,7 +108,7 @@ def test_a_position_that_is_the_same_after_a_dive_gives_no_current(tmp_path):
     same = changed_fixes(latitude={1: 50.0, 2: 50.0}, longitude={1: -128.0, 2: -128.0})
     text, there = notes(write(tmp_path, **same))[0]
     assert not there
-    assert "to the last digit, though a profile lies between them: neither is used" in text
+    assert "to the last digit, although a profile lies between them: neither is used" in text
 
 
 def test_plausible_fixes_are_left_alone():
@@ -151,7 +151,7 @@ def test_a_clock_set_back_within_a_profile_costs_the_next_one_its_fixes(tmp_path
     with open_observations(write(tmp_path, time=time)) as observations:
         assert list(observations.faults) == [2]
         assert observations.profile(3).entry_fix is None
-        assert "the clock was set back by 199 s in profile 2, before it" in observations.profile(3).notes[0]
+        assert "the clock was set back by 199 s in profile 2, the preceding one" in observations.profile(3).notes[0]
         assert observations.profile(1).entry_fix is not None
 
 
@@ -177,9 +177,7 @@ def test_a_zone_by_name_is_refused(tmp_path):
     def edit(dataset, zone):
         dataset["time"].attrs["units"] += zone
 
-    with pytest.raises(
-        InputError, match=r"time is in .*'EST' is no time zone that can be read; convert the times to UTC"
-    ):
+    with pytest.raises(InputError, match=r"time is in .*'EST' is not a readable time zone; convert the times to UTC"):
         open_observations(edited(tmp_path, lambda dataset: edit(dataset, " EST")))
     for zone in ("", "Z", " UTC", " +00:00"):
         with open_observations(edited(tmp_path, lambda dataset, zone=zone: edit(dataset, zone))) as observations:
@@ -189,11 +187,11 @@ def test_a_zone_by_name_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("units", "words"),
     [
-        ("seconds since yesterday", "names no day"),
-        ("seconds since 1970-13-01", "names no day"),
+        ("seconds since yesterday", "has no valid reference date"),
+        ("seconds since 1970-13-01", "has no valid reference date"),
         ("furlongs since 1970-01-01", "no CF time unit"),
         ("seconds", "no CF time unit"),
-        ("seconds since 1970-01-01 00:00 Europe/Berlin", "no time zone"),
+        ("seconds since 1970-01-01 00:00 Europe/Berlin", "is not a readable time zone"),
     ],
 )
 def test_units_of_time_that_are_none(units, words):
@@ -219,7 +217,7 @@ def test_a_profile_of_weeks_is_none(tmp_path):
     slow = START + 6000 * (mission()["time"] - START)
     with open_observations(write(tmp_path, time=slow)) as observations:
         assert list(observations.faults) == [1, 2, 3]
-        assert "lasts 27.7 days, at most 20 days are plausible; is the unit of time right" in observations.faults[1]
+        assert "lasts 27.7 days, but at most 20 days are plausible; check the unit of time" in observations.faults[1]
 
 
 @pytest.mark.parametrize(("factor", "words"), [(60, "slower than any glide"), (0.5, "faster than any glider")])
@@ -231,7 +229,7 @@ def test_a_pace_of_no_glider_is_named(tmp_path, factor, words):
     with open_observations(write(tmp_path, time=time, depth=depth)) as observations:
         assert list(observations.faults) == [1, 2, 3]
         assert words in observations.faults[1]
-        assert "are the units of time and depth right?" in observations.faults[2]
+        assert "check the units of time and depth" in observations.faults[2]
 
 
 @pytest.mark.parametrize(
@@ -267,13 +265,13 @@ def test_a_gap_of_ten_years_fails_its_profile_and_sizes_nothing(tmp_path):
 def test_ballast_in_another_unit_is_named(tmp_path, factor, unit):
     with open_observations(write(tmp_path, ballast_volume=mission()["ballast_volume"] * factor)) as observations:
         assert list(observations.faults) == [1, 2, 3]
-        assert "too little oil to drive a glider: is it in m3 or in litres? convert it to cm3" in observations.faults[1]
+        assert "too little oil to drive a glider; if it is in m3 or litres, convert it to cm3" in observations.faults[1]
 
 
 def test_pitch_in_radians_is_named(tmp_path):
     with open_observations(write(tmp_path, pitch=np.radians(mission()["pitch"]))) as observations:
         assert list(observations.faults) == [1, 2, 3]
-        assert "too flat for a glide: is it in radians? convert it to degrees" in observations.faults[2]
+        assert "too flat for a glide; if it is in radians, convert it to degrees" in observations.faults[2]
 
 
 def test_heading_in_radians_is_refused(tmp_path):
@@ -304,7 +302,7 @@ def test_more_memory_than_the_machine_has_is_refused(tmp_path, monkeypatch):
         plan = plan_mission(observations, MissionSettings(), (1, 2, 3))
         assert plan.workers_that_fit(MissionSettings(), 8) == 1
         plan.check_memory(MissionSettings(), 1)
-        with pytest.raises(InputError, match=r"2 workers would need 0.7 GB of memory, and 0.3 GB .* give --workers 1"):
+        with pytest.raises(InputError, match=r"2 workers would need 0.7 GB of memory, but 0.3 GB .* give --workers 1"):
             plan.check_memory(MissionSettings(), 2)
         with pytest.raises(InputError, match="leave the longest profiles out with --profiles"):
             replace(plan, longest=10_000_000).check_memory(MissionSettings(), 1)
@@ -374,7 +372,7 @@ def test_a_dry_run_refuses_what_the_run_refuses(tmp_path, dry):
     good = write(tmp_path)
     answer = program("run-mission", good, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
     assert answer.status == 2
-    assert "is no archive of gliderhpc, so it is left alone" in answer.err.splitlines()[-1]
+    assert "is not an archive of gliderhpc, so it is not replaced" in answer.err.splitlines()[-1]
     answer = program(
         "run-mission", good, "--platform", "petrel-l", "--store", tmp_path / "n.zarr", "--set", "seawater=density", *dry
     )

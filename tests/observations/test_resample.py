@@ -91,7 +91,7 @@ def test_the_grid_spans_what_all_measurements_share():
 
 def test_too_little_to_interpolate():
     time = np.arange(0.0, 50.0)
-    with pytest.raises(ProfileError, match="profile 7: pitch has 0 samples, at least 2 are needed"):
+    with pytest.raises(ProfileError, match="profile 7: pitch has 0 samples, but at least 2 are needed"):
         resample(record(time, pitch=np.full(50, np.nan)), 0.1, 5.0)
     early, late = np.full(50, np.nan), np.full(50, np.nan)
     early[:10], late[20:] = 0.1, 0.1

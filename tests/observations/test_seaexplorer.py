@@ -203,7 +203,7 @@ def test_cycles_say_why_they_give_no_profile(tmp_path):
     assert summary.without_profile == {"cycle 6": "its navigation file is missing", "cycle 8": "only a surface record"}
     assert [(profile.number, profile.fault) for profile in summary.profiles] == [
         (5, None),
-        (7, "profile 7: only 14 samples, at least 30 are needed"),
+        (7, "profile 7: only 14 samples, but at least 30 are needed"),
     ]
 
 
@@ -214,7 +214,7 @@ def test_a_shallow_dive_is_no_profile(tmp_path):
     rows = [row(begin + np.timedelta64(20 * i, "s"), state, depth) for i, (state, depth) in enumerate(states)]
     (folder / "sea099.3.gli.sub.9").write_text("\n".join([NAVIGATION, *rows]) + "\n")
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
-    assert summary.without_profile["cycle 9"] == "too shallow: dives 4 m, at least 10 m are needed"
+    assert summary.without_profile["cycle 9"] == "too shallow: dives 4 m, but at least 10 m are needed"
 
 
 def test_ctd_goes_to_the_nearest_row_and_is_not_interpolated(tmp_path):
@@ -338,7 +338,7 @@ def test_of_two_ctds_the_one_with_more_samples_is_taken(tmp_path):
     write_payload(folder, "sea099.3.pld1.sub.5", both, {0: "20;9;35;9.5;20;3.5;9.6;20", 20: "20;9;35;9.5;20;;;"})
     summary, found = ctd_of(folder, tmp_path / "out.nc")
     assert (summary.ctd_samples, float(found["temperature"])) == (2, 9.5)
-    assert summary.remarks[-1] == "CTD LEGATO taken, which has more samples than GPCTD"
+    assert summary.remarks[-1] == "CTD LEGATO is used; it has more samples than GPCTD"
 
 
 def test_a_conductivity_that_no_unit_explains_is_a_remark(tmp_path):
@@ -408,11 +408,11 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
     for sources, words in (
         ([tmp_path / "absent"], "no such file or folder"),
         ([stray], "is not named like a SeaExplorer record"),
-        ([empty], r"no \*.gli.sub.\* file there"),
+        ([empty], r"no \*.gli.sub.\* file found"),
         ([record, other], "belongs to another mission"),
-        ([folder, second], "cycle 5 is already there"),
+        ([folder, second], "cycle 5 is already given as"),
         ([headless], "has no column Timestamp"),
-        ([junk], r"not one usable navigation row \(wrong number of fields: 1\)"),
+        ([junk], r"no usable navigation row \(wrong number of fields: 1\)"),
     ):
         with pytest.raises(InputError, match=words) as refused:
             import_seaexplorer(sources, out)
@@ -424,7 +424,7 @@ def test_a_missing_output_argument_does_not_destroy_a_record(tmp_path):
     folder = write_mission(tmp_path / "m")
     record = folder / "sea099.3.gli.sub.6"
     before = record.read_bytes()
-    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+    with pytest.raises(InputError, match="the last argument must be the netCDF file"):
         import_seaexplorer([folder / "sea099.3.gli.sub.5"], record)
     assert record.read_bytes() == before
 

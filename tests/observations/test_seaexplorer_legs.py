@@ -60,8 +60,8 @@ def test_a_missing_file_breaks_a_record(then, broken):
 @pytest.mark.parametrize(
     ("states", "reason"),
     [
-        ([(DIVING, 2.0), (DIVING, 11.5)], "too shallow: dives 10 m, at least 10 m are needed"),
-        ([(DIVING, 2.0), (DIVING, 3.0)], "too shallow: dives 1 m, at least 10 m are needed"),
+        ([(DIVING, 2.0), (DIVING, 11.5)], "too shallow: dives 10 m, but at least 10 m are needed"),
+        ([(DIVING, 2.0), (DIVING, 3.0)], "too shallow: dives 1 m, but at least 10 m are needed"),
         ([(INFLECTING_DOWN, 2.0), (INFLECTING_DOWN, 2.9)], None),
         ([(CLIMBING, 2.0), (CLIMBING, 6.0)], None),
     ],
@@ -105,7 +105,7 @@ def test_only_the_last_surface_rows_say_where_the_hull_floats():
 def test_two_dives_within_one_file_are_one_profile_and_a_reason():
     legs, without = find_legs(rows([*PROFILE, (TRANSMITTING, 0.0), *PROFILE]))
     assert extents(legs) == [(5, 1, 6)]
-    assert without == {5: "dives twice between surfacings within one file: the first dive is taken"}
+    assert without == {5: "dives twice between surfacings within one file: only the first dive is used"}
 
 
 def test_a_cycle_says_why_it_has_no_profile():

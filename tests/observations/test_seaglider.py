@@ -177,12 +177,12 @@ def changed(**changes):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (truncated, "cannot be read as netCDF, it may have been cut short"),
+        (truncated, "cannot be read as netCDF, it may have been truncated"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
-        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no roll: not one sample"),
+        (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no sample of roll"),
         (changed(magnetic_variation=None), "its heading is magnetic and it has no declination"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
-        (changed(log_VBD_CNV=None), "has no log_VBD_CNV and log_C_VBD to convert counts with"),
+        (changed(log_VBD_CNV=None), "lacks log_VBD_CNV or log_C_VBD, which convert counts to positions"),
         (changed(depth=None), "has no depth"),
     ],
 )
@@ -202,7 +202,7 @@ def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
 def test_a_shallow_dive_is_no_profile(tmp_path):
     summary = import_seaglider([write_mission(tmp_path / "m", columns=True, maximum=6.0)], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3]
-    assert summary.without_profile == {"dive 2": "too shallow: dives to 6 m, at least 10 m are needed"}
+    assert summary.without_profile == {"dive 2": "too shallow: dives to 6 m, but at least 10 m are needed"}
     assert summary.rejected == {}
 
 
@@ -228,10 +228,10 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
     for sources, words in (
         ([tmp_path / "absent"], "no such file or folder"),
         ([stray], "is not named like a Seaglider's per-dive file"),
-        ([tmp_path / "empty"], "no pGGGDDDD.nc there"),
+        ([tmp_path / "empty"], "no pGGGDDDD.nc found"),
         ([dive, other], "belongs to another glider"),
-        ([folder, dive], "dive 1 is already there"),
-        ([broken], "not one dive can be used"),
+        ([folder, dive], "dive 1 is already given as"),
+        ([broken], "no dive can be used"),
     ):
         with pytest.raises(InputError, match=words) as refused:
             import_seaglider(sources, tmp_path / "out.nc")
@@ -241,7 +241,7 @@ def test_bad_sources_are_refused_in_one_line(tmp_path):
 
 def test_a_missing_output_argument_does_not_destroy_a_dive(tmp_path):
     folder = write_mission(tmp_path / "m", columns=True)
-    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+    with pytest.raises(InputError, match="the last argument must be the netCDF file"):
         import_seaglider([folder / "p0990001.nc"], folder / "p0990002.nc")
 
 

@@ -201,7 +201,7 @@ def punctured(record, low, high):
         (lambda r: replace(r, practical_salinity=np.full_like(r.pressure, np.nan)), "no practical_salinity"),
         (lambda r: replace(r, practical_salinity=np.full_like(r.pressure, 99.0)), "plausible range"),
         (lambda r: replace(r, pressure=None, entry_fix=None), "neither pressure nor a GPS fix"),
-        (lambda r: punctured(r, 40.0, 90.0), "no usable temperature and practical_salinity about 39 dbar"),
+        (lambda r: punctured(r, 40.0, 90.0), "no usable temperature and practical_salinity near 39 dbar"),
         (lambda r: punctured(r, 20.0, 1000.0), "no usable temperature and practical_salinity"),
     ],
 )
@@ -238,7 +238,7 @@ def test_density_that_is_asked_for_and_not_there_is_refused():
     pressure = dive_and_climb()
     record = cast(pressure, thermocline(pressure), None, practical_salinity=None)
     asked = EstimationSettings(seawater="density")
-    with pytest.raises(ProfileError, match=r"profile 7: no practical_salinity, and seawater=density .*seawater=auto"):
+    with pytest.raises(ProfileError, match=r"profile 7: no practical_salinity, but seawater=density .*seawater=auto"):
         on_steps(record, asked)
     with pytest.raises(InputError, match=r"petrel-l states no buoyancy\.compressibility"):
         check_seawater(PETREL, asked)
@@ -352,13 +352,15 @@ def test_a_profile_that_fell_back_to_the_depth_slope_is_warned_of(ocean_mission,
     rows = {number: {"status": "done", "buoyancy": number % 2} for number in (1, 2, 3, 4)}
     _warn_of_slope(SOFT, MissionResult(rows=rows | {5: {"status": "failed"}}))
     (warning,) = caplog.messages
-    assert warning.startswith("profile 2, 4: buoyancy by the depth slope, not by density")
+    assert warning.startswith("profile 2, 4: buoyancy from the depth slope, not from density")
     assert SLOPE_BIAS in warning
     caplog.clear()
     _warn_of_slope(read_platform("petrel-l"), MissionResult(rows=rows))
     assert caplog.messages == []
     series = profile_series(ocean_mission / "twin.nc", 1, EstimationSettings(seawater="depth_slope"))
-    assert buoyancy_remarks(SOFT, series) == [f"buoyancy by the depth slope, not by density: as set; {SLOPE_BIAS}"]
+    assert buoyancy_remarks(SOFT, series) == [
+        f"buoyancy from the depth slope, not from density: by the setting seawater; {SLOPE_BIAS}"
+    ]
     assert buoyancy_remarks(read_platform("petrel-l"), series) == []
 
 
@@ -370,7 +372,7 @@ def test_the_archive_says_what_was_used(ocean_mission, ocean_store):
         assert table["buoyancy"].attrs["flag_meanings"] == "depth_slope density"
         assert str(table["message"].values[0]) == ""
         assert str(table["message"].values[1]) == (
-            f"buoyancy by the depth slope, not by density: no practical_salinity; {SLOPE_BIAS}"
+            f"buoyancy from the depth slope, not from density: no practical_salinity; {SLOPE_BIAS}"
         )
         assert np.isnan(observed["water_density"].sel(profile=2)).all()
         assert archive.attrs["settings"]["seawater"] == "auto"
@@ -473,7 +475,7 @@ def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
         hull, usable, _ = choose_buoyancy(SOFT, segments, none, way)
         assert hull.buoyancy.compressibility is None
         assert not usable.in_known_water.any()
-    with pytest.raises(InputError, match="no steady flight of the profiles chosen has a known density"):
+    with pytest.raises(InputError, match="no steady flight of the chosen profiles has a known density"):
         choose_buoyancy(PETREL, partly.of(partly.profile == 2), none, "density")
 
 

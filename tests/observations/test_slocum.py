@@ -29,10 +29,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.slocum import import_slocum
 
-CUT_SHORT = "ends before its closing mark; what is before the cut is imported"
+CUT_SHORT = "ends before its closing mark; the complete records before the cut are imported"
 
 
-FOREIGN, CUT_HEADER = "is no binary Slocum file", "cut short; copy it again"
+FOREIGN, CUT_HEADER = "is not a binary Slocum file", "is truncated within its header; copy it again"
 
 
 def imported(tmp_path, flown, sampled=None, *, units=None, **options):
@@ -162,8 +162,8 @@ def test_the_declination_may_be_given(tmp_path):
     del flown["m_gps_mag_var"]
     _, dataset = imported(tmp_path, flown, declination=-60.0)
     np.testing.assert_allclose(dataset["heading"].values, np.degrees(1.0) - 60.0 + 360.0)
-    assert "that was given, -60 degree" in dataset.attrs["heading_comment"]
-    with pytest.raises(InputError, match=r"m_gps_mag_var is not there.* --declination") as refused:
+    assert "plus the given declination, -60 degree" in dataset.attrs["heading_comment"]
+    with pytest.raises(InputError, match=r"m_gps_mag_var is missing.* --declination") as refused:
         imported(tmp_path, flown)
     assert "\n" not in str(refused.value)
 
@@ -245,7 +245,7 @@ def test_measurements_of_a_cycle_that_hung_are_left_out(tmp_path):
     hung = AFLOAT + DIVE + 50
     flown["m_present_time"][hung + 1 :] += 10.0
     summary, dataset = imported(tmp_path, flown)
-    assert summary.rows_dropped == {"measurements of a cycle that hung": 1}
+    assert summary.rows_dropped == {"measurements of a delayed cycle of the computer": 1}
     for name in ("depth", "roll", "pitch", "heading"):
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(dataset[name].values)), [hung])
     assert np.isfinite(dataset["rudder"].values[hung])
@@ -277,10 +277,10 @@ def spoilt(change):
         (spoilt(lambda f: f.pop("m_pitch")), {}, r"glider\.nc: has no m_pitch \(attitude\); decode the mission again"),
         (spoilt(lambda f: f.pop("m_present_time")), {}, r"glider\.nc: has no m_present_time"),
         (spoilt(lambda f: (f.pop("m_ballast_pumped"), f.pop("m_de_oil_vol"))), {}, "without the ballast"),
-        (flight(), {"m_battpos": None}, r"glider\.nc: m_battpos declares no unit; give it a units .*, one of m,"),
-        (flight(), {"m_pitch": "m"}, r"glider\.nc: m_pitch is in 'm', which is no angle"),
+        (flight(), {"m_battpos": None}, r"glider\.nc: m_battpos declares no unit; set its units .* one of m,"),
+        (flight(), {"m_pitch": "m"}, r"glider\.nc: m_pitch is in 'm', which is not a unit of angle"),
         (flight(), {"m_present_time": "days"}, r"glider\.nc: m_present_time is in 'days'"),
-        (spoilt(lambda f: f["m_present_time"].fill(0.0)), {}, r"glider\.nc: not one usable .* \(clock not set: 450\)"),
+        (spoilt(lambda f: f["m_present_time"].fill(0.0)), {}, r"glider\.nc: no usable .* \(clock not set: 450\)"),
     ],
     ids=["attitude", "clock", "ballast", "no unit", "wrong unit", "unit of time", "no time"],
 )  # fmt: skip
@@ -301,7 +301,7 @@ def test_a_bad_file_is_left_out_alone(tmp_path):
     summary = import_slocum([tmp_path], out)
     assert set(summary.rejected) == {lame.name, short.name}
     assert "has no m_roll (attitude)" in summary.rejected[lame.name]
-    assert "is it cut short?" in summary.rejected[short.name]
+    assert "it may be truncated" in summary.rejected[short.name]
     assert len(summary.complete) == 1
     answer = program("import", "slocum", tmp_path, out, "--overwrite")
     assert answer.status == 1
@@ -317,14 +317,14 @@ def test_bad_sources_are_refused(tmp_path):
     for sources, words in (
         ([tmp_path / "absent"], "no such file or folder"),
         ([stray], "is neither a Slocum record"),
-        ([empty], "no flight record there"),
+        ([empty], "no flight record found"),
     ):
         with pytest.raises(InputError, match=words):
             import_slocum(sources, tmp_path / "out.nc")
     before = source.read_bytes()
-    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+    with pytest.raises(InputError, match="the last argument must be the netCDF file"):
         import_slocum([source], source)
-    with pytest.raises(InputError, match="the last argument is the netCDF file"):
+    with pytest.raises(InputError, match="the last argument must be the netCDF file"):
         import_slocum([source], tmp_path / "glider.dbd")
     assert source.read_bytes() == before
 
@@ -424,7 +424,7 @@ def test_a_missing_cache_file_is_named(card, tmp_path):
         import_slocum([card], tmp_path / "out.nc")
     assert len(import_slocum([card], tmp_path / "out.nc", cache=elsewhere).complete) == 2
     assert set(gliderhpc.import_records(card, cache=str(elsewhere)).profile.values) >= {1, 2}
-    with pytest.raises(InputError, match="no such folder; --cache takes"):
+    with pytest.raises(InputError, match="no such folder; give --cache the folder"):
         import_slocum([card], tmp_path / "out.nc", cache=tmp_path / "nowhere", overwrite=True)
     name = "ammonite-2015-175-0-2"
     write_binary(card / f"{name}.dbd", flight(2), name=name, crc="11111111")
@@ -468,7 +468,7 @@ def test_a_list_of_sensors_cut_short_is_no_list(card, tmp_path, size):
 
 def test_a_broken_cache_file_is_named(card, tmp_path):
     (card / "0badcafe.cac").write_text("s: T 0 0 8 m_present_time timestamp\nnothing\n")
-    with pytest.raises(InputError, match=r"0badcafe.cac is cut short or no list of sensors; copy it again"):
+    with pytest.raises(InputError, match=r"0badcafe.cac is truncated or not a list of sensors; copy it again"):
         import_slocum([card], tmp_path / "out.nc")
 
 
@@ -516,7 +516,7 @@ def test_modena(shared_data, tmp_path):
     assert (summary.fixes, summary.fixes_dropped) == (3674, 9)
     assert (summary.rows, summary.ctd_samples) == (353_321, 344_229)
     assert summary.rows_dropped == {
-        "measurements of a cycle that hung": 863,
+        "measurements of a delayed cycle of the computer": 863,
         "science: sci_water_cond out of range": 68,
     }
     assert summary.rejected == {}

@@ -49,8 +49,8 @@ def test_a_table_of_erddap_gives_the_current_of_its_netcdf(tmp_path, units_in_he
     [
         ("time,depth\n", "the row of units is missing"),
         ("time,depth\nUTC,m\n2020-01-01T00:00:00Z,1\n2020-01-01T00:00:09Z,deep\n", "depth in row 2 .* 'deep'"),
-        ("time,depth\nUTC,m\nyesterday,1\n", "time holds a time that is not of ISO 8601"),
-        ("", "cannot be read as a table"),
+        ("time,depth\nUTC,m\nyesterday,1\n", "time has a time that is not in ISO 8601 format"),
+        ("", "cannot be read as an ERDDAP table"),
     ],
 )
 def test_a_faulty_table_takes_one_line(tmp_path, text, words):
@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_inverted_says_what_it_lacks_for_what(tmp_path):
     assert "currents lack pitch, heading; the inversion lacks ballast volume, roll, pitch, heading" in done.err
     path = _written(mission(GLIDE).drop_vars("ballast_volume", errors="ignore"), tmp_path / "light.nc")
     done = program("import", "any", path, tmp_path / "out.nc")
-    assert "`gliderhpc currents` reads it as it is; the inversion lacks ballast volume" in done.err
+    assert "`gliderhpc currents` reads it without conversion; the inversion lacks ballast volume" in done.err
 
 
 def test_the_flight_model_of_an_og1_file_is_stored_as_reference(tmp_path):

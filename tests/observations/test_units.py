@@ -50,7 +50,7 @@ def test_conversions_of_slocum_sensors(quantity, unit, value, converted):
 
 
 def test_a_unit_of_another_quantity_is_refused():
-    with pytest.raises(InputError, match="x is in 'rad', which is no length; it must be in one of m,"):
+    with pytest.raises(InputError, match="x is in 'rad', which is not a unit of length; it must be in one of m,"):
         conversion("length in m", "rad", "x")
     with pytest.raises(InputError, match="x declares no unit"):
         conversion("length in m", None, "x")

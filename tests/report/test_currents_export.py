@@ -102,7 +102,7 @@ def test_what_cannot_be_exported_gets_one_line(brief_store, studied, exported, t
     there = program("export", "currents", studied, studied.with_name("currents.nc"))
     assert (there.status, "this file exists" in there.line) == (2, True)
     nowhere = program("export", "currents", studied, tmp_path / "none" / "out.nc")
-    assert (nowhere.status, "there is no folder" in nowhere.line) == (2, True)
+    assert (nowhere.status, "does not exist; create it first" in nowhere.line) == (2, True)
     copy = shutil.copytree(studied, tmp_path / "nothing.zarr")
     put_table_rows(copy, {row: {"current_north": np.nan} for row in range(3)}, "currents")
     nothing = program("export", "currents", copy, tmp_path / "out.nc")

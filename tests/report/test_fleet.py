@@ -157,7 +157,7 @@ def test_a_damaged_archive_costs_itself_alone(archives, tmp_path):
     text = page.sections["fleet"]
     assert "no page of its own: " in text
     assert "the chunk is damaged" in text
-    assert f"{broken}: no archive of gliderhpc" in text
+    assert f"{broken}: not an archive of gliderhpc" in text
     assert "no such archive" in text
     assert [bool(row["fault"]) for row in rows_of(tmp_path / "out" / "fleet.csv")] == [True, False, True, True]
     assert (tmp_path / "out" / "one" / "index.html").is_file()

@@ -358,12 +358,12 @@ def test_what_cannot_be_written_or_read_takes_one_line(brief_store, tmp_path):
     (tmp_path / "there.nc").write_text("mine")
     for arguments, words in (
         ((tmp_path / "none.zarr", tmp_path / "out.nc"), "no such archive"),
-        ((tmp_path, tmp_path / "out.nc"), "no archive of gliderhpc"),
+        ((tmp_path, tmp_path / "out.nc"), "not an archive of gliderhpc"),
         ((brief_store, tmp_path / "there.nc"), "this file exists; give another name or replace it with --overwrite"),
-        ((brief_store, tmp_path / "no" / "out.nc"), "there is no folder"),
+        ((brief_store, tmp_path / "no" / "out.nc"), "does not exist; create it first"),
         ((brief_store, tmp_path), "is a folder"),
         ((brief_store, tmp_path / "out.nc", "--attribute", "site"), "write it as NAME=VALUE"),
-        ((brief_store, tmp_path / "out.nc", "--attribute", "WMO=1"), "those that can be given are TRAJECTORY"),
+        ((brief_store, tmp_path / "out.nc", "--attribute", "WMO=1"), "give one of TRAJECTORY"),
     ):
         answer = program("export", "og1", *arguments)
         assert answer.status == 2
@@ -393,7 +393,7 @@ def test_a_full_disk_is_1_and_leaves_nothing(brief_store, tmp_path, monkeypatch)
     monkeypatch.setattr(appended.shutil, "disk_usage", lambda _: usage(10, 10, 0))
     answer = program("export", "og1", brief_store, tmp_path / "out.nc")
     assert answer.status == 1
-    assert f"no space left to write {tmp_path / 'out.nc'}; free some and run it again" in answer.line
+    assert f"no space left to write {tmp_path / 'out.nc'}; free some space and run it again" in answer.line
     assert list(tmp_path.iterdir()) == []
 
 

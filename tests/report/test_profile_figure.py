@@ -247,7 +247,7 @@ def test_axis_limits():
 
 
 def test_the_head_says_what_and_how_well(tmp_path, truth):
-    content = Content(1, table={"message": "12 s of gaps in the record weigh nothing"})
+    content = Content(1, table={"message": "12 s of gaps in the record have no weight"})
     figure = drawn(tmp_path, content, truth)
     for part in (
         "cost $1 and $2 · petrel-l · profile 1", "preset recommended", "20 windows, 95.0% converged",

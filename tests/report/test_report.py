@@ -237,7 +237,7 @@ def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
     (tmp_path / "other.zarr" / "zarr.json").write_text("{}")
     refused = program("report", tmp_path / "other.zarr", "--out", tmp_path / "out")
     assert refused.status == 2
-    assert "no archive of gliderhpc" in refused.line
+    assert "not an archive of gliderhpc" in refused.line
     assert "no profile 7" in program("report", own_copy, "--out", tmp_path / "out", "--profile", 7).line
     (tmp_path / "file").write_text("")
     assert "give another --out" in program("report", own_copy, "--out", tmp_path / "file" / "report").line

@@ -99,7 +99,7 @@ def test_bad_scenario_files_are_refused_in_one_line(tmp_path, text, message):
 def test_absent_scenarios_are_refused(tmp_path):
     with pytest.raises(InputError, match="unknown scenario 'papr', did you mean 'paper'"):
         load_scenario("papr")
-    with pytest.raises(InputError, match="cannot read this scenario file"):
+    with pytest.raises(InputError, match="this scenario file cannot be read"):
         load_scenario(tmp_path / "no.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(InputError, match="not a text file"):

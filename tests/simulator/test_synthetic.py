@@ -379,7 +379,7 @@ def test_unstable_hull_is_refused(petrel):
     [
         ({"depth": -3}, "depth is -3"),
         ({"wind": 3}, "unknown key 'wind'; keys are name, profiles"),
-        ({"current": {"speed": (0.4, 0.1)}}, r"current\.speed.*lies above"),
+        ({"current": {"speed": (0.4, 0.1)}}, r"current\.speed.*exceeds the upper limit"),
         ({"surface": {"fixes": 9}}, "must be longer"),
         ({"integration": {"truth_step": 0.12}}, "truth_step must be a multiple of step"),
     ],

@@ -137,7 +137,7 @@ def test_a_chunk_that_should_not_be_there_is_found(own_copy):
     assert not chunk.exists()
     shutil.copy(own_copy / "observed" / "depth" / "c.1.0", chunk)
     assert damaged_chunks(own_copy) == [
-        "profile 2, observed/water_density: there should be no chunk; run-mission --resume mends it"
+        "profile 2, observed/water_density: there should be no chunk; run-mission --resume repairs it"
     ]
 
 
@@ -147,7 +147,7 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     answer = resume(swift, own_copy)
     assert "1 profiles are valid; to be computed: 1 missing, 1 damaged" in answer.err
     assert "profile 2, state/u: the chunk is damaged; it is computed again" in answer.err
-    assert "3 of 3 profiles done (1 of them by an earlier run)" in answer.out
+    assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
 
 
 def test_what_a_killed_writer_left_is_cleared(swift, swift_store, own_copy):
@@ -241,7 +241,7 @@ def test_a_flipped_bit_of_metadata_is_mended(own_copy, swift, swift_store, numbe
 def test_a_chunk_that_is_missing_is_not_missing_values(own_copy, tmp_path):
     """Zarr alone reads it as fill; every command that reads it names it, and its remedy."""
     (own_copy / "series" / "B_cu" / "c.1.0").unlink()
-    line = "profile 2, series/B_cu: the chunk is missing; run-mission --resume mends it"
+    line = "profile 2, series/B_cu: the chunk is missing; run-mission --resume repairs it"
     for command in (["check", own_copy], ["info", own_copy]):
         answer = program(*command)
         assert answer.status == 1
@@ -293,7 +293,7 @@ def test_many_damages_are_summed_up(own_copy):
     assert answer.status == 1
     (line,) = [line for line in answer.out.splitlines() if line.startswith("profile 2")]
     assert "chunks are missing or damaged (state/" in line
-    assert line.endswith(", ...); run-mission --resume mends it")
+    assert line.endswith(", ...); run-mission --resume repairs it")
 
 
 # One run at a time
@@ -355,7 +355,9 @@ def test_a_lock_that_is_no_file_is_named(tmp_path, make):
         if make == "linked":
             target.write_text("{}")
     with (
-        pytest.raises(InputError, match=r"a\.zarr\.lock: no lock of gliderhpc but a folder, link or device; remove it"),
+        pytest.raises(
+            InputError, match=r"a\.zarr\.lock: is not a lock of gliderhpc but a folder, link or device; remove it"
+        ),
         locked(archive),
     ):
         pass

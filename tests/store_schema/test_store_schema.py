@@ -227,7 +227,7 @@ def test_table_rows_reach_the_tables_of_groups_below(archive):
     for name in ("smoothed/nothing", "nothing/passes"):
         with pytest.raises(KeyError):
             write_table_rows(archive, {1: {name: 3}})
-    with pytest.raises(ValueError, match="smoothed/B_cu is no column of a table"):
+    with pytest.raises(ValueError, match="smoothed/B_cu is not a column of a table"):
         write_table_rows(archive, {1: {"smoothed/B_cu": 3.0}})
 
 
@@ -272,7 +272,7 @@ def test_rows_that_do_not_fit_are_refused(archive):
         write_table_rows(archive, {4: {"status": "done"}})
     with pytest.raises(ValueError, match="fixed when"):
         write_table_rows(archive, {0: {"profile": 7}})
-    with pytest.raises(ValueError, match="no row of a profile"):
+    with pytest.raises(ValueError, match="is not a row of a profile"):
         write_profile(archive, 0, "series", {"sample": np.zeros(5)})
     with pytest.raises(KeyError, match="no variable 'B_cx'"):
         write_profile(archive, 0, "series", {"B_cx": np.zeros(5)})
@@ -293,7 +293,7 @@ def test_what_is_no_archive_is_never_removed(tmp_path):
     folder = tmp_path / "papers"
     folder.mkdir()
     (folder / "thesis.tex").write_text("work")
-    with pytest.raises(InputError, match="left alone"):
+    with pytest.raises(InputError, match="not replaced"):
         create_archive(folder, PROFILES, SIZES, {}, overwrite=True)
     assert (folder / "thesis.tex").exists()
     create_archive(tmp_path / "new" / "deep.zarr", PROFILES, SIZES, {})
@@ -339,7 +339,7 @@ def test_check_names_every_corruption(archive):
         "series/B_cv: attribute units is missing",
         "series/B_cw: attribute units is 'kN', not 'N'",
         "series/extra: not in the schema",
-        "windows/profile: the profiles' numbers are not those of the root",
+        "windows/profile: the profiles' numbers differ from those of the root",
         "/status: entry 1 is 'lost', not one of pending, done, failed",
         "prior: the group is missing",
     ]
@@ -357,7 +357,7 @@ def test_check_names_wrong_shape_dims_and_fill(archive):
     state.create_array("v", shape=(4, 6), dimension_names=("profile", "sample"), fill_value=np.nan, **common)
     state.create_array("w", shape=(4, 6), dimension_names=("profile", "record"), fill_value=0, **common)
     found = "\n".join(check_archive(archive))
-    assert "state/u: shape is (4, 7), its coordinates have (4, 6)" in found
+    assert "state/u: shape is (4, 7), but its coordinates have (4, 6)" in found
     assert "state/v: dimensions are ('profile', 'sample'), not ('profile', 'record')" in found
     assert "state/w: fill value is 0.0, not nan" in found
 
@@ -366,7 +366,7 @@ def test_check_names_wrong_shape_dims_and_fill(archive):
 def test_an_archive_of_another_schema_is_reported_as_such_and_no_more(archive):
     zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
     (difference,) = check_archive(archive)
-    assert difference.startswith(f"/: schema_version is '0.1', this program's is '{SCHEMA_VERSION}'")
+    assert difference.startswith(f"/: schema_version is '0.1', but this program's is '{SCHEMA_VERSION}'")
 
 
 def _group(archive, name):
@@ -407,7 +407,7 @@ CORRUPTIONS = {
     ),
     "a shorter row": (
         lambda a: _metadata(a, "observed/pitch", lambda m: m.update(shape=[4, 5])),
-        "observed/pitch: shape is (4, 5), its coordinates have (4, 6)",
+        "observed/pitch: shape is (4, 5), but its coordinates have (4, 6)",
     ),
     "other chunks": (
         lambda a: _metadata(a, "smoothed/w", lambda m: m["chunk_grid"]["configuration"].update(chunk_shape=[4, 6])),
@@ -426,7 +426,7 @@ CORRUPTIONS = {
     ),
     "stale consolidated metadata": (
         lambda a: _group(a, "series/B_cu").attrs.update(comment="new"),
-        "series/B_cu: the consolidated metadata is not its own",
+        "series/B_cu: the consolidated metadata differs from its own",
     ),
     "metadata that is no JSON": (
         lambda a: (a / "drift_current" / "north" / "zarr.json").write_text("{"),
@@ -454,7 +454,7 @@ def test_the_page_is_the_schema():
 
 
 def test_check_refuses_what_is_no_archive(tmp_path):
-    with pytest.raises(InputError, match="no archive of gliderhpc"):
+    with pytest.raises(InputError, match="not an archive of gliderhpc"):
         check_archive(tmp_path)
 
 

@@ -312,7 +312,7 @@ def test_a_changed_study_is_found_out(archive):
     zarr.open_group(str(archive), mode="r+")["validation/pitch_rmse"].attrs["units"] = "radian"
     assert check_archive(archive) == [
         "validation/pitch_rmse: attribute units is 'radian', not 'degree'",
-        "validation/pitch_rmse: the consolidated metadata is not its own",
+        "validation/pitch_rmse: the consolidated metadata differs from its own",
     ]
 
 

@@ -471,7 +471,7 @@ def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
 def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
     """The profiles held out were flown by another hull, the platform's own."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
-    with pytest.raises(CalibrationError, match="error of pitch than the platform does, on the profiles held out"):
+    with pytest.raises(CalibrationError, match="error of pitch than the platform on the profiles held out"):
         calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
 
 
@@ -523,7 +523,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
 
 def test_too_few_profiles_are_refused():
     segments = glides(TRUTH, PETREL, profiles=2)
-    with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, at least 3"):
+    with pytest.raises(InputError, match="steady flight in 2 profiles besides those held out, but at least 3"):
         calibrate(PETREL, segments, segments.none(), CalibrationSettings())
 
 
@@ -593,7 +593,7 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
     for fragment in (
         "profiles 1, 3, 4",
         "of profile 2",
-        "held as asked",
+        "held as requested",
         "trend",
         "the neutral volume is that of 2024",
     ):
@@ -604,13 +604,16 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
-        (("--set", "calibration.hold=[K_X]"), "--set calibration.hold: no parameter K_X; they are buoyancy.neutral"),
+        (
+            ("--set", "calibration.hold=[K_X]"),
+            "--set calibration.hold: no parameter K_X; the parameters are buoyancy.neutral",
+        ),
         (("--set", "calibration.undetermined=2"), "--set calibration.undetermined"),
         (("--set", "steady.lenth=9"), "--set steady.lenth: no such setting"),
         (("--profiles", "9"), "--profiles 9: no profile 9"),
         (("--hold-out", "7"), "--hold-out 7: no profile 7"),
-        (("--hold-out", "1:4"), "--hold-out keeps every profile out"),
-        (("--out", "nowhere/one.yaml"), "nowhere/one.yaml: there is no folder"),
+        (("--hold-out", "1:4"), "--hold-out leaves no profile for the fit"),
+        (("--out", "nowhere/one.yaml"), "nowhere/one.yaml: the folder"),
     ],
 )
 def test_wrong_usage_is_reported_in_one_line(mission, tmp_path, arguments, fragment):

@@ -153,7 +153,7 @@ def test_six_legs_are_needed():
     five, six = (compass_findings(legs(1, np.arange(0.0, 360.0, 360.0 / n)), NO_TURNS, CHECKS) for n in (5, 6))
     for finding in five:
         assert finding.verdict is CheckVerdict.UNDETERMINED
-        assert finding.remark == "5 profiles with a fix on either side, at least 6 are needed"
+        assert finding.remark == "5 profiles with a fix on either side, but at least 6 are needed"
     assert not any("are needed" in finding.remark for finding in six)
     assert [finding.quantity for finding in five] == [CONSTANT, DEVIATION]
 
@@ -166,9 +166,9 @@ OPPOSITE = np.resize([30.0, 210.0], 30)
 @pytest.mark.parametrize(
     ("headings", "directions", "basis"),
     [
-        (ALL_HEADINGS, MODELS[0], "30 legs; apart from both harmonics"),
-        (THREE_HEADINGS, MODELS[1], "30 legs; second harmonic in it"),
-        (OPPOSITE, MODELS[2], "30 legs; every harmonic in it"),
+        (ALL_HEADINGS, MODELS[0], "30 legs; separated from both harmonics"),
+        (THREE_HEADINGS, MODELS[1], "30 legs; includes the second harmonic"),
+        (OPPOSITE, MODELS[2], "30 legs; includes both harmonics"),
     ],
     ids=["all headings", "three headings", "two opposite"],
 )
@@ -214,7 +214,7 @@ def test_the_deviation_counts_by_the_f_distribution(headings, directions, rank):
 def test_opposite_legs_show_no_deviation():
     found = compass_findings(legs(4, OPPOSITE, (6.0, 0.0, 0.0, 0.0, 0.0)), NO_TURNS, CHECKS)[1]
     assert found.verdict is CheckVerdict.UNDETERMINED
-    assert found.remark == "30 legs: too few headings, or currents too unlike each other"
+    assert found.remark == "30 legs: too few headings, or currents that differ too much"
 
 
 def test_currents_too_unlike_each_other_determine_nothing():
@@ -232,7 +232,7 @@ def test_turns_open_what_the_legs_leave_closed():
     drawn = legs(4, OPPOSITE, (6.0, 9.0, -6.0, 3.0, 2.0))
     found = compass_findings(drawn, turns, CHECKS)
     assert found[1].remark == "both harmonics; 30 legs, 60 stretches of turns"
-    assert found[0].remark == "30 legs; apart from both harmonics"
+    assert found[0].remark == "30 legs; separated from both harmonics"
 
 
 def test_a_direction_is_open_when_its_error_is_below_half_of_what_is_plausible():
@@ -244,4 +244,4 @@ def test_a_direction_is_open_when_its_error_is_below_half_of_what_is_plausible()
         largest = np.degrees(np.sqrt(np.diag(fit.covariance)[:3].max()))
         assert bool(largest < 0.5 * plausible) is is_open
         found = compass_findings(drawn, NO_TURNS, checks)[0]
-        assert ("second harmonic in it" in found.remark) is is_open
+        assert ("includes the second harmonic" in found.remark) is is_open

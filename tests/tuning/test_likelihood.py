@@ -309,7 +309,7 @@ def test_records_that_cannot_be_used_are_left_out_with_a_warning(records, caplog
     ]
 
 
-@pytest.mark.parametrize(("numbers", "reason"), [([], "it holds no profile"), ([3], "profile 3: it is not there")])
+@pytest.mark.parametrize(("numbers", "reason"), [([], "it has no profile"), ([3], "profile 3: it is not there")])
 def test_no_usable_record_is_refused_with_the_last_reason(records, numbers, reason):
     with pytest.raises(InputError, match=f"dives.nc: no profile to tune on can be used; {reason}"):
         tuning_requests(records, PETREL, numbers, 100.0, SETTINGS)

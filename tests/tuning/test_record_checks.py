@@ -442,7 +442,7 @@ def test_the_verb_prints_and_writes(brief, tmp_path):
 def test_the_verb_refuses_in_one_line(brief, tmp_path):
     for arguments, words in (
         ((tmp_path / "none.nc",), "no such file"),
-        ((brief, "--out", tmp_path / "no" / "checks.json"), "there is no folder"),
+        ((brief, "--out", tmp_path / "no" / "checks.json"), "does not exist; create it first"),
         ((brief, "--set", "inspect.levels=1"), "no such setting"),
     ):
         answer = program("inspect", *arguments, "--platform", "petrel-l")

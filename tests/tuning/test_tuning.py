@@ -232,7 +232,7 @@ def test_a_file_that_exists_is_not_replaced_unasked(drawn, written):
         (("--set", "tuning.longst=60"), "--set tuning.longst: no such setting"),
         (("--set", "tuning.error_factor=0.5"), "--set tuning.error_factor"),
         (("--profiles", "9"), "--profiles 9: no profile 9"),
-        (("--out", "nowhere/tuned.yaml"), "nowhere/tuned.yaml: there is no folder"),
+        (("--out", "nowhere/tuned.yaml"), "nowhere/tuned.yaml: the folder"),
     ],
 )
 def test_wrong_usage_is_reported_in_one_line(drawn, tmp_path, arguments, fragment):

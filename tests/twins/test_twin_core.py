@@ -192,7 +192,7 @@ def test_budget_is_read_back(tmp_path):
     [
         (": [", "not YAML"),
         ("platform: petrel-l\n", "axial_error: field required"),
-        ("3", "the whole"),
+        ("3", "the budget"),
     ],
 )
 def test_a_budget_that_is_none_is_refused(tmp_path, text, fault):
@@ -200,7 +200,7 @@ def test_a_budget_that_is_none_is_refused(tmp_path, text, fault):
     path.write_text(text)
     with pytest.raises(InputError, match=fault):
         read_budget(path)
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_budget(tmp_path / "absent.yaml")
 
 

@@ -96,12 +96,12 @@ def build(compiler: str = COMPILER, flags: str = FLAGS, lanes: int = LANES) -> P
     except FileNotFoundError:
         raise BuildError(
             f"no Fortran compiler '{compiler}' on the path; install one (apt-get install gfortran, module load gcc) or "
-            "name it: make fortran FC=..."
+            "name another: make fortran FC=..."
         ) from None
     except subprocess.CalledProcessError as error:
-        raise BuildError(f"{compiler} ended with status {error.returncode}; its messages stand above") from None
+        raise BuildError(f"{compiler} ended with status {error.returncode}; its messages are above") from None
     except OSError as error:
-        raise BuildError(f"{error.filename or FOLDER}: cannot write there ({error.strerror or error})") from None
+        raise BuildError(f"{error.filename or FOLDER}: cannot be written ({error.strerror or error})") from None
     return path
 
 
@@ -111,7 +111,7 @@ def main() -> None:
         prog="python -m gliderhpc.kernels.fortran.build", description="Compile the Fortran kernels into the package."
     )
     parser.add_argument("--compiler", default=COMPILER, help="GNU Fortran's command; default %(default)s")
-    parser.add_argument("--flags", default=FLAGS, help="options to it; default %(default)s")
+    parser.add_argument("--flags", default=FLAGS, help="its options; default %(default)s")
     parser.add_argument("--lanes", type=int, choices=(4, 8), default=LANES, help="8 with AVX-512; here %(default)s")
     chosen = parser.parse_args()
     try:

@@ -125,12 +125,12 @@ def _check(path: Path, layout: tuple[int, ...], sources: str) -> None:
     """Refuse what was made for others."""
     for (name, wanted), found in zip(_LAYOUT.items(), layout, strict=False):
         if found != wanted:
-            raise LibraryError(f"{path}: was built for {name} {found}, and {wanted} is wanted here; {HOW}")
+            raise LibraryError(f"{path}: was built for {name} {found}, but {wanted} is needed here; {HOW}")
     if sources != source_digest():
-        raise LibraryError(f"{path}: was built from other sources than lie next to it; {HOW}")
+        raise LibraryError(f"{path}: was not built from the sources next to it; {HOW}")
     vector = _VECTORS.get(layout[-1])
     if vector is not None and not llvmlite.binding.get_host_cpu_features().get(vector, False):
-        raise LibraryError(f"{path}: uses {vector}, which this processor has not; {HOW}")
+        raise LibraryError(f"{path}: uses {vector}, which this processor does not have; {HOW}")
 
 
 def _kernels(library: ctypes.CDLL) -> dict[str, Callable[..., None]]:

@@ -210,7 +210,7 @@ _MEMORIES = np.geomspace(3e3, 1e6, 9)
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 9)])
 """Ratios tried of the variance of the current's lasting part to that of the part of each profile alone."""
 
-_OPEN = {5: "apart from both harmonics", 3: "second harmonic in it", 1: "every harmonic in it"}
+_OPEN = {5: "separated from both harmonics", 3: "includes the second harmonic", 1: "includes both harmonics"}
 
 MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
 """Directions (5, k) that are estimated, tried in turn: all five; constant and first harmonic; the constant alone."""
@@ -256,7 +256,7 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     harmonic cannot, since it acts like a current there. Turns add the information of `turn_information`.
     """
     if len(legs) < MIN_LEGS:
-        why = f"{len(legs)} profiles with a fix on either side, at least {MIN_LEGS} are needed"
+        why = f"{len(legs)} profiles with a fix on either side, but at least {MIN_LEGS} are needed"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
     for directions in MODELS:
@@ -288,7 +288,7 @@ def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, chec
     which = np.arange(1, 5)
     statistic, rank = fit.test(which)
     if rank == 0:
-        why = f"{count} legs: too few headings, or currents too unlike each other"
+        why = f"{count} legs: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, why)
     values = np.degrees(fit.values[which])
     amplitude = float(np.linalg.norm(values))

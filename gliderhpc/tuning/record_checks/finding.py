@@ -11,16 +11,20 @@ from gliderhpc.estimation.settings import Settings
 class CheckSettings(Settings):
     """Settings of the checks of the records."""
 
-    profiles: int = Field(48, ge=1, description="profiles looked at, spread over the mission")
-    lag_profiles: int = Field(12, ge=1, description="profiles among them that the lag is estimated on")
+    profiles: int = Field(48, ge=1, description="number of profiles examined, spread over the mission")
+    lag_profiles: int = Field(12, ge=1, description="number of these profiles used to estimate the lag")
     level: float = Field(0.01, gt=0, lt=1, description="rate of false alarms of a check")
     timing_error: float = Field(
         0.5, ge=0, description="error of the actuators' recorded times, s; at least a quarter of a sample interval"
     )
-    least_pitch: float = Field(0.5, ge=0, description="smaller offsets of the pitch are not worth a word, degree")
-    least_deviation: float = Field(2.0, ge=0, description="likewise errors of the compass, degree")
-    plausible_deviation: float = Field(20.0, gt=0, description="standard deviation of compass errors at large, degree")
-    least_pitch_scale: float = Field(0.05, ge=0, description="likewise departures of the pitch's scale from one")
+    least_pitch: float = Field(0.5, ge=0, description="smaller offsets of the pitch are not reported, degree")
+    least_deviation: float = Field(2.0, ge=0, description="smaller errors of the compass are not reported, degree")
+    plausible_deviation: float = Field(
+        20.0, gt=0, description="prior standard deviation of the errors of the compass, degree"
+    )
+    least_pitch_scale: float = Field(
+        0.05, ge=0, description="smaller departures of the pitch's scale from one are not reported"
+    )
     coefficient_error: float = Field(0.3, gt=0, description="relative error of the hull's drag and lift coefficients")
     drag_difference: float = Field(
         0.05, gt=0, description="relative error of the drag, of opposite sign in dives and in climbs"

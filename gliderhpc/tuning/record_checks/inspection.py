@@ -71,7 +71,7 @@ def lag_finding(
     """
     series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
     if len(series) < MIN_PROFILES:
-        return undetermined(*_LAG, f"{len(series)} profiles, at least {MIN_PROFILES} are needed")
+        return undetermined(*_LAG, f"{len(series)} profiles, but at least {MIN_PROFILES} are needed")
     interval = float(np.median([one.sample_interval for one in series]))
     lags = interval * np.arange(-REACH, REACH + 1, dtype=np.float64)
     try:
@@ -94,7 +94,7 @@ def lag_finding(
         threshold,
         judged(lag, threshold),
         f"--set records.depth_lag={lag:.2f}",
-        f"{len(series)} profiles, a sample in {interval:.3g} s; rests on the hull's coefficients",
+        f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
 
 

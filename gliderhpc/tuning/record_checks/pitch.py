@@ -77,7 +77,7 @@ class _Glides:
         sensor = [Unknown(OFFSET, np.radians(1.0), limited=False), Unknown(SCALE, scale)]
         fit = fit_depth_rates(self.platform, self.segments, [*sensor, *hull], by_density=self.by_density)
         if beyond := fit.implausible(_IMPLAUSIBLE):
-            raise UndeterminedError(f"it would take an implausible {', '.join(beyond)}; calibrate the hull")
+            raise UndeterminedError(f"an implausible {', '.join(beyond)} would be needed; calibrate the hull")
         return fit
 
     def threshold(self, error: float, least: float, blocks: int) -> float:
@@ -154,13 +154,13 @@ def _glides(
     if by_density:
         known = usable.in_known_water
         if len(usable) and not known.any():
-            raise UndeterminedError("the hull uses measured density, and that of these profiles is not known")
+            raise UndeterminedError("the hull uses measured density, but the density in these profiles is not known")
         usable = usable.of(known)
     if len(np.unique(usable.profile)) < MIN_PROFILES:
         raise UndeterminedError(too_few)
     for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
         if len(np.unique(usable.profile[side])) < MIN_PROFILES:
-            raise UndeterminedError("steady dives, or steady climbs, are missing")
+            raise UndeterminedError("steady dives or steady climbs are missing")
     return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
 
 
@@ -184,7 +184,7 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
     size, error = fit.value(SCALE), fit.error(SCALE)
     if error > SCALE_SEPARATED:
         return undetermined(
-            CHECK, GAIN, "1", f"known to {error:.2g} only; more glides of more different steepness are needed"
+            CHECK, GAIN, "1", f"known only to {error:.2g}; more glides that differ more in steepness are needed"
         ), None
     threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
     finding = Finding(
@@ -227,7 +227,7 @@ def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
             PITCH,
             UNIT,
             f"{offset:+.1f} +- {error:.1f} degree would explain these glides, and so would a drag "
-            "that differs between dives and climbs; more glides, or glides of more different steepness, "
+            "that differs between dives and climbs; more glides, or glides that differ more in steepness, "
             "are needed to decide which",
         )
     return Finding(
@@ -238,14 +238,16 @@ def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
         error,
         threshold,
         CheckVerdict.NOTHING,
-        remark=f"drag taken to differ by about {2.0 * glides.checks.drag_difference:.0%} between dives and climbs at "
-        "most, neutral volume fitted with it",
+        remark=f"drag assumed to differ by about {2.0 * glides.checks.drag_difference:.0%} at most between dives and "
+        "climbs, neutral volume fitted with it",
     )
 
 
 def _vague(fit: DepthRateFit) -> Finding:
     error = np.degrees(fit.error(OFFSET))
-    why = f"known to {error:.1f} degree only; more glides, or glides of more different steepness or ballast, are needed"
+    why = (
+        f"known only to {error:.1f} degree; more glides, or glides that differ more in steepness or ballast, are needed"
+    )
     return undetermined(CHECK, PITCH, UNIT, why)
 
 
