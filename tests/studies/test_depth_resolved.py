@@ -259,7 +259,7 @@ def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
 
     figure = shown_after(store, "currents", tmp_path, change).figures["figure_7_profile_1"]
     figure.savefig(tmp_path / "nothing.png", dpi=40)
-    why = "no depth-resolved current: of the profile's samples 12 with a condition number beyond the limit"
+    why = "no depth-resolved current; samples of the profile: 12 with a condition number beyond the limit"
     for axes in figure.axes[:2]:
         assert [" ".join(text.get_text().split()) for text in axes.texts] == [why]
 

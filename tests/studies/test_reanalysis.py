@@ -618,7 +618,7 @@ def test_a_profile_without_fixes_says_so(archive, sources):
     put_table_rows(archive, {1: {"exit_latitude": np.nan}})
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
     assert answer.status == 0, answer.err
-    assert "profile 2: no fix on either side" in answer.out
+    assert "profile 2: a fix before or after the dive is missing" in answer.out
     with open_mission(archive) as opened:
         group = opened["reanalysis"].to_dataset().load()
     assert np.isfinite(group["north"].sel(profile=[1, 3])).all()
