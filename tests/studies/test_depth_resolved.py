@@ -272,7 +272,7 @@ def test_a_hull_whose_yaw_moment_tells_no_direction_is_refused(store, tmp_path):
     set_attributes(own, {"platform": hull | {"viscous": hull["viscous"] | {"K_MY": 73.0}}})
     answer = program("analyze", own, "currents", "--workers", 0, "--out", tmp_path / "out")
     assert answer.status == 0, answer.err
-    assert "the other sign in" in answer.out
+    assert "the opposite sign in" in answer.out
     study = xr.open_datatree(own, engine="zarr")["currents"].to_dataset()
     assert np.isfinite(study["current_north"]).all()
     assert not np.isfinite(study["lateral"]).any()

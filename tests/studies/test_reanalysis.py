@@ -347,13 +347,13 @@ def broken(dataset):
     [
         (with_units("uo", "knots"), "uo is in 'knots'"),
         (with_units("depth", "sigma"), "depth is in 'sigma'"),
-        (with_units("time", "hours since analysis"), "no unit of time"),
+        (with_units("time", "hours since analysis"), "not a unit of time"),
         (with_units("time", "hours"), "no unit of time since"),
         (lambda dataset: dataset.drop_vars("uo"), "has no eastward_sea_water_velocity"),
         (lambda dataset: dataset.isel(depth=0, drop=True), "has no northward_sea_water_velocity"),
         (without_axis, "vo has no axis of depth"),
         (curvilinear, "dimension longitude of vo has no coordinate"),
-        (broken, "latitude does not run one way"),
+        (broken, "latitude is not monotonic"),
     ],
 )
 def test_a_file_that_cannot_be_sampled_is_refused_by_what_is_wrong(tmp_path, change, fragment):

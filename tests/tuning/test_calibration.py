@@ -595,7 +595,7 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
         "of profile 2",
         "held as asked",
         "trend",
-        "the neutral volume is that of 2024",
+        "the neutral volume is that at 2024",
     ):
         assert fragment in answer.out
     assert load_platform(tmp_path / "one.yaml").viscous.K_D0 == PETREL.viscous.K_D0
