@@ -49,8 +49,8 @@ def rates_text() -> str:
         for length in LENGTHS:
             plain, robust = false_rates(length, correlation)
             rows.append([f"{correlation:g}", str(length), f"{plain:.1%}", f"{robust:.1%}"])
-    columns = ["correlation of neighbours", "values a series", "plain Mann-Kendall", "robust"]
-    return f"{SERIES} seeded series a row, level 5 %.\n\n" + markdown(columns, rows, columns)
+    columns = ["correlation of neighbours", "values per series", "plain Mann-Kendall", "robust"]
+    return f"{SERIES} seeded series per row, level 5 %.\n\n" + markdown(columns, rows, columns)
 
 
 DRAWN_LENGTHS, DRAWN_CORRELATIONS = (33, 55, 120), (0.0, 0.7, 0.9)

@@ -151,9 +151,7 @@ def _counts() -> Iterator[Term]:
         "a fix are at the surface",
     )
     yield flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
-    yield flags(
-        "QUALITY", "flags of the estimate, from any step of the record", "flag_masks", QUALITY.meanings, "u1"
-    )
+    yield flags("QUALITY", "flags of the estimate, from any step of the record", "flag_masks", QUALITY.meanings, "u1")
 
 
 def _measured() -> Iterator[Term]:
