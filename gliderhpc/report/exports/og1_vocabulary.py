@@ -252,7 +252,7 @@ VERTICAL_TERMS = (
            comment="steady glide at the measured pitch and ballast, filtered as GLIDER_VERT_VELO_DZDT; not the motion "
            "under the estimated disturbance"),
     quantity(_WATER, "m s-1", "vertical velocity of the water, upward", standard_name="upward_sea_water_velocity",
-           observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
+           observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT minus GLIDER_VERT_VELO_MODEL"),
     quantity(f"{_WATER}_STD", "m s-1",
              f"standard deviation of {_WATER}: noise, rounded pitch and the hull's parameters"),
 )  # fmt: skip

@@ -101,7 +101,7 @@ def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tu
     nyquist = float(table["nyquist"].median())
     if nyquist >= high:
         return ()
-    resolved = f"from {low:g} to {nyquist:.3g} Hz of it" if nyquist > low else "nothing of it"
+    resolved = f"its part from {low:g} to {nyquist:.3g} Hz" if nyquist > low else "no part of it"
     remark = f"the band reaches from {low:g} to {high:g} Hz; the records resolve {resolved}"
     if nyquist > low:
         remark += (

@@ -121,10 +121,13 @@ def _summary_comparisons(line: Row) -> list[Comparison]:
             f"{run}: correlation with the forcing",
             "1",
             line["correlation_forcing"],
-            remark=f"smoothed alike {line['correlation_alike']:.2f}",
+            remark=f"equally smoothed {line['correlation_alike']:.2f}",
         ),
         Comparison(
-            f"{run}: gain on the forcing", "s", line["gain_forcing"], remark=f"smoothed alike {line['gain_alike']:.2g}"
+            f"{run}: gain on the forcing",
+            "s",
+            line["gain_forcing"],
+            remark=f"equally smoothed {line['gain_alike']:.2g}",
         ),
     ]
 

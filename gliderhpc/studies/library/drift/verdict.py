@@ -217,8 +217,8 @@ def _apart(drag: DragDrift) -> str:
     one = drag.apart
     low, high = drag.weight_interval
     return (
-        f"{drag.estimate}: dive and climb drift apart as by {number(one.drift)} N of weight in water (95 % interval "
-        f"{number(low)} to {number(high)} N)"
+        f"{drag.estimate}: dive and climb drift apart as if by {number(one.drift)} N of weight in water (95 % "
+        f"interval {number(low)} to {number(high)} N)"
     )
 
 
