@@ -64,17 +64,17 @@ class Layout:
 
 
 _SHUFFLED = BloscCodec(cname="zstd", clevel=1, shuffle="shuffle")
-CHOSEN = "chosen: float32, shuffled, zstd 1, checksum, a row a chunk"
+CHOSEN = "chosen: float32, shuffled, zstd 1, checksum, one row per chunk"
 LAYOUTS = (
     Layout(CHOSEN, (_SHUFFLED, Crc32cCodec())),
     Layout("without checksum", (_SHUFFLED,)),
-    Layout("a folder a chunk (c/5/0)", (_SHUFFLED, Crc32cCodec()), separator="/"),
+    Layout("one folder per chunk (c/5/0)", (_SHUFFLED, Crc32cCodec()), separator="/"),
     Layout("zstd 5", (BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"), Crc32cCodec())),
     Layout("lz4", (BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"), Crc32cCodec())),
     Layout("bits shuffled", (BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec())),
     Layout("zstd 1, not shuffled", (ZstdCodec(level=1), Crc32cCodec())),
     Layout("float64", (BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()), dtype="float64"),
-    Layout("four chunks a row", (_SHUFFLED, Crc32cCodec()), parts=4),
+    Layout("four chunks per row", (_SHUFFLED, Crc32cCodec()), parts=4),
     Layout(f"shards of {SHARD} profiles, rewritten at the end", (_SHUFFLED, Crc32cCodec()), shard=SHARD),
 )
 
@@ -241,10 +241,12 @@ def main() -> None:
     """Measure, and write the page's sections."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.archive", description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, metavar="RUN.zarr")
-    parser.add_argument("--profiles", type=int, default=565, help="of the mission; default 565")
-    parser.add_argument("--work", type=Path, help="where the archive is made and left; default a temporary folder")
-    parser.add_argument("--reuse", action="store_true", help="the archive in --work is there already")
-    parser.add_argument("--quick", action="store_true", help="a few profiles")
+    parser.add_argument("--profiles", type=int, default=565, help="number of profiles in the archive; default 565")
+    parser.add_argument(
+        "--work", type=Path, help="folder in which the archive is made and kept; default a temporary folder"
+    )
+    parser.add_argument("--reuse", action="store_true", help="use the archive that is already in --work")
+    parser.add_argument("--quick", action="store_true", help="only a few profiles; publishes nothing")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = chosen.work or Path(folder)
@@ -274,10 +276,10 @@ def queries_section(
     """Each query with its output, its time and its memory."""
     machine = machine_row()
     lines = [
-        f"On an archive of {written['profiles']:.0f} profiles, which are {written['of']:.0f} of a mission in turn. "
-        f"{machine['cpu']}, {machine['cores']} cores, load of other work {machine['load']:.1f}, {machine['day']}. Times "
-        "include opening the archive, not Python's imports; the best of "
-        f"{REPEATS} runs, each in a process of its own.",
+        f"On an archive of {written['profiles']:.0f} profiles, which repeat {written['of']:.0f} profiles of a "
+        f"mission. {machine['cpu']}, {machine['cores']} cores, load of other work {machine['load']:.1f}, "
+        f"{machine['day']}. Times include opening the archive, not Python's imports; the best of {REPEATS} runs, each "
+        "in a separate process.",
         "",
     ]
     for query, runs in answers:
@@ -302,8 +304,8 @@ def layout_section(
         for one in layouts
     ]
     table = markdown(
-        ("two variables of group series", "write, processor ms a profile", "depth band, processor ms a profile",
-         "KiB a profile", "files a profile"), rows,
+        ("two variables of group series", "write, processor ms per profile", "depth band, processor ms per profile",
+         "KiB per profile", "files per profile"), rows,
     )  # fmt: skip
     precise = markdown(
         ("quantity", "largest rounding", "median standard deviation", "ratio"),
@@ -312,10 +314,10 @@ def layout_section(
     seconds, part = share
     return (
         f"{table}\n\nA profile of the mission takes {written['bytes'] / MEBI:.2f} MiB in "
-        f"{written['files'] / written['profiles']:.0f} files. Writing it takes {seconds:.2f} s of processor time, manifest "
-        f"and marker included: {part:.1%} of what a profile takes in all. The table of {written['profiles']:.0f} profiles "
-        f"is written in {written['table']:.2f} s.\n\nWhat single precision rounds away, "
-        f"and the smoother's standard deviations (units of the archive):\n\n{precise}"
+        f"{written['files'] / written['profiles']:.0f} files. Writing it takes {seconds:.2f} s of processor time, "
+        f"manifest and marker included: {part:.1%} of the total for a profile. The table of {written['profiles']:.0f} "
+        f"profiles is written in {written['table']:.2f} s.\n\nRounding errors of single precision, and the smoother's "
+        f"standard deviations (units of the archive):\n\n{precise}"
     )
 
 

@@ -174,7 +174,7 @@ def twin(seed: int, work: Path) -> tuple[str, str, Answer]:
 def mission_table(rows: Sequence[tuple[str, str, Answer]]) -> str:
     """Markdown of the real missions."""
     return markdown(
-        ("mission", "hull", "`calibrate`", *(f"held out: {name}" for name in QUANTITIES), "`run-mission`, of those held out"),
+        ("mission", "hull", "`calibrate`", *(f"held out: {name}" for name in QUANTITIES), "`run-mission`, held out"),
         [
             [name, f"`{hull}`", outcome(found), *(change(found, quantity) for quantity in QUANTITIES), found.inverted]
             for name, hull, found in rows
@@ -208,7 +208,7 @@ def twin_table(rows: Sequence[tuple[str, str, Answer]]) -> str:
             )
         lines.append(cells)
     return markdown(
-        ("off by, plausible deviations", "twins", "files that load", "worse than before", *QUANTITIES), lines
+        ("error, plausible deviations", "twins", "files that load", "worse than before", *QUANTITIES), lines
     )
 
 
@@ -217,15 +217,15 @@ def section(missions: Sequence[tuple[str, str, Answer]], twins: Sequence[tuple[s
     lines = [
         "## By the documented commands",
         "",
-        "`gliderhpc import`, `calibrate` and `run-mission` as the pages show them, no setting given. The errors are root mean",
-        "squares at the profiles held out, before and after, as the written file states them.",
+        "`gliderhpc import`, `calibrate` and `run-mission` as the pages show them, without settings. The errors are root",
+        "mean squares at the profiles held out, before and after, as the written file states them.",
         "",
     ]
     if missions:
         lines += [mission_table(missions), ""]
     refused = [found for _, _, found in twins if not found.held_out]
     lines += [
-        f"{len(twins)} twins of hulls with one number {DEVIATIONS:g} plausible deviations off and the others drawn within one,",
+        f"{len(twins)} twins of hulls with one parameter wrong by {DEVIATIONS:g} plausible deviations, the others within one,",
         f"about {', '.join(f'`{name}`' for name in HULLS)} in turn; {PROFILES} dives to {SCENARIO.depth:g} m at one pitch,",
         f"simulated with disturbances and sensors; seeds {FIRST_SEED} to {FIRST_SEED + len(twins) - 1}. Medians before and",
         f"after, and the largest after. Refused with exit status 1: {len(refused)}.",

@@ -134,5 +134,5 @@ def wait_until(condition, timeout: float = TIMEOUT) -> None:
     """Wait until a condition holds."""
     until = time.monotonic() + timeout
     while not condition():
-        assert time.monotonic() < until, "waited in vain"
+        assert time.monotonic() < until, "timed out"
         time.sleep(0.02)

@@ -78,7 +78,7 @@ class Twin:
 
 
 CLEAN = {"drag": 0.0, "lift": 0.0, "moment": 0.0, "net_mass": 0.0}
-FOULED = Twin("fouling", "fouling: drag +30 %, lift -10 %, moment +10 %, climbs 0.4 of it, 20 g", {}, {})
+FOULED = Twin("fouling", "fouling: drag +30 %, lift -10 %, moment +10 %, on climbs 0.4 of these, 20 g", {}, {})
 OTHERS = (
     Twin("clean", "nothing", CLEAN, {}),
     Twin("pitch", "constant pitch offset of 1 degree", CLEAN, {"pitch_offset": 1.0}),
@@ -195,12 +195,19 @@ def twins_text(folder: Path, missions: int, others: int) -> str:
 
 def _recovered(rows: Sequence[dict[str, Any]]) -> str:
     truth = planted_drag(FOULED)
-    columns = ["estimate", "sign", "in the 95 % interval", "mean", "root mean square error", "in that by scatter alone"]
+    columns = [
+        "estimate",
+        "sign",
+        "in the 95 % interval",
+        "mean",
+        "root mean square error",
+        "in the interval by scatter alone",
+    ]
     cells = [_recovered_by(name, [row[name] for row in rows], truth) for name in (*PRIMARY, "both")]
     return (
-        f"{len(rows)} missions of {PROFILES} dives to {DEPTH:g} m ({FOULED.planted}), {TWIN_SETTINGS.resamples} bootstrap "
-        f"series, coefficients not drawn. Planted change of K_D0 that dive and climb share: {number(truth)} kg/m "
-        f"({truth / load_platform(HULL).viscous.K_D0:.1%}).\n\n" + markdown(columns, cells, columns[1:])
+        f"{len(rows)} missions of {PROFILES} dives to {DEPTH:g} m ({FOULED.planted}), {TWIN_SETTINGS.resamples} "
+        f"bootstrap series, coefficients not drawn. Planted change of K_D0 common to dive and climb: {number(truth)} "
+        f"kg/m ({truth / load_platform(HULL).viscous.K_D0:.1%}).\n\n" + markdown(columns, cells, columns[1:])
     )
 
 
@@ -228,8 +235,9 @@ def _causes(kinds: dict[Twin, list[dict[str, Any]]]) -> str:
         "K_D0, kg/m",
     ]
     return (
-        "What the study names, in how many missions; series out of twelve after Holm's correction, weight in water and "
-        "K_D0 in the mean of missions and estimates. " + "; ".join(f"*{name}*: {text}" for name, text in CAUSES.items())
+        "Causes that the study names, with the number of missions; series out of twelve after Holm's correction; "
+        "means of weight in water and K_D0 over missions and estimates. "
+        + "; ".join(f"*{name}*: {text}" for name, text in CAUSES.items())
         + ".\n\n" + markdown(columns, [_kind(twin, rows) for twin, rows in kinds.items()], columns[3:])
     )  # fmt: skip
 
@@ -254,12 +262,12 @@ def draws_text(folder: Path, workers: int) -> str:
         drawn = CoefficientSettings(draws=COMPARED_DRAWS, length=length, settling=settling, segments=count)
         label = f"{count} of {length:g} s, {settling:g} s not counted, {COMPARED_DRAWS} draws"
         rows.append(_segments_row(label, studied(store, DriftSettings(coefficients=drawn), workers)))
-    columns = ["segments a profile and phase", "inverted", *(f"{c} {p}" for c, p in _SHOWN)]
+    columns = ["segments per profile and phase", "inverted", *(f"{c} {p}" for c, p in _SHOWN)]
     settings = DriftSettings().coefficients
     return (
-        f"{PROFILES} profiles, {settings.draws} draws, {workers} workers: {minutes:.1f} minutes for the whole study (a "
-        "mission that fouls, see above). Slopes a day by the segments with the 95 % interval over draws, and the share of "
-        "draws of the same sign:\n\n" + markdown(columns, rows, columns[1:])
+        f"{PROFILES} profiles, {settings.draws} draws, {workers} workers: {minutes:.1f} minutes for the whole study "
+        "(a mission with fouling, see above). Slopes per day by the segments with the 95 % interval over draws, and "
+        "the share of draws with the same sign:\n\n" + markdown(columns, rows, columns[1:])
     )
 
 
@@ -277,7 +285,7 @@ def _slope_cell(one: CoefficientSlopes) -> str:
     return (
         f"{number(one.nominal)} ({number(low)} to {number(high)}; {one.same_sign:.0%})"
         if known
-        else "no segment is so long"
+        else "no segment of this length"
     )
 
 
@@ -308,7 +316,7 @@ def _basestation(folder: Path, numbers: Sequence[int]) -> str:
         own = [values[number] for number in numbers if number in values]
         if own:
             rows.append([label, key, str(len(own)), *map(number, (own[0], own[-1], min(own), max(own)))])
-    columns = ["in the files", "what", "dives", "first", "last", "least", "largest"]
+    columns = ["in the files", "what", "dives", "first", "last", "smallest", "largest"]
     return "The files' own parameters, a soft reference:\n\n" + markdown(columns, rows, columns[2:])
 
 
@@ -347,12 +355,12 @@ def main() -> None:
     parser.add_argument("parts", nargs="+", choices=["rates", "changes", "episodes", "twins", "draws", "real"])
     parser.add_argument("--missions", type=int, default=40)
     parser.add_argument("--others", type=int, default=2)
-    parser.add_argument("--series", type=int, default=SERIES, help="drawn missions without a change a cell")
+    parser.add_argument("--series", type=int, default=SERIES, help="drawn missions without a change, per cell")
     parser.add_argument("--calm", type=int, default=20, help="synthetic missions without a change")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--draws", type=int, default=300, help="of the coefficients, for --real")
+    parser.add_argument("--draws", type=int, default=300, help="draws of the coefficients, for --real")
     parser.add_argument("--real", nargs=2, action="append", default=[], metavar=("NAME", "ARCHIVE"))
-    parser.add_argument("--basestation", type=Path, help="folder of the last --real's basestation files")
+    parser.add_argument("--basestation", type=Path, help="folder of the basestation files of the last --real")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     last = len(options.real) - 1

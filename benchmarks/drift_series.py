@@ -49,8 +49,8 @@ def rates_text() -> str:
         for length in LENGTHS:
             plain, robust = false_rates(length, correlation)
             rows.append([f"{correlation:g}", str(length), f"{plain:.1%}", f"{robust:.1%}"])
-    columns = ["correlation of neighbours", "values a series", "plain Mann-Kendall", "robust"]
-    return f"{SERIES} seeded series a row, level 5 %.\n\n" + markdown(columns, rows, columns)
+    columns = ["correlation of neighbours", "values per series", "plain Mann-Kendall", "robust"]
+    return f"{SERIES} seeded series per row, level 5 %.\n\n" + markdown(columns, rows, columns)
 
 
 DRAWN_LENGTHS, DRAWN_CORRELATIONS = (33, 55, 120), (0.0, 0.7, 0.9)
@@ -146,11 +146,11 @@ def changes_text(series: int) -> str:
         for profiles, deviations in PLANTED
     ]
     return (
-        f"Drawn medians, {series} missions a cell that do not change, twelve series each: share in which a step, ramp or "
+        f"Drawn medians, {series} missions per cell without a change, twelve series each: share in which a step, ramp or "
         f"episode is named (p below {level:g}).\n\n" + markdown(columns, rows, columns)
-        + f"\n\nEpisodes planted in climbs, {POWER_SERIES} missions a cell, correlation {POWER_CORRELATION:g}; size at their beginning in standard deviations "
-        "of a median, half of it at their end. Share found, and in brackets found with first and last profile within "
-        "two.\n\n" + markdown(heads, cells, heads[1:])
+        + f"\n\nEpisodes planted in climbs, {POWER_SERIES} missions per cell, correlation {POWER_CORRELATION:g}; size at the "
+        "beginning in standard deviations of a median, half of this at the end. Share found and, in brackets, share found "
+        "with first and last profile correct within two.\n\n" + markdown(heads, cells, heads[1:])
     )  # fmt: skip
 
 

@@ -182,9 +182,9 @@ def section(results: Mapping[str, Any]) -> str:
     """Render what stands between the page's marks."""
     machine = results["machine"]
     lines = [
-        f"Measured on {machine['day']} by `python -m benchmarks.fortran`: {machine['cpu']}, one core, {results['lanes']} "
-        f"lanes; numba {machine['numba']}, {results['compiler']} with `{results['flags']}`. Medians, engines in turns, "
-        f"preset `{PRESET}`."
+        f"Measured on {machine['day']} by `python -m benchmarks.fortran`: {machine['cpu']}, one core, "
+        f"{results['lanes']} lanes; numba {machine['numba']}, {results['compiler']} with `{results['flags']}`. "
+        f"Medians, engines measured in turn, preset `{PRESET}`."
     ]
     if machine["load"] > BUSY:
         lines[0] += f" The machine was busy with other work (load {machine['load']:.1f}): prefer ratios to times."
@@ -222,14 +222,15 @@ def _verdict(results: Mapping[str, Any]) -> list[str]:
     gradient = results["gradient"]["lanes"]["median"] / results["gradient"]["fortran"]["median"]
     faster, slower = ("Fortran", "Numba") if gradient > 1.0 else ("Numba", "Fortran")
     decided = (
-        f"below the {GAIN} from which the default would follow: it stays `lanes`"
+        f"below the {GAIN} required to change the default, which remains `lanes`"
         if gain <= GAIN
-        else f"above {GAIN}: the default should follow"
+        else f"above {GAIN}: the default should change"
     )
     return [
-        f"{faster} is the faster of the two at cost and gradient, {max(gradient, 1.0 / gradient):.2f} times {slower}'s "
-        f"speed. A mission, whose filter, smoother and quasi-Newton method are Numba's with either engine, gains {gain:.2f}, "
-        f"{decided}. The library took {results['build_seconds']:.0f} s to compile, once for all hosts of a kind."
+        f"{faster} is the faster of the two for cost and gradient, {max(gradient, 1.0 / gradient):.2f} times "
+        f"{slower}'s speed. A mission, whose filter, smoother and quasi-Newton method use Numba with either engine, "
+        f"gains a factor of {gain:.2f}, {decided}. The library took {results['build_seconds']:.0f} s to compile, once "
+        "for all hosts of the same kind."
     ]
 
 

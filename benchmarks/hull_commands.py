@@ -233,7 +233,7 @@ def page(found: dict[str, dict[str, list[MissionScore]]], dives: int, seeds: str
     tables = [f"### {TITLES[kind]}\n\n{markdown(heads, coverage_rows(by_way))}" for kind, by_way in found.items()]
     summary = [summary_row(kind, way, scores) for kind, by_way in found.items() for way, scores in by_way.items()]
     names = ["missions", "calibration", "current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses",
-             "parameters in 68 / 95 %", "profiles failed", "s a mission"]  # fmt: skip
+             "parameters in 68 / 95 %", "profiles failed", "s per mission"]  # fmt: skip
     return TEMPLATE.read_text("utf-8").format(
         dives=dives, depth=DEPTH, seeds=seeds.replace(":", " to "), workers=WORKERS, summary=markdown(names, summary),
         tables="\n\n".join(tables),
@@ -243,11 +243,11 @@ def page(found: dict[str, dict[str, list[MissionScore]]], dives: int, seeds: str
 def main(arguments: list[str] | None = None) -> None:
     """Fly the missions and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", default="1:2", help="first and last seed of a kind")
+    parser.add_argument("--seeds", default="1:2", help="first and last seed of each kind")
     parser.add_argument("--dives", type=int, default=16)
     parser.add_argument("--kinds", default="impulses,drawn,calm", help=f"of {', '.join(TITLES)}")
-    parser.add_argument("--rounds", default="0,4", help="rounds over the dives, each a column")
-    parser.add_argument("--reuse", action="store_true", help="do not fly missions again that have a score")
+    parser.add_argument("--rounds", default="0,4", help="numbers of rounds over the dives, one column each")
+    parser.add_argument("--reuse", action="store_true", help="skip missions that already have a score")
     parser.add_argument("--work", type=Path, required=True)
     given = parser.parse_args(arguments)
     first, last = map(int, given.seeds.split(":"))

@@ -27,7 +27,7 @@ from gliderhpc.twins.cases import course_of, with_coefficient_errors, world
 from gliderhpc.vocabulary import CHANNELS
 
 DEPTH, SIZE, TWINS, SETTLED = 200.0, 0.15, 6, 60.0
-TRUE, COEFFICIENTS, EVERYTHING = "true hull", "coefficients within 15 %", "everything off"
+TRUE, COEFFICIENTS, EVERYTHING = "true hull", "coefficients within 15 %", "everything wrong"
 KINDS = (TRUE, COEFFICIENTS, EVERYTHING)
 WAYS = ("believed", "held", "corrected")
 QUANTITIES = (*CHANNELS, "u", "v", "w")
@@ -157,7 +157,7 @@ def _parameters(kinds: dict[str, list[Twin]]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Fly the twins and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--twins", type=int, default=TWINS, help="twins a kind")
+    parser.add_argument("--twins", type=int, default=TWINS, help="twins of each kind")
     count = parser.parse_args(arguments).twins
     true, seeds = load_platform("petrel-l"), range(1, count + 1)
     found = {kind: [fly_twin(true, kind, seed) for seed in seeds] for kind in KINDS}

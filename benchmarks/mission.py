@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--engine", default="scipy")
     parser.add_argument("--preset", default="recommended", choices=("recommended", "paper"))
     parser.add_argument("--workers", type=int, default=default_workers())
-    parser.add_argument("--store", type=Path, help="where to keep the archive; default a temporary folder")
+    parser.add_argument("--store", type=Path, help="folder for the archive; default a temporary folder")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         store = chosen.store or Path(folder) / "mission.zarr"
@@ -109,7 +109,7 @@ def main() -> None:
     results.setdefault("missions", {})[key] = row
     write_results(RESULTS, results)
     update_readme(results)
-    print(f"{key}: {row['wall_seconds']:.0f} s, {row['peak_worker_mib']:.0f} MiB a worker; added to {RESULTS}")
+    print(f"{key}: {row['wall_seconds']:.0f} s, {row['peak_worker_mib']:.0f} MiB per worker; added to {RESULTS}")
 
 
 if __name__ == "__main__":

@@ -274,7 +274,7 @@ def main() -> None:
     """Try the mutants and print what survived."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__.splitlines()[0])
     parser.add_argument("modules", nargs="*", help=f"of {', '.join(TARGETS)}; default all")
-    parser.add_argument("--sample", type=int, default=60, help="mutants a module at most")
+    parser.add_argument("--sample", type=int, default=60, help="largest number of mutants per module")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--timeout", type=float, default=120.0, help="seconds that a mutant's tests may take")
     parser.add_argument("--out", type=Path, help="also write the result as JSON")

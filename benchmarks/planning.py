@@ -50,7 +50,7 @@ def usage_of(code: str, *arguments: object) -> Usage:
 def main() -> None:
     """Measure and print a line a run."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planning", description=__doc__.splitlines()[0])
-    parser.add_argument("--depth", type=float, default=700.0, help="of the profiles, m")
+    parser.add_argument("--depth", type=float, default=700.0, help="depth of the profiles, m")
     parser.add_argument("--profiles", type=int, default=12)
     chosen = parser.parse_args()
     usage_of(START)
@@ -75,8 +75,8 @@ def main() -> None:
             disk = sum(path.stat().st_size for path in store.rglob("*") if path.is_file())
             print(
                 f"{engine}, {preset}, {last} profiles of up to {steps.max():.0f} steps: "
-                f"{(used.seconds - start.seconds) / steps.sum():.2e} s, {disk / steps.sum():.0f} bytes of disk a step; "
-                f"{(used.memory - start.memory) / steps.max():.0f} bytes of memory a step of the longest"
+                f"{(used.seconds - start.seconds) / steps.sum():.2e} s, {disk / steps.sum():.0f} bytes of disk per "
+                f"step; {(used.memory - start.memory) / steps.max():.0f} bytes of memory per step of the longest"
             )
 
 

@@ -81,7 +81,7 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
     peak = results["peak_flops"]
     for name, share in results["fraction_of_peak"].items():
         yield (
-            f"- Engine {name}: {results['operations_a_gradient'] / 1e6:.2f} Mflop a gradient, {share:.1%} of the "
+            f"- Engine {name}: {results['operations_a_gradient'] / 1e6:.2f} Mflop per gradient, {share:.1%} of the "
             f"{peak / 1e9:.0f} GFLOP/s that one core was measured to reach."
         )
     for preset, entries in results["profile"].items():

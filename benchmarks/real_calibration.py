@@ -62,7 +62,7 @@ def disturbance_rows(tree: xr.DataTree) -> Rows:
     table = tree.ds.load()
     done = table.profile.to_numpy()[(table.status == "done").to_numpy()]
     return [
-        (f"{what}, {estimate}: median in dives, in climbs, of the size, N", medians(tree, group, channel, done))
+        (f"{what}, {estimate}: median in dives, in climbs, of the magnitude, N", medians(tree, group, channel, done))
         for group, estimate in GROUPS.items()
         for channel, what in CHANNELS.items()
     ]

@@ -197,24 +197,24 @@ def inverted_rows(tree: xr.DataTree) -> Rows:
     windows = chosen.window_count.to_numpy()
     implausible = [int(n) for n in numbers if "implausible" in str(table.message.sel(profile=n).item())]
     return [
-        ("profiles done of those taken", f"{done.sum()} of {done.size}"),
+        ("profiles done, of those selected", f"{done.sum()} of {done.size}"),
         ("not inverted, and why", "; ".join(failed.values()) or "none"),
         ("windows converged", f"{np.average(chosen.converged_fraction, weights=windows):.1%} of {windows.sum()}"),
-        ("iterations a window, median (p10 to p90 over profiles)", spread(chosen.iterations_median.to_numpy(), ".0f")),
+        ("iterations per window, median (p10 to p90 over profiles)", spread(chosen.iterations_median.to_numpy(), ".0f")),
         ("filter: samples gated, inflated, reset", " ".join(
             str(int(chosen[f"{what}_count"].sum())) for what in ("gated", "inflated", "reset"))),
         ("vibration set, share of the time", spread(chosen.vibration_fraction.to_numpy())),
         ("speed through water in steady glide, m/s", spread(speed)),
         ("angle of attack in steady glide, degree", spread(attack, ".1f")),
-        ("share of steady glide at less than 10 degrees of attack, either way", f"{np.mean(np.abs(attack) <= 10.0):.1%}"),
+        ("share of steady glide with an angle of attack within 10 degrees", f"{np.mean(np.abs(attack) <= 10.0):.1%}"),
         ("profiles whose message calls the self-motion implausible", numbered(implausible)),
         ("depth-averaged current, m/s", f"{spread(size)}, {np.isfinite(size).sum()} profiles"),
         ("the same by the glide angle, m/s", spread(conventional)),
         ("difference of the two (vector), m/s", spread(difference)),
         ("surface drift where fixes allow, m/s", spread(
             np.hypot(chosen.surface_drift_north, chosen.surface_drift_east).to_numpy())),
-        ("time adrift taken out between the fixes, s", spread((chosen.entry_surface_time + chosen.exit_surface_time).to_numpy(), ".0f")),
-        ("displacement taken out with it, m", spread(
+        ("time adrift removed between the fixes, s", spread((chosen.entry_surface_time + chosen.exit_surface_time).to_numpy(), ".0f")),
+        ("displacement removed with it, m", spread(
             np.hypot(chosen.entry_surface_north + chosen.exit_surface_north,
                      chosen.entry_surface_east + chosen.exit_surface_east).to_numpy(), ".0f")),
     ]  # fmt: skip
@@ -232,7 +232,7 @@ def compared_rows(tree: xr.DataTree, current: np.ndarray, reference: xr.Dataset)
     return [
         ("depth-averaged current of the source, m/s", spread(np.hypot(*current[done].T))),
         ("profiles with both", f"{np.isfinite(north).sum()}"),
-        ("ours less the source's: RMS to the north, to the east, of the vector, m/s",
+        ("ours minus the source's: RMS to the north, to the east, of the vector, m/s",
             f"{rms(north):.3f}, {rms(east):.3f}, {rms(np.hypot(north, east)):.3f}"),
         ("mean to the north and to the east, m/s", f"{np.nanmean(north):+.3f}, {np.nanmean(east):+.3f}"),
         *_speed_rows(tree, table.profile.to_numpy()[done], reference),
@@ -246,11 +246,11 @@ def _speed_rows(tree: xr.DataTree, numbers: np.ndarray, reference: xr.Dataset) -
     return [
         (f"{what}: RMS; mean over dives, over climbs, m/s", _apart(speeds[one] - speeds[other], speeds.pitch))
         for what, one, other in (
-            ("speed, adjoint, less the source's flight model", "adjoint", "model"),
-            ("speed, smoothed, less the source's flight model", "smoothed", "model"),
-            ("speed, adjoint, less the source's lift, drag and depth rate", "adjoint", "slope"),
-            ("speed, smoothed, less the source's lift, drag and depth rate", "smoothed", "slope"),
-            ("the source's flight model less its lift, drag and depth rate", "model", "slope"),
+            ("speed, adjoint, minus the source's flight model", "adjoint", "model"),
+            ("speed, smoothed, minus the source's flight model", "smoothed", "model"),
+            ("speed, adjoint, minus the source's lift, drag and depth rate", "adjoint", "slope"),
+            ("speed, smoothed, minus the source's lift, drag and depth rate", "smoothed", "slope"),
+            ("the source's flight model minus its lift, drag and depth rate", "model", "slope"),
         )
     ]
 

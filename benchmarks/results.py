@@ -44,7 +44,7 @@ def terminal_table(results: Results) -> Table:
         table.add_row(f"growth with duration: {name}", f"exponent {row['exponent']:.2f}", "", "", "1: in proportion")
     for name, rows in results["workers"].items():
         for row in rows:
-            remark = f"speed-up {row['speedup']:.2f}, at most {row['peak_worker_mib']:.0f} MiB a worker"
+            remark = f"speed-up {row['speedup']:.2f}, at most {row['peak_worker_mib']:.0f} MiB per worker"
             table.add_row(
                 f"{row['profiles']} profiles, {row['workers']} workers: {name}",
                 f"{row['seconds']:.1f} s",
@@ -71,4 +71,4 @@ def _worth(row: Mapping[str, Any]) -> str:
 
 def _fractions(results: Results) -> str:
     shares = [f"{name} {share:.0%}" for name, share in results["fraction_of_peak"].items()]
-    return f"{results['operations_a_gradient'] / 1e6:.2f} Mflop a gradient: " + ", ".join(shares)
+    return f"{results['operations_a_gradient'] / 1e6:.2f} Mflop per gradient: " + ", ".join(shares)

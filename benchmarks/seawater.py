@@ -134,7 +134,7 @@ def twins() -> str:
         [
             markdown(_HEAVE, rows),
             "",
-            "Depth of the dive flown open loop, as `validate` flies it, root mean square error (m): "
+            "Depth of the dive simulated open loop, as by `validate`, root mean square error (m): "
             + ", ".join(f"{name} {error}" for name, error in sunk)
             + ".",
         ]

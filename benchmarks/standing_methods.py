@@ -109,9 +109,9 @@ def same_numbers_rows(mission: Mission) -> Rows:
     pairs = [(one, with_our_weight(mission.platform, one.found)) for one in mission.profiles]
     return [
         _counts(mission),
-        ("its speed less the still-water speed: RMS in straight, level flight, mm/s",
+        ("its speed minus the still-water speed: RMS in straight, level flight, mm/s",
          _rms([(theirs.speed - one.found.speed)[one.straight] for one, theirs in pairs], 1e3)),
-        ("its depth rate less ours, filtered alike: RMS, cm/s",
+        ("its depth rate minus ours, with the same filter: RMS, cm/s",
          _rms([_rates(one, theirs)[one.known] for one, theirs in pairs], _CM)),
         ("the same in straight, level flight, cm/s",
          _rms([_rates(one, theirs)[one.straight] for one, theirs in pairs], _CM)),
@@ -136,14 +136,14 @@ def own_fit_rows(mission: Mission) -> Rows:
     return [
         ("fitted: net mass at the mean density, kg; drag coefficient; compressibility, 1e-6/dbar",
          f"{values['mg'] - mission.platform.mass.total:+.3f}; {values['Cd0']:.3f}; {1e10 * values['epsilon']:.2f}"),
-        *((f"{name} speed less its speed: mean and RMS, m/s",
+        *((f"{name} speed minus its speed: mean and RMS, m/s",
            _mean_and_rms([(own - their.speed)[one.known] for own, (one, their) in zip(columns, pairs, strict=True)], 1.0))
           for name, columns in speeds.items()),
-        ("vertical velocity of the water, ours less its: mean and RMS, cm/s", _mean_and_rms([ours - theirs], _CM)),
+        ("vertical velocity of the water, ours minus its: mean and RMS, cm/s", _mean_and_rms([ours - theirs], _CM)),
         ("correlation of the two", f"{correlation(ours, theirs):.3f}"),
         ("root mean square of ours, of its, cm/s", f"{_CM * rms(ours):.2f}, {_CM * rms(theirs):.2f}"),
         (f"the same above {UPPER:g} m, and below", _by_depth(mission, ours, theirs)),
-        ("dives less climbs at the same depths, mean of the profiles, ours, cm/s",
+        ("dives minus climbs at the same depths, mean of the profiles, ours, cm/s",
          _spread([difference_of(one.found, one.found.water) for one in mission.profiles])),
         ("the same, its, cm/s",
          _spread([difference_of(one.found, one.water_by(their.depth_rate)) for one, their in pairs])),
@@ -164,15 +164,15 @@ def source_rows(mission: Mission) -> Rows:
     rows = [("samples with both", f"{len(ours)}")]
     for name, attribute in (("adjoint's", "adjoint"), ("smoother's", "smoothed")):
         rows.append((
-            f"{name} speed less its speed: mean and RMS, m/s",
+            f"{name} speed minus its speed: mean and RMS, m/s",
             _mean_and_rms([(getattr(one, attribute) - their.speed)[own]
                            for (one, their), own in zip(pairs, chosen, strict=True)], 1.0),
         ))  # fmt: skip
     still = [(one.found.speed - their.speed)[own] for (one, their), own in zip(pairs, chosen, strict=True)]
     return [
         *rows,
-        ("still-water speed less its speed: mean and RMS, m/s", _mean_and_rms(still, 1.0)),
-        ("vertical velocity of the water, ours less its: mean and RMS, cm/s", _mean_and_rms([ours - theirs], _CM)),
+        ("still-water speed minus its speed: mean and RMS, m/s", _mean_and_rms(still, 1.0)),
+        ("vertical velocity of the water, ours minus its: mean and RMS, cm/s", _mean_and_rms([ours - theirs], _CM)),
         ("correlation of the two", f"{correlation(ours, theirs):.3f}"),
         ("root mean square of ours, of its, cm/s", f"{_CM * rms(ours):.2f}, {_CM * rms(theirs):.2f}"),
         *_dive_averages(mission, reference),
@@ -191,7 +191,7 @@ def _dive_averages(mission: Mission, reference: xr.Dataset) -> Rows:
         ]
         rows.append(
             (
-                f"depth-averaged current, {title} less its: RMS to the north, to the east, m/s; dives",
+                f"depth-averaged current, {title} minus its: RMS to the north, to the east, m/s; dives",
                 f"{rms(difference[0]):.3f}, {rms(difference[1]):.3f}; {np.isfinite(difference[0]).sum()}",
             )
         )
@@ -203,7 +203,7 @@ def _dive_averages(mission: Mission, reference: xr.Dataset) -> Rows:
         )
         rows.append(
             (
-                "mean velocity through the water over a dive, adjoint's less its: RMS to the north, to the east, m/s",
+                "mean velocity through the water over a dive, adjoint's minus its: RMS to the north, to the east, m/s",
                 f"{rms(flown[:, 0] - north):.3f}, {rms(flown[:, 1] - east):.3f}",
             )
         )
@@ -268,8 +268,8 @@ METHOD = Path(__file__).with_name("standing_methods.md")
 """Text of the page before its figures."""
 
 SECTIONS = (
-    ("## The standing model under our hull's numbers", same_numbers_rows),
-    ("## The standing model fitted by itself", own_fit_rows),
+    ("## The standing model with our hull's parameters", same_numbers_rows),
+    ("## The standing model fitted separately", own_fit_rows),
     ("## The solution that came with the records", source_rows),
 )
 

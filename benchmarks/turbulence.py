@@ -180,7 +180,8 @@ def twins_text(figures: Figures) -> str:
         f"Share of the fourth moment at the seams, mean over the {len(rows)} twins: {moment.mean():.3f} (standard error "
         f"{error:.3f}), that of the time {time_share.mean():.3f}; ratio {moment.mean() / time_share.mean():.2f}.\n\n"
         "Share of pairs of twins of the same strength in which the cascade's statistic is larger than the Gaussian gust's, "
-        f"F(1 s) and kurtosis: {'; '.join(shares)}. One half is chance; one would tell them apart every time."
+        f"F(1 s) and kurtosis: {'; '.join(shares)}. One half is expected by chance; with one they could always be "
+        "distinguished."
     )
 
 
@@ -221,10 +222,10 @@ def mission_text(work: Path) -> str:
     columns = ("study", "time, s", "computing time, s", "worker processes", "load")
     total = sum(one["cpu"] for one in figures.values())
     return (
-        f"{_below(last['text'])}\n{markdown(columns, lines, columns[1:])}\n\nComputing time in all "
-        f"{total / 60:.1f} min, on {last['machine']['cpu']}, {last['machine']['cores']} cores. The load is the one-minute "
-        "average of processes ready to run at the end, other work's included; without worker processes (0) one process "
-        "does it all."
+        f"{_below(last['text'])}\n{markdown(columns, lines, columns[1:])}\n\nComputing time in all {total / 60:.1f} "
+        f"min, on {last['machine']['cpu']}, {last['machine']['cores']} cores. The load is the one-minute average of "
+        "processes ready to run at the end, including those of other work; without worker processes (0) a single "
+        "process does all the work."
     )
 
 

@@ -96,8 +96,8 @@ def _rmse_targets(rows: Sequence[Row], summary: Sequence[Row], kind: str) -> Ite
             medians[0] / medians[1],
             0.0,
             most,
-            f"medians {number(medians[0])} and {number(medians[1])} {CHANNELS[channel][0]}; "
-            f"so in {met} of {len(table)} twins",
+            f"medians {number(medians[0])} and {number(medians[1])} {CHANNELS[channel][0]}; met in {met} of "
+            f"{len(table)} twins",
         )
 
 
@@ -160,7 +160,7 @@ def main(folder: Path) -> None:
         found.append(current_target(_content(folder, "currents")["comparisons"]))
     if not found:
         sys.exit(
-            f"{folder}: neither estimators.json nor currents.json; `gliderhpc twin STUDY --out {folder}` makes them"
+            f"{folder}: neither estimators.json nor currents.json; `gliderhpc twin STUDY --out {folder}` creates them"
         )
     print(f"{target_table(found)}\n\n{describe_targets(found)}")
 

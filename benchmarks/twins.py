@@ -31,7 +31,7 @@ Row = dict[str, Any]
 
 WINDOW_SCORES = {
     "rmse_B_cr": "yaw, N m", "rmse_B_cu": "surge, N", "rmse_B_cq": "pitch, N m", "overall": "all, relative",
-    "cost_per_30s": "cost a 30 s", "iterations": "iterations", "capped": "at the cap", "seam_ratio": "seam ratio",
+    "cost_per_30s": "cost per 30 s", "iterations": "iterations", "capped": "at the cap", "seam_ratio": "seam ratio",
     "jump_ratio": "jump ratio",
 }  # fmt: skip
 TRANSFER_SCORES = {
@@ -56,7 +56,7 @@ def has_study(folder: Path, study: str) -> bool:
 
 def made_by(content: Row) -> str:
     """Describe the origin of a study."""
-    size = "--quick" if content["quick"] else "the full size"
+    size = "--quick" if content["quick"] else "full size"
     hulls = ", ".join(content["platforms"])
     return f"`gliderhpc twin {content['study']}`, {size}, {len(content['seeds'])} twins of {hulls}."
 
@@ -236,8 +236,8 @@ def main(folder: Path, docs: Path, readme: Path) -> None:
         write_estimators(folder, docs, readme)
     if not (twins or currents or estimators):
         sys.exit(
-            f"{folder}: neither {', '.join(STUDIES)} nor {CURRENTS} nor {ESTIMATORS}; "
-            f"`gliderhpc twin STUDY --out {folder}` makes them"
+            f"{folder}: neither {', '.join(STUDIES)} nor {CURRENTS} nor {ESTIMATORS}; `gliderhpc twin STUDY --out "
+            f"{folder}` creates them"
         )
 
 

@@ -32,25 +32,25 @@ SUBPACKAGES = (
 """Parts of the package that have a page of the reference each."""
 
 SETTINGS = {
-    "Of a run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
-    "Of `calibrate`": ("calibration.", "gliderhpc.tuning.calibration.CalibrationSettings"),
-    "Of the rounds of `calibrate` over the dives": ("rounds.", "gliderhpc.tuning.rounds.RoundSettings"),
-    "Of the turn test of `calibrate`": ("turn_test.", "gliderhpc.tuning.turn_test.TurnTestSettings"),
-    "Of the steady segments of `calibrate`": (
+    "A run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
+    "`calibrate`": ("calibration.", "gliderhpc.tuning.calibration.CalibrationSettings"),
+    "`calibrate`: rounds over the dives": ("rounds.", "gliderhpc.tuning.rounds.RoundSettings"),
+    "`calibrate`: turn test": ("turn_test.", "gliderhpc.tuning.turn_test.TurnTestSettings"),
+    "`calibrate`: steady segments": (
         "steady.",
         "gliderhpc.tuning.steady_segments.SegmentSettings",
     ),
-    "Of `tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
-    "Of the study `currents`": ("currents.", "gliderhpc.studies.library.retrieval.DepthResolvedSettings"),
-    "Of the study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.series.SpectraSettings"),
-    "Of the study `intermittency`": (
+    "`tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
+    "Study `currents`": ("currents.", "gliderhpc.studies.library.retrieval.DepthResolvedSettings"),
+    "Study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.series.SpectraSettings"),
+    "Study `intermittency`": (
         "intermittency.",
         "gliderhpc.studies.library.turbulence.series.IntermittencySettings",
     ),
-    "Of the study `nulls`": ("nulls.", "gliderhpc.studies.nulls.NullSettings"),
-    "Of the study `events`": ("events.", "gliderhpc.studies.events.EventSettings"),
-    "Of the study `drift`": ("drift.", "gliderhpc.studies.library.drift.medians.DriftSettings"),
-    "Of a scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.simulator.scenario.Scenario"),
+    "Study `nulls`": ("nulls.", "gliderhpc.studies.nulls.NullSettings"),
+    "Study `events`": ("events.", "gliderhpc.studies.events.EventSettings"),
+    "Study `drift`": ("drift.", "gliderhpc.studies.library.drift.medians.DriftSettings"),
+    "A scenario (`simulate-mission --scenario FILE`)": ("", "gliderhpc.simulator.scenario.Scenario"),
 }
 """Settings that have a table: heading, prefix of the keys, and model."""
 
@@ -107,7 +107,12 @@ def modules_page() -> str:
         if purpose:
             name = ".".join(path.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__")
             rows.append([f"`{name}`", _escaped(purpose), str(text.count("\n"))])
-    heading = ["# Modules", "", f"{len(rows)} modules; [architecture](../architecture.md) describes their rooms.", ""]
+    heading = [
+        "# Modules",
+        "",
+        f"{len(rows)} modules; [architecture](../architecture.md) describes how they are organised.",
+        "",
+    ]
     return "\n".join([*heading, markdown(("module", "purpose", "lines"), rows), ""])
 
 
@@ -116,7 +121,7 @@ def modules_page() -> str:
 
 def commands_page() -> str:
     """Return the page of every verb with its usage, help text and options."""
-    parts = ["# Commands", "", "Made from the program itself: `gliderhpc VERB --help` says the same.", ""]
+    parts = ["# Commands", "", "Made from the program itself: `gliderhpc VERB --help` shows the same text.", ""]
     context = click.Context(program, info_name="gliderhpc")
     for verb in VERBS:
         command = program.get_command(context, verb)
@@ -176,8 +181,8 @@ def settings_page() -> str:
     parts = [
         "# Settings",
         "",
-        "Made from the models that validate them. A value is given by `--set KEY=VALUE`, as YAML; `null` stands for",
-        "what is derived or left out. The settings of a run are in its archive's root attributes, those of a study in",
+        "Made from the models that validate them. A value is set by `--set KEY=VALUE`, in YAML; `null` stands for one",
+        "that is derived or omitted. The settings of a run are in its archive's root attributes, those of a study in",
         "its group's.",
         "",
     ]

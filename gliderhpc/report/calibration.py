@@ -14,7 +14,7 @@ from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
-DIRECTIONS = ("singular value", "moves mostly")
+DIRECTIONS = ("singular value", "main parameters")
 SCORES = ("profiles", "segments", "depth rate, cm/s", "pitch, degree", "roll, degree", "turn rate, degree/s")
 """Headings of the tables."""
 
@@ -25,16 +25,18 @@ UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
 """Errors (SI) that a calibrated hull should not exceed."""
 
 BY_DENSITY = (
-    "the buoyancy follows measured density, so the neutral volume is that of water of the platform's density at the "
-    f"surface and {REFERENCE_TEMPERATURE:g} degC"
+    "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's density at "
+    f"the surface and {REFERENCE_TEMPERATURE:g} degC"
 )
 
 _SHOWN = 0.3
 _HELD = {
-    CalibrationVerdict.UNDETERMINED: "not determined by these glides, so left as they were",
-    CalibrationVerdict.REFUTED: "not determined, but the platform's value is refuted, so held at the most probable one",
-    CalibrationVerdict.IMPLAUSIBLE: "fitted only beyond what is plausible, so held at the plausible bound",
-    CalibrationVerdict.UNSTABLE: "left as they were, since with them free the hull has no stable glide",
+    CalibrationVerdict.UNDETERMINED: "not determined by these glides, so left unchanged",
+    CalibrationVerdict.REFUTED: (
+        "not determined, but the glides contradict the platform's value, so held at the most probable value"
+    ),
+    CalibrationVerdict.IMPLAUSIBLE: "the best fit lies outside the plausible range, so held at the bound of that range",
+    CalibrationVerdict.UNSTABLE: "left unchanged, because the hull has no stable glide when they are fitted",
 }
 
 
@@ -72,22 +74,23 @@ def notes(found: Calibration) -> list[str]:
     """Return remarks that supplement the tables."""
     lines = [profiles_text(found)]
     if any(p.parameter is TREND for p in found.parameters):
-        lines.append(f"the neutral volume is that of {np.datetime_as_string(found.reference_time, unit='m')} UTC")
+        lines.append(f"the neutral volume is that at {np.datetime_as_string(found.reference_time, unit='m')} UTC")
     if found.platform.buoyancy.compressibility is not None:
         lines.append(BY_DENSITY)
     for verdict, words in _HELD.items():
         if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
             lines.append(f"{words}: {', '.join(held)}")
     lines += [
-        f"WARNING: the {name} is still off by {value} {heading.partition(', ')[2]} at the profiles fitted: something "
-        "that is not looked for, or further off than is plausible, such as the zero of an actuator, a sign or a unit"
+        f"WARNING: the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
+        "something that is not fitted is wrong, or a fitted quantity by more than is plausible; check the zeros of "
+        "the actuators, signs and units"
         for name, heading, value, after in zip(
             QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
         )
         if after > 1.0
     ]
     if not found.held_out.segments:
-        lines.append("no profile was held out, so the errors after are those of the fit itself")
+        lines.append("no profile was held out, so the errors after calibration are those of the fit itself")
     return lines
 
 

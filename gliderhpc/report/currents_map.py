@@ -29,8 +29,8 @@ CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace
 _ROUND = (1.0, 2.0, 5.0)
 _MARGIN = 0.06
 _NOTE = (
-    "Arrows: depth-averaged current, from the middle between a dive's fixes, coloured by time. Ellipses: one standard "
-    "deviation about the tip. Grey: estimated way under water; dots: fixes."
+    "Arrows: depth-averaged current, drawn from the midpoint between a dive's fixes, coloured by time. Ellipses: one "
+    "standard deviation, centred on the tip. Grey: estimated track under water; dots: fixes."
 )
 
 
@@ -38,7 +38,9 @@ def currents_map(table: xr.Dataset) -> Figure:
     """Draw the currents of a table of profiles, returned by `gliderhpc.currents` or read from an archive's root."""
     current = adopted_current(table)
     if "entry_latitude" not in table or not current.known.any():
-        raise InputError("currents: no profile has a current; give what currents, run_mission or open_mission returned")
+        raise InputError(
+            "currents: no profile has a current; pass the dataset returned by currents, run_mission or open_mission"
+        )
     rows = table.isel(profile=np.flatnonzero(current.known))
     north, east = current.north[current.known], current.east[current.known]
     places = _middles(rows)

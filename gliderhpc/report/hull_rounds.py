@@ -12,7 +12,7 @@ from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.version import __version__
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "remark")
-DIRECTIONS = ("left", "moves mostly")
+DIRECTIONS = ("left", "main parameters")
 HELD_OUT = ("profile", "chi-square", "degrees of freedom")
 """Headings of the tables; *left* is the remaining deviation as a fraction of the plausible one."""
 
@@ -105,21 +105,23 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
     lines = [
         profiles_text(found),
         f"{len(found.moves)} rounds over the dives; the last moved by {found.moves[-1]:.2f} plausible deviations",
-        f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to less than half of what is plausible",
-        f"what the dives say of the hull is divided by {found.divisor:.1f}: errors of the model are the same in all",
-        f"dives differ from one another by {mission.inflation:.1f} times the variance that this leaves; log evidence "
+        f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to less than half of their plausible "
+        "deviation",
+        f"the dives' information on the hull is divided by {found.divisor:.1f}, because errors of the model are the "
+        "same in all dives",
+        f"the variance between dives is {mission.inflation:.1f} times the expected one; log evidence "
         f"{mission.log_evidence:.1f}",
     ]
     if found.moves[-1] >= tolerance:
-        lines.append("WARNING: the hull still moved in the last round; allow more with --set rounds.most")
+        lines.append("WARNING: the hull still moved in the last round; allow more rounds with --set rounds.most")
     if found.base.buoyancy.compressibility is not None:
         lines.append(
-            "the buoyancy goes by measured density, so the neutral volume is that of water of the platform's density "
-            f"at the surface and {REFERENCE_TEMPERATURE:g} degC"
+            "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's "
+            f"density at the surface and {REFERENCE_TEMPERATURE:g} degC"
         )
     doubted = [f"{n} ({w:.2f})" for n, w in zip(mission.numbers.tolist(), mission.weight, strict=True) if w < _DOUBTED]
     if doubted:
-        lines.append(f"dives that do not fit the others, with the weight they were given: {', '.join(doubted)}")
+        lines.append(f"dives that do not fit the others, with their weight: {', '.join(doubted)}")
     if found.skipped:
         lines.append("left out: " + "; ".join(f"profile {each.number}, {each.message}" for each in found.skipped))
     return lines

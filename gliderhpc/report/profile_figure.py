@@ -251,7 +251,7 @@ def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Arti
     handles: list[Artist] = [
         Line2D([], [], linestyle="none", marker=".", markersize=5, color=MEASURED, label="measured"),
         Line2D([], [], color=ADJOINT, linewidth=1.2, label="reconstructed; adjoint estimate"),
-        Line2D([], [], color=FILTER, linewidth=0.9, label="filter (EKF prior)"),
+        Line2D([], [], color=FILTER, linewidth=0.9, label="filter (EKF)"),
     ]
     if smoothed:
         band = Patch(facecolor=SMOOTHER, edgecolor=SMOOTHER, linewidth=0.6, alpha=_BAND, label="smoother, 68 %")

@@ -204,7 +204,7 @@ def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = int(row["gated_count"]), int(row["sample_count"])
     if gated > _MANY_GATED * samples:
-        remarks.append(f"the filter refused {gated} of {samples} samples")
+        remarks.append(f"the filter rejected {gated} of {samples} samples")
     if not smoothed:
         remarks.append("the smoother diverged; the filter's estimate is used")
     for meaning, share in _SHARES.items():

@@ -47,7 +47,7 @@ def surfacing_page(message: SurfacingMessage) -> Page:
     }
     sections = [
         Section("now", "Now", (Facts(answers),)),
-        Section("odd", "What is odd", _odd(message)),
+        Section("odd", "Anomalies", _odd(message)),
         Section("hull", "Hull", _hull(message)),
     ]
     return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
@@ -107,7 +107,7 @@ def _hull(message: SurfacingMessage) -> tuple[Block, ...]:
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.hull_changes:
-        return (Words("From the fourth dive on: what changed since the first."),)
+        return (Words("Estimated from the fourth dive on: changes since the first."),)
     rows = {
         one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
         f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
@@ -119,8 +119,8 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
 def _hull_alone(message: SurfacingMessage) -> tuple[Block, ...]:
     known = [part for part in message.hull if part.error_std < _DETERMINED]
     if not known:
-        return (Words("Unknown by this dive alone."),)
+        return (Words("Not determined from this dive alone."),)
     known.sort(key=lambda part: -abs(part.error) / part.error_std)
     rows = {part.parameter: f"{signed(part.error, '.2f')} ± {part.error_std:.2f}" for part in known[:_LISTED]}
-    caption = "Errors of the platform file by this dive alone, in plausible deviations; the most significant first."
+    caption = "Errors of the platform file from this dive alone, in plausible deviations; the most significant first."
     return Words(caption), Facts(rows)

@@ -12,8 +12,8 @@ from gliderhpc.version import __version__
 from gliderhpc.vocabulary import CHANNELS
 
 INTERPOLATED = (
-    "records slower than the filter's limit were fed interpolated, so their innovations are correlated by construction "
-    "and never white"
+    "records slower than the filter's limit were interpolated before filtering, so their innovations are correlated "
+    "by construction and never white"
 )
 """Remark on the whiteness of slow records."""
 
@@ -81,7 +81,7 @@ def used_text(used: Sequence[int], settings: TuneSettings) -> str:
 def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
     """Describe the gain, the rejected samples, and whether the maximum was reached."""
     before, after = tuned.judgement_before, tuned.judgement_after
-    reached = "" if tuned.settled else "; the rounds ran out before the maximum was reached, raise tuning.max_rounds"
+    reached = "" if tuned.settled else "; the rounds ended before the maximum was reached, increase tuning.max_rounds"
     if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
         reached += (
             f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, "

@@ -92,8 +92,8 @@ def stored_attribute(archive: Archive, name: str, key: str) -> Any:
     attributes = archive[name].attrs
     if key not in attributes:
         raise InputError(
-            f"the archive's study {name} does not record its {key}, as an earlier version of gliderhpc wrote it; run "
-            "it again"
+            f"the archive's study {name} does not record its {key}, because an earlier version of gliderhpc wrote it; "
+            "run it again"
         )
     return attributes[key]
 
@@ -223,7 +223,7 @@ def estimate_remarks(archive: Archive, estimate: str, numbers: Sequence[int]) ->
     if not without:
         return ()
     named = ", ".join(map(str, without))
-    return (f"where the smoother has no estimate the filter's is used: profile {named}",)
+    return (f"where the smoother has no estimate, that of the filter is used: profile {named}",)
 
 
 def series_of(data: ProfileData, platform: Platform) -> ProfileSeries:

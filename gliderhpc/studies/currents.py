@@ -64,8 +64,8 @@ def profile_currents(
     row = {**averaged, "sign_in_doubt": doubt}
     if doubt > settings.largest_doubt:
         why = (
-            f"no depth-resolved current: within {100 * settings.coefficient_error:.0f} % of the coefficients the yaw "
-            f"moment has the other sign in {100 * doubt:.0f} % of draws"
+            f"no depth-resolved current: with errors of up to {100 * settings.coefficient_error:.0f} % in the "
+            f"coefficients the yaw moment has the opposite sign in {100 * doubt:.0f} % of draws"
         )
         return {**row, "message": why}
     found = retrieve(data, Glider(platform), settings)

@@ -208,7 +208,7 @@ def missing_input(request: Request) -> str | None:
     count = len(select_profiles(done, request.profiles)) if done else 0
     if count >= MIN_VALUES:
         return None
-    return f"a trend takes {MIN_VALUES} finished profiles or more, and these are {count}"
+    return f"a trend needs at least {MIN_VALUES} finished profiles, and there are {count}"
 
 
 def drift_settings(request: Request) -> DriftSettings:
@@ -225,11 +225,11 @@ def drift_settings(request: Request) -> DriftSettings:
 
 STUDY = Study(
     NAME,
-    "long-term drift: is the hull fouling, since when, how much, how sure",
+    "long-term drift: whether the hull is fouling, since when, by how much, and with what certainty",
     profile=study_profile,
     mission=mission_drift,
     settings=drift_settings,
     missing=missing_input,
     prepare=prepare,
-    estimate_unused="all estimates stand side by side in this study, so --estimate changes nothing",
+    estimate_unused="this study uses all estimates, so --estimate changes nothing",
 )

@@ -36,12 +36,14 @@ class EventSettings(FastSettings):
     """Threshold and separation of events, and the samples that are searched."""
 
     threshold: float | None = Field(
-        None, gt=0, description="least magnitude, N or N m; null for the nulls' ceiling, or without nulls for sigma"
+        None, gt=0, description="smallest magnitude, N or N m; null: the nulls' ceiling or, without nulls, sigma"
     )
-    sigma: float = Field(6.0, gt=0, description="least magnitude in noise floors, where there are no nulls")
-    separation: float = Field(5.0, gt=0, description="of two peaks that lie nearer only the larger counts, s")
-    actuated: bool = Field(False, description="whether to look where actuators move or the battery is rotated, too")
-    strongest: int = Field(12, ge=1, description="events of the view of the strongest")
+    sigma: float = Field(6.0, gt=0, description="smallest magnitude in noise floors, if there are no nulls")
+    separation: float = Field(5.0, gt=0, description="of two peaks closer than this, only the larger counts, s")
+    actuated: bool = Field(
+        False, description="whether to include samples at which actuators move or the battery is rotated"
+    )
+    strongest: int = Field(12, ge=1, description="number of events in the table of the strongest")
 
 
 # Peaks
@@ -175,7 +177,7 @@ def missing(request: Request) -> str | None:
 
 STUDY = Study(
     NAME,
-    "the catalogue of impulsive events above what nulls reach",
+    "the catalogue of impulsive events above the nulls' ceiling",
     profile=study_profile,
     mission=catalogue,
     settings=EventSettings,

@@ -47,13 +47,13 @@ _SINGULAR = 1e-9
 """Number added to the prior's variances, because a calibration may state some as zero."""
 
 CALIBRATED = (
-    "the platform file's covariance counts as known before these dives; where it was calibrated on them, they count "
-    "twice and the intervals are too narrow"
+    "the platform file's covariance is used as prior; if the file was calibrated on these dives, they count twice and "
+    "the intervals are too narrow"
 )
 
 MODEL_ERRORS = (
-    "intervals of the values contain how far these depend on what the disturbances' noise is taken to be; what else is "
-    "wrong in every dive alike, such as actuators that lag their records, moves values, but not changes"
+    "the intervals of the values include the effect of the assumed noise of the disturbances; other errors that are "
+    "the same in every dive, such as actuators that lag their records, shift values, but not changes"
 )
 
 
@@ -61,7 +61,7 @@ class HullSettings(Settings):
     """Settings of the sum over the dives."""
 
     robust: bool = Field(
-        True, description="whether dives are believed less where they differ, and those that do not fit the least"
+        True, description="whether dives get less weight where they differ, and those that do not fit the least"
     )
     change: float = Field(
         1.0, gt=0, description="plausible size of a change during the mission, in the parameter's plausible deviations"
@@ -145,8 +145,8 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSett
     mission = read_dives(archive, numbers)
     if not mission.dives:
         raise InputError(
-            f"{NAME}: none of the {len(numbers)} profiles says anything of its hull, for the smoother has no estimate "
-            "of them, or its filter does not follow them; the messages of `gliderhpc info` say why"
+            f"{NAME}: none of the {len(numbers)} profiles has information on the hull, because the smoother has no "
+            "estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
     return Preparation(inputs=mission, numbers=numbers, caveats=(MODEL_ERRORS, *((CALIBRATED,) if stated else ())))
@@ -158,7 +158,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     settings: HullSettings = plan.settings
     found, changes = sum_up(mission, settings)
     rows: dict[int, Row] = {
-        number: {"message": "the smoother has no estimate of this profile, or none of what it says of the hull"}
+        number: {"message": "the smoother has no estimate of this profile, or no information on the hull from it"}
         for number in mission.without
     }
     rows |= {dive.number: _dive_row(mission, found, index) for index, dive in enumerate(mission.dives)}
@@ -259,11 +259,11 @@ def missing_input(request: Request) -> str | None:
 
 STUDY = Study(
     NAME,
-    "hull and sensors by the dives: drag, lift, buoyancy and trim with intervals, what changed and since when",
+    "hull and sensors estimated from the dives: drag, lift, buoyancy and trim with intervals, and their changes",
     mission=mission_hull,
     settings=HullSettings,
     missing=missing_input,
     prepare=prepare,
     mission_columns=("elapsed_days",),
-    estimate_unused="the smoother's information is summed up, so --estimate changes nothing",
+    estimate_unused="this study sums the smoother's information, so --estimate changes nothing",
 )

@@ -64,7 +64,7 @@ class NullSettings(Settings):
     model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
     gaussian: int = Field(12, ge=0, description="realisations with a Gaussian disturbance of the measured spectrum")
     spread: float = Field(0.15, ge=0, lt=1, description="largest relative error of a coefficient that is drawn")
-    seed: int = Field(0, ge=0, description="of all draws")
+    seed: int = Field(0, ge=0, description="seed of all draws")
     statistics: IntermittencySettings = IntermittencySettings()
 
     @property
@@ -342,7 +342,7 @@ def missing(request: Request) -> str | None:
 
 STUDY = Study(
     NAME,
-    "what the pipeline makes of missions without turbulence",
+    "results of the pipeline for missions without turbulence",
     mission=null_missions,
     settings=null_settings,
     missing=missing,

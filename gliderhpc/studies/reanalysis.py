@@ -47,7 +47,7 @@ COUNTS = {
 
 _WITHOUT_STUDY = (
     "the ellipses are those of the mission's run; after `gliderhpc analyze ARCHIVE currents --budget` those of that "
-    "study are taken"
+    "study are used"
 )
 
 PANELS = 9
@@ -85,7 +85,7 @@ def compare_with_models(
     """
     path = dive_path(archive, data)
     if path is None:
-        return {"message": "no fix on either side, so it is not known where the dive was"}
+        return {"message": "a fix before or after the dive is missing, so the position of the dive is not known"}
     middle = len(path.time) // 2
     columns = [_compare_with_model(current, path, model) for model in models]
     return {
@@ -175,8 +175,8 @@ def _daily_remark(model: OceanModel) -> list[str]:
     if not model.daily_at_midnight:
         return []
     return [
-        f"{model.name}: its daily fields are labelled 00:00 and taken as of that instant; where they are the mean of "
-        "the day that begins there, they are used half a day early"
+        f"{model.name}: its daily fields are labelled 00:00 and used as values at that time; if they are means of the "
+        "day that begins then, they are used half a day early"
     ]
 
 
@@ -383,5 +383,5 @@ def _of_distance(compared: Compared, index: int) -> Iterator[Comparison]:
             "1",
             share_within(distance, sigmas),
             WITHIN.get((name, sigmas)),
-            remark=f"{known.size} profiles; {gaussian:g} if the ellipse were all there is",
+            remark=f"{known.size} profiles; {gaussian:g} if the ellipse covered all differences",
         )

@@ -283,8 +283,8 @@ def _source(
     by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
     remarks: tuple[str, ...] = ()
     if by_slope != numbers:
-        why = "for k_z compensates nothing"
-        remarks = (f"where the buoyancy follows measured density there is no inversion with k_z = 0, {why}",)
+        why = "because k_z has no effect there"
+        remarks = (f"where buoyancy is computed from measured density there is no inversion with k_z = 0, {why}",)
     if not by_slope:
         return None, remarks
     if request.observations is None:

@@ -232,7 +232,7 @@ def validate(
     results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
     write_table_rows(store, {result.index: result.row for result in results}, GROUP)
     if all("message" in result.row for result in results):
-        raise InputError(f"{store}: no profile could be flown; {results[0].row['message']}")
+        raise InputError(f"{store}: no profile could be simulated; {results[0].row['message']}")
     write_manifests(store, GROUP, digests)
     columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.row)))
     made = Provenance(
@@ -297,4 +297,6 @@ def _check_belongs(
         )
     for key in _ON_RECORDS:
         if archive.attrs[key] != getattr(settings, key):
-            raise InputError(f"--set {key}: the archive's is {archive.attrs[key]:g} s, and its records are fixed to it")
+            raise InputError(
+                f"--set {key}: the archive's value is {archive.attrs[key]:g} s, and its records require it"
+            )

@@ -158,7 +158,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     found = vertical_velocity(data, context.platform)
     if not np.isfinite(found.water).any():
         raise ProfileError(
-            f"no {found.filter.window:.0f} s on end of samples in steady glide, so there is no vertical velocity"
+            f"no {found.filter.window:.0f} s of uninterrupted samples in steady glide, so there is no vertical velocity"
         )
     row = legs_row(found) | difference_row(found)
     if context.inputs is not None:
@@ -187,7 +187,7 @@ def require_velocities(request: Request, rows: Mapping[int, Row]) -> None:
 
 STUDY = Study(
     NAME,
-    "vertical velocity of the water, and what it owes to the hull's numbers",
+    "vertical velocity of the water, and its sensitivity to the hull's parameters",
     missing=missing_input,
     profile=study_profile,
     prepare=truth_file,

@@ -65,7 +65,7 @@ class Excerpt:
 _LENGTH_PANELS = (
     ("rmse_B_cr", "yaw RMSE, N m", False),
     ("overall", "error of all channels, relative", False),
-    ("cost_per_30s", "cost a 30 s, rad² s", True),
+    ("cost_per_30s", "cost per 30 s, rad² s", True),
     ("seam_ratio", "seam ratio", True),
     ("jump_ratio", "jump ratio", True),
     ("capped", "share at the cap", False),
@@ -221,7 +221,7 @@ def draw_sensitivity(summary: Sequence[Row], biases: Sequence[Row]) -> Figure:
         # A scale that magnifies rounding to the size of a signal would mislead.
         low, high = axes.get_ylim()
         axes.set_ylim(min(low, -MIN_SHIFT), max(high, MIN_SHIFT))
-        label_axes(axes, "", "shift, N or N m a degree", f"{name} {sweep} degree, preset {preset}")
+        label_axes(axes, "", "shift, N or N m per degree", f"{name} {sweep} degree, preset {preset}")
     _draw_coefficients(figure.add_subplot(grid[1, :]), select(biases, phase="dive"), preset)
     for position, name in enumerate(SWEEP_LABELS):
         _draw_sweep(figure.add_subplot(grid[2, position]), summary, name)

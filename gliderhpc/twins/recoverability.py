@@ -337,7 +337,7 @@ def make_budget(
     exact, wrong = (first(errors, preset=BUDGET_PRESET, model=model) for model in MODELS)
     typical = min(select(floors, preset=BUDGET_PRESET), key=lambda row: abs(float(row["width"]) - TYPICAL_WIDTH))
     if not np.isfinite(typical["floor"]):
-        raise InputError(f"{platform.name}: no yaw impulse of the grid is found nine times in ten")
+        raise InputError(f"{platform.name}: no yaw impulse of the grid is found in 9 of 10 cases")
     level = noise[BUDGET_PRESET]["noise"]
     fit = f"maximum likelihood of the covariance over {twins} twins, every coefficient wrong by up to 15 %"
     return Budget(
@@ -360,9 +360,10 @@ def make_budget(
             ),
             "detection_floor": (
                 f"N m; amplitude of an impulse of {typical['width']:g} s (standard deviation) found in "
-                f"{FLOOR_RATE:.0%} of all cases, at a threshold that noise alone passes {FALSE_ALARMS:g} time an hour"
+                f"{FLOOR_RATE:.0%} of all cases, at a threshold that noise alone exceeds {FALSE_ALARMS:g} time per "
+                "hour"
             ),
-            "axial_offset": "N; mean of identified minus true B_cu over steady glide, dive and climb apart",
+            "axial_offset": "N; mean of identified minus true B_cu over steady glide, separately for dive and climb",
             "exact_axial_error": "m/s; as axial_error, with the true coefficients",
         },
     )
@@ -374,12 +375,12 @@ def compare_recoverability(noise: Row, floors: Sequence[Row], errors: Sequence[R
     floors = select(floors, preset=preset)
     return [
         Comparison("identification noise, RMS", "N m", noise["noise"], (0.4, 0.7),
-                   remark="the paper's own Table 3 has at most 0.24 as the largest"),
+                   remark="the largest value in the paper's own Table 3 is 0.24"),
         Comparison("identification noise, largest", "N m", noise["largest"], 0.24, paper_text="<= 0.24"),
-        Comparison("threshold: one false alarm an hour", "N m", noise["threshold"],
+        Comparison("threshold: one false alarm per hour", "N m", noise["threshold"],
                    remark=f"{noise['threshold_multiples']:.1f} times the noise; {noise['hours']:.1f} h of noise alone"),
         *(
-            Comparison(f"floor, impulse of {row['width']:g} s", "N m", row["floor"], remark="found nine times in ten")
+            Comparison(f"floor, impulse of {row['width']:g} s", "N m", row["floor"], remark="found in 9 of 10 cases")
             for row in floors
         ),
         *(
@@ -387,7 +388,7 @@ def compare_recoverability(noise: Row, floors: Sequence[Row], errors: Sequence[R
             for row in floors
         ),
         Comparison("axial offset, exact coefficients", "N", 0.5 * (exact["axial_dive"] + exact["axial_climb"]), -0.5,
-                   (exact["axial_least"], exact["axial_most"]), remark="spread: least and most of dive or climb"),
+                   (exact["axial_least"], exact["axial_most"]), remark="spread: minimum and maximum of dive or climb"),
         Comparison("axial offset, coefficients within 15%", "N", 0.5 * (wrong["axial_dive"] + wrong["axial_climb"]),
                    (-0.75, -0.4), (wrong["axial_least"], wrong["axial_most"]), remark="spread as above"),
         Comparison("velocity error, exact coefficients", "m/s", exact["velocity_error"], (0.05, 0.06)),

@@ -362,7 +362,7 @@ def _coefficient_comparisons(shifts: Shifts) -> list[Comparison]:
                 f"coefficients {ALL_COEFFICIENTS}: {name}, {phase}",
                 CHANNELS[name][0],
                 line[f"{name}_rms"],
-                remark=f"RMS; most {line[f'{name}_most']:.2f}",
+                remark=f"RMS; maximum {line[f'{name}_most']:.2f}",
             )
             for phase, line in lines.items()
             for name in LONGITUDINAL_AND_YAW
@@ -372,7 +372,7 @@ def _coefficient_comparisons(shifts: Shifts) -> list[Comparison]:
             "m/s",
             lines["dive"]["velocity_along_rms"],
             (0.05, 0.06),
-            remark="RMS of the shift; the paper's is that of everything",
+            remark="RMS of the shift; the paper's value includes all errors",
         ),
     ]
 

@@ -127,7 +127,7 @@ def test_a_refused_validation_leaves_the_earlier_one(swift, swift_store, tmp_pat
     monkeypatch.setattr(validation, "fly_profile", not_flown)
     answer = program(*command)
     assert answer.status == 2
-    assert "no profile could be flown; too short" in answer.line
+    assert "no profile could be simulated; too short" in answer.line
     assert _files(copy) == before
 
 

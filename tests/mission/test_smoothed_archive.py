@@ -473,4 +473,4 @@ def test_profiles_without_a_smoother_are_named(own_copy):
     put_table_rows(own_copy, {1: {"smoothed/outcome": OUTCOME.meanings["diverged"]}})
     answer = program("analyze", own_copy, "reconstruction", "--workers", 0, "--estimate", "smoothed", "--quick")
     assert answer.status == 0
-    assert "where the smoother has no estimate the filter's is used: profile 2" in answer.out
+    assert "where the smoother has no estimate, that of the filter is used: profile 2" in answer.out

@@ -50,13 +50,13 @@ def with_reference(mission, path, off=0.0):
 def test_a_solution_that_is_ours_differs_by_nothing(mission, tmp_path):
     path = with_reference(mission, tmp_path / "same.nc", off=0.01)
     rows = dict(source_rows(Mission(mission.platform, mission.profiles, path, mission.table)))
-    assert rows["still-water speed less its speed: mean and RMS, m/s"] == "-0.010, 0.010"
+    assert rows["still-water speed minus its speed: mean and RMS, m/s"] == "-0.010, 0.010"
     counted = int(rows["samples with both"])
     assert counted > 300
-    mean, error = map(float, rows["vertical velocity of the water, ours less its: mean and RMS, cm/s"].split(", "))
+    mean, error = map(float, rows["vertical velocity of the water, ours minus its: mean and RMS, cm/s"].split(", "))
     assert abs(mean) < 0.2
     assert error < 0.4, "the source's rate is filtered once more"
-    key = "depth-averaged current, adjoint's less its: RMS to the north, to the east, m/s; dives"
+    key = "depth-averaged current, adjoint's minus its: RMS to the north, to the east, m/s; dives"
     assert rows[key] == "0.030, 0.030; 3"
 
 

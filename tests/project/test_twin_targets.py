@@ -19,9 +19,9 @@ def test_targets_are_met_or_not():
     )
     assert missed.value == pytest.approx(1.0 / 1.9)
     assert not missed.met
-    assert "so in 0 of 4 twins" in missed.remark
+    assert "met in 0 of 4 twins" in missed.remark
     assert met.met
-    assert "so in 4 of 4 twins" in met.remark
+    assert "met in 4 of 4 twins" in met.remark
     line = describe_targets(list(by_name.values()))
     assert "of 9 on the twins *impulsive*" in line
 

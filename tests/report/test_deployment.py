@@ -42,8 +42,8 @@ def test_a_flat_file_is_read_alike(tmp_path):
     [
         ("- a\n- b\n", "holds no attributes"),
         ("metadata: none\n", "holds no attributes"),
-        ("two words: x\n", "no name of an attribute"),
-        ("contributor: {name: A}\n", "contributor is no text"),
+        ("two words: x\n", "not a valid attribute name"),
+        ("contributor: {name: A}\n", "contributor is not text"),
     ],
 )
 def test_a_file_without_attributes_is_refused_in_one_line(tmp_path, text, message):

@@ -375,7 +375,7 @@ def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy,
     twins = write_twins(tmp_path / "twins")
     write_mission_page(own_copy, tmp_path / "out", twins)
     page = read(tmp_path / "out" / "index.html")
-    assert "petrel-l, 2 twins a setting" in page.sections["windows"]
+    assert "petrel-l, 2 twins per setting" in page.sections["windows"]
     assert "a quick study" in page.sections["windows"]
     assert rows_of(tmp_path / "out" / "windows_comparison_0.csv")[0]["ours"] == "0.07"
     assert (tmp_path / "out" / "windows_windows.png").read_bytes() == (twins / "windows.png").read_bytes()

@@ -259,7 +259,7 @@ def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
 
     figure = shown_after(store, "currents", tmp_path, change).figures["figure_7_profile_1"]
     figure.savefig(tmp_path / "nothing.png", dpi=40)
-    why = "no depth-resolved current: of the profile's samples 12 with a condition number beyond the limit"
+    why = "no depth-resolved current; samples of the profile: 12 with a condition number beyond the limit"
     for axes in figure.axes[:2]:
         assert [" ".join(text.get_text().split()) for text in axes.texts] == [why]
 
@@ -272,7 +272,7 @@ def test_a_hull_whose_yaw_moment_tells_no_direction_is_refused(store, tmp_path):
     set_attributes(own, {"platform": hull | {"viscous": hull["viscous"] | {"K_MY": 73.0}}})
     answer = program("analyze", own, "currents", "--workers", 0, "--out", tmp_path / "out")
     assert answer.status == 0, answer.err
-    assert "the other sign in" in answer.out
+    assert "the opposite sign in" in answer.out
     study = xr.open_datatree(own, engine="zarr")["currents"].to_dataset()
     assert np.isfinite(study["current_north"]).all()
     assert not np.isfinite(study["lateral"]).any()

@@ -266,9 +266,9 @@ def test_cause_is_named(planted, cause):
     assert CAUSES[cause] in text
     # Nothing is dated or extrapolated where no growth is shown.
     rows = [row.quantity for row in comparisons(found.trends, found.verdict, (), None, 0.5)]
-    assert any("50 % up" in row for row in rows) == cause.startswith("drag")
-    assert any("since which" in row for row in rows) == cause.startswith("drag")
-    assert ("prove no cause" in text) == (cause != "none")
+    assert any("risen by 50 %" in row for row in rows) == cause.startswith("drag")
+    assert any("day from which" in row for row in rows) == cause.startswith("drag")
+    assert ("do not prove a cause" in text) == (cause != "none")
     wanted = planted.get("drag", 0.0) + 0.5 * planted.get("uneven", 0.0)
     low, high = found.verdict.interval
     assert low <= wanted <= high
@@ -384,8 +384,8 @@ def test_an_episode_of_climbs_that_decays_is_found():
     assert one.size("B_cu", "climb").value == pytest.approx(-0.1 * size.value, rel=0.05)
     text = describe_change(one, HULL.viscous.K_D0)
     assert text.startswith(f"an episode: profiles {one.first} to {one.last} (day ")
-    assert f"climbs: drag {100.0 * size.value / HULL.viscous.K_D0:+.0f} % at its largest (95 % interval " in text
-    assert f"back since profile {one.back}, day " in text
+    assert f"climbs: drag {100.0 * size.value / HULL.viscous.K_D0:+.0f} % at its maximum (95 % interval " in text
+    assert f"back to the former level from profile {one.back}, day " in text
     assert "begins abruptly, decays" in text
     assert not changes.outside(table["profile"].to_numpy())[24]
 
@@ -437,7 +437,7 @@ def test_growth_and_single_profiles_are_no_change_points():
     few = changed(9)[1]
     assert few.found == ()
     assert change_lines(few, 1.0) == (
-        "no steps, ramps and episodes were looked for: too few profiles, or a first look",
+        "steps, ramps and episodes were not searched for: too few profiles, or a quick study",
     )
 
 
@@ -494,7 +494,7 @@ def test_trends_are_those_outside_an_episode():
     found = find_drift(table, HULL, SETTINGS, changes=changes)
     assert found.verdict.cause == "none"
     lines = verdict_lines(found.verdict, found.trends, 0.5)
-    assert lines[0].startswith("verdict: an episode (profiles 18 to 29, dives and climbs); besides, no drift")
+    assert lines[0].startswith("verdict: an episode (profiles 18 to 29, dives and climbs); in addition, no drift")
     assert not any("on day" in line or "grows since" in line for line in lines)
 
 
@@ -508,7 +508,7 @@ def test_no_day_is_extrapolated_where_the_drag_does_not_grow_along_a_line():
     assert not found.straight
     assert found.verdict.as_json(0.5)["days_until"] is None
     text = " ".join(verdict_lines(found.verdict, found.trends, 0.5))
-    assert "does not grow along a straight line" in text
+    assert "does not grow linearly" in text
     assert find_drift(medians(drag=2.0, scatter=0.05), HULL, SETTINGS).straight
 
 

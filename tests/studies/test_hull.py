@@ -66,7 +66,7 @@ def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     mission, content = summed_up(dives(30, {"viscous.K_D0": course}))
     history = history_of(mission, content)
     lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
-    assert lines["viscous.K_D0"].startswith("drag at zero angle of attack: changed little by little since profile")
+    assert lines["viscous.K_D0"].startswith("drag at zero angle of attack: changed gradually from profile")
     others = [line for key, line in lines.items() if key != "viscous.K_D0"]
     assert len(others) == 3
     assert all("no change shown" in line for line in others)
@@ -92,10 +92,10 @@ def test_a_pilot_reads_grams_and_millimetres():
            "position.battery": np.full(8, 0.006 / battery.deviation(HULL))}  # fmt: skip
     mission, content = summed_up(dives(8, off, information=3e4))
     rows = {row.quantity: row for row in shown_hull.pilot_rows(history_of(mission, content))}
-    assert rows["neutral oil volume, last dive less platform file"].ours == pytest.approx(60.0, abs=3.0)
+    assert rows["neutral oil volume, last dive minus platform file"].ours == pytest.approx(60.0, abs=3.0)
     assert rows["the same as ballast to add"].ours == pytest.approx(60.0 * HULL.buoyancy.water_density / 1e3, abs=3.0)
-    assert rows["battery zero, last dive less platform file"].ours == pytest.approx(6.0, abs=0.5)
-    low, high = rows["battery zero, last dive less platform file"].spread
+    assert rows["battery zero, last dive minus platform file"].ours == pytest.approx(6.0, abs=0.5)
+    low, high = rows["battery zero, last dive minus platform file"].spread
     assert low < 6.0 < high
 
 

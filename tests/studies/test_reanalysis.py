@@ -347,13 +347,13 @@ def broken(dataset):
     [
         (with_units("uo", "knots"), "uo is in 'knots'"),
         (with_units("depth", "sigma"), "depth is in 'sigma'"),
-        (with_units("time", "hours since analysis"), "no unit of time"),
+        (with_units("time", "hours since analysis"), "not a unit of time"),
         (with_units("time", "hours"), "no unit of time since"),
         (lambda dataset: dataset.drop_vars("uo"), "has no eastward_sea_water_velocity"),
         (lambda dataset: dataset.isel(depth=0, drop=True), "has no northward_sea_water_velocity"),
         (without_axis, "vo has no axis of depth"),
         (curvilinear, "dimension longitude of vo has no coordinate"),
-        (broken, "latitude does not run one way"),
+        (broken, "latitude is not monotonic"),
     ],
 )
 def test_a_file_that_cannot_be_sampled_is_refused_by_what_is_wrong(tmp_path, change, fragment):
@@ -618,7 +618,7 @@ def test_a_profile_without_fixes_says_so(archive, sources):
     put_table_rows(archive, {1: {"exit_latitude": np.nan}})
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
     assert answer.status == 0, answer.err
-    assert "profile 2: no fix on either side" in answer.out
+    assert "profile 2: a fix before or after the dive is missing" in answer.out
     with open_mission(archive) as opened:
         group = opened["reanalysis"].to_dataset().load()
     assert np.isfinite(group["north"].sel(profile=[1, 3])).all()

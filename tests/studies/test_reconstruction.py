@@ -269,7 +269,7 @@ def test_the_verb_leaves_group_files_and_table(studied):
         "channels.csv", "figure_2.png", "figure_3.png", "impulses.csv", "profiles.csv", "reconstruction.json",
         "recovery.png",
     ]  # fmt: skip
-    for text in ("tracking RMSE, steady glide, roll", "2.40", "k_z = 0", "no profile has 600 s of steady glide"):
+    for text in ("tracking RMSE, steady glide, roll", "2.40", "k_z = 0", "600 s of uninterrupted steady glide"):
         assert text in answer.out
     with xr.open_datatree(store, engine="zarr") as tree:
         group, table = tree["reconstruction"].ds.load(), tree.ds.load()

@@ -203,7 +203,7 @@ def test_what_does_not_belong_together_is_refused(validated, brief, twin, tmp_pa
     assert "was not made from" in wrong.line
     axis = program("validate", brief, "--platform", "petrel-l", "--store", store, "--set", "step=0.2")
     assert axis.status == 2
-    assert "the archive's is 0.1 s" in axis.line
+    assert "the archive's value is 0.1 s" in axis.line
     absent = program("validate", brief, "--platform", "petrel-l", "--store", tmp_path / "no.zarr")
     assert absent.status == 2
     assert "no such archive" in absent.line

@@ -345,7 +345,7 @@ def test_the_verb_leaves_group_files_and_table(studied):
     assert answer.status == 0, answer.err
     assert check_archive(store) == []
     assert sorted(path.name for path in files.iterdir()) == ["profiles.csv", "vertical.json", "vertical.png"]
-    for text in ("dives less climbs at the same depths", "half power at 9.6 mHz", "carries no calibration's errors"):
+    for text in ("dives minus climbs at the same depths", "half power at 9.6 mHz", "states no errors of a calibration"):
         assert text in answer.out
     with xr.open_datatree(store, engine="zarr") as tree:
         group, observed = tree["vertical"].ds.load(), tree["observed"].ds.load()
@@ -393,7 +393,7 @@ def test_a_hull_that_is_off_is_named(waves, tmp_path):
     store = write_unestimated(tmp_path / "off.zarr", path, off)
     answer = program("analyze", store, "vertical", *some)
     assert answer.status == 0, answer.err
-    assert "the hull's numbers are off, or the pitch sensor is" in answer.out
+    assert "the hull's parameters or the pitch sensor are in error" in answer.out
     sound = write_unestimated(tmp_path / "sound.zarr", path, found.platform)
     answer = program("analyze", sound, "vertical", *some)
     assert answer.status == 0, answer.err

@@ -384,7 +384,7 @@ def test_what_runs_to_the_bound_is_held_at_the_bound():
     assert found.platform.position.battery == pytest.approx(PETREL.position.battery - 0.12)
     assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=30.0)
     assert found.fitted.after[1] < 0.01 * found.fitted.before[1], "5 mm of 125 are left, and their degrees of pitch"
-    (left,) = [line for line in notes(found) if line.startswith("fitted only beyond what is plausible, so held at the")]
+    (left,) = [line for line in notes(found) if line.startswith("the best fit lies outside the plausible range, so")]
     assert "position.battery" in left
 
 
@@ -394,8 +394,8 @@ def test_an_error_that_nothing_explains_is_named():
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
     remarks = notes(found)
-    assert any(line.startswith("WARNING: the pitch is still off by") for line in remarks)
-    assert not any("the roll is still off" in line for line in remarks)
+    assert any(line.startswith("WARNING: the pitch is still in error by") for line in remarks)
+    assert not any("the roll is still in error" in line for line in remarks)
 
 
 @pytest.mark.parametrize(
@@ -421,7 +421,7 @@ def test_what_the_glides_refute_is_not_put_back():
     assert refuted
     assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
     assert found.fitted.after[1] < 0.1 * found.fitted.before[1]
-    assert any("the platform's value is refuted, so held at the most probable one" in line for line in notes(found))
+    assert any("contradict the platform's value, so held at the most probable value" in line for line in notes(found))
 
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
@@ -595,7 +595,7 @@ def test_profiles_can_be_chosen_and_held_out(mission, tmp_path):
         "of profile 2",
         "held as requested",
         "trend",
-        "the neutral volume is that of 2024",
+        "the neutral volume is that at 2024",
     ):
         assert fragment in answer.out
     assert load_platform(tmp_path / "one.yaml").viscous.K_D0 == PETREL.viscous.K_D0

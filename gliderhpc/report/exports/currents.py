@@ -34,8 +34,9 @@ _EPOCH = "seconds since 1970-01-01T00:00:00Z"
 _ESTIMATES = (ADJOINT, SMOOTHED)
 _ALONG = {"u": "east", "v": "north"}
 _NOT_ABSOLUTE = (
-    "what the yaw moment feels of the current across the hull: how fast it changes along the path, band-limited, a "
-    "lower bound of the amplitude; neither it nor its sum with the depth-averaged current is the absolute profile"
+    "the part of the current across the hull that acts on the yaw moment: its rate of change along the path, "
+    "band-limited, a lower bound of the amplitude; neither this part nor its sum with the depth-averaged current is "
+    "the absolute profile"
 )
 
 
@@ -79,7 +80,10 @@ def export_currents(
         adopted = _with_adopted_currents(tree, table, study)
         known = np.isfinite(adopted["current_north"].values)
         for number in table["profile"].values[~known].tolist():
-            left_out.setdefault(int(number), "no depth-averaged current: no fix on either side, or not studied")
+            left_out.setdefault(
+                int(number),
+                "no depth-averaged current: a fix before or after the dive is missing, or the profile was not studied",
+            )
         if not known.any():
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
         content = _content(table.isel(profile=known), adopted.isel(profile=known))
@@ -179,7 +183,7 @@ def _averaged(study: xr.Dataset) -> dict[str, tuple[str, Any, dict[str, Any]]]:
         "profile",
         np.array(codes, dtype=np.int8),
         {
-            "long_name": "what u and v are made by",
+            "long_name": "method that gave u and v",
             "units": "1",
             "flag_values": np.arange(len(_ESTIMATES), dtype=np.int8),
             "flag_meanings": " ".join(_ESTIMATES),
@@ -220,7 +224,7 @@ def _by_depth(study: xr.Dataset) -> dict[str, tuple[tuple[str, str], Array, dict
                 "units": "m s-1",
                 "comment": "by the moment coefficients"
                 + ("" if np.isnan(noise).all() else " and the yaw moment's noise")
-                + "; what was not known is not in it",
+                + "; unknown terms are not included",
             },
         )
     variables["shear_sensitive_count"] = (
@@ -244,8 +248,8 @@ def _depths(study: xr.Dataset) -> dict[str, tuple[object, Array, dict[str, str]]
 
 _SUMMARY = (
     "Currents averaged over the dives of an underwater glider, from the fixes before and after each dive and the "
-    "displacement through the water that its flight model gives, with standard deviations and covariance; and by depth "
-    "the part of the current across the hull that its yaw moment feels"
+    "displacement through the water from its flight model, with standard deviations and covariance; and, by depth, "
+    "the part of the current across the hull that acts on its yaw moment"
 )
 
 
@@ -269,8 +273,8 @@ def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[s
         "history": f"exported by gliderhpc {__version__}",
         "mission": str(known.get("mission") or "unknown"),
         "platform": str(known["platform"]["name"]),
-        "comment": "u and v are drifts over the ground of the water that the glider flew through, from fix to fix. "
-        f"{content.sizes['profile']} dives.",
+        "comment": "u and v are the mean velocity over the ground, from fix to fix, of the water that the glider flew "
+        f"through. {content.sizes['profile']} dives.",
     }
 
 

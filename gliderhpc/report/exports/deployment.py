@@ -36,14 +36,14 @@ def read_deployment(path: str | Path) -> dict[str, str]:
     if isinstance(content, Mapping) and SECTION in content:
         content = content[SECTION]
     if not isinstance(content, Mapping):
-        raise InputError(f"{path}: holds no attributes; write them as contributor_name: A. Name, one a line")
+        raise InputError(f"{path}: holds no attributes; write one per line, for example contributor_name: A. Name")
     texts = {_name(name, path): _text(name, value, path) for name, value in content.items() if value is not None}
     return {name: text for name, text in texts.items() if text}
 
 
 def _name(name: object, path: str | Path) -> str:
     if not isinstance(name, str) or not name.isidentifier():
-        raise InputError(f"{path}: {shown(name)} is no name of an attribute; use letters, digits and underscores")
+        raise InputError(f"{path}: {shown(name)} is not a valid attribute name; use letters, digits and underscores")
     return name
 
 
@@ -51,5 +51,5 @@ def _text(name: object, value: object, path: str | Path) -> str:
     if isinstance(value, list):
         return ", ".join(_text(name, part, path) for part in value)
     if not isinstance(value, str | int | float | datetime.date):
-        raise InputError(f"{path}: {name} is no text but {shown(value)}; write its parts as attributes of their own")
+        raise InputError(f"{path}: {name} is not text but {shown(value)}; write its parts as separate attributes")
     return str(value).strip()

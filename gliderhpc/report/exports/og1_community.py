@@ -60,8 +60,8 @@ def _terms() -> Iterator[Term]:
             f"depth-averaged current to the {towards}",
             standard_name=f"{towards}ward_sea_water_velocity",
             observation_type="calculated",
-            comment="one value a dive, in the row of the fix after it: mean between the fixes before and after the "
-            "dive, by dead reckoning, the drift at the surface taken out",
+            comment="one value per dive, in the row of the fix after it: mean between the fixes before and after the "
+            "dive, by dead reckoning, without the drift at the surface",
         )
     yield from map(quality_control, (*WITH_QC, *_COMPUTED))
 

@@ -63,7 +63,7 @@ _ATTRIBUTES: Mapping[str, Mapping[str, Any]] = {
     "DAC_NORTH_STD": _deviation("north"),
     "DAC_EAST_STD": _deviation("east"),
     "DAC_COVARIANCE": {"long_name": "covariance of DAC_NORTH and DAC_EAST", "units": "m2 s-2", "coordinates": _AT},
-    "DAC_ESTIMATE": {"long_name": "what DAC_NORTH and DAC_EAST are made by", "units": "1", "coordinates": _AT,
+    "DAC_ESTIMATE": {"long_name": "method that gave DAC_NORTH and DAC_EAST", "units": "1", "coordinates": _AT,
                      "flag_values": np.array(list(CURRENT_ESTIMATES.values()), dtype=np.int8),
                      "flag_meanings": " ".join(CURRENT_ESTIMATES)},
 }  # fmt: skip

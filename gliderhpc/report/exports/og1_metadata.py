@@ -19,7 +19,7 @@ from gliderhpc.version import __version__
 UNKNOWN = "unknown"
 
 _SUMMARY = (
-    "Records of an underwater glider with what its flight model makes of them: forces and moments of the water, "
+    "Records of an underwater glider, and estimates from them by its flight model: forces and moments of the water, "
     "motion, speed through the water, currents averaged over the dives, and positions under water"
 )
 _STRICT_SUMMARY = (
@@ -27,9 +27,9 @@ _STRICT_SUMMARY = (
     "the dives, by a flight model"
 )
 _COMMENT = (
-    "Forces, moments, motion and currents from attitude, depth and actuators. ADJOINT: windowed adjoint inversion, the "
-    "method of record; SMOOTHED: fixed-interval smoother, the filter's estimate without deviations where it has none. "
-    "HEADING is true."
+    "Forces, moments, motion and currents from attitude, depth and actuators. ADJOINT: windowed adjoint inversion, "
+    "the primary estimate; SMOOTHED: fixed-interval smoother, or the filter's estimate, without standard deviations, "
+    "where the smoother has none. HEADING is true."
 )
 _STRICT_COMMENT = (
     "Positions and currents from attitude, depth, actuators and GPS fixes by a flight model. HEADING is true."

@@ -32,9 +32,10 @@ _NO_PLACE, _NO_TIME = -9999.9, -1.0
 _AT = "TIME LONGITUDE LATITUDE DEPTH"
 
 RECKONING = (
-    "dead reckoning: the fix before the dive, the drift taken out at the surface, the displacement through the water "
-    "by the estimated motion (vibration intervals bridged), and each dive-climb cycle's current, so that the track "
-    "ends on the fix after the dive; POSITION_METHOD says where one of the two fixes is missing"
+    "dead reckoning: the sum of the fix before the dive, the drift at the surface (which is not part of the current), "
+    "the displacement through the water by the estimated motion (vibration intervals bridged), and the displacement "
+    "by each dive-climb cycle's current, so that the track ends on the fix after the dive; POSITION_METHOD states "
+    "where one of the two fixes is missing"
 )
 """Method of the positions below the surface."""
 
@@ -135,7 +136,7 @@ def _counts() -> Iterator[Term]:
         "PROFILE_NUMBER",
         "i4",
         {
-            "long_name": "descents and ascents, counted through",
+            "long_name": "descents and ascents, numbered consecutively",
             "units": "1",
             "comment": "a row of a fix has the number of the descent after it or of the ascent before it",
         },
@@ -150,9 +151,7 @@ def _counts() -> Iterator[Term]:
         "a fix are at the surface",
     )
     yield flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
-    yield flags(
-        "QUALITY", "what to mind about the estimate, in any step of the record", "flag_masks", QUALITY.meanings, "u1"
-    )
+    yield flags("QUALITY", "flags of the estimate, from any step of the record", "flag_masks", QUALITY.meanings, "u1")
 
 
 def _measured() -> Iterator[Term]:
@@ -189,14 +188,14 @@ def _currents() -> Iterator[Term]:
                 f"depth-averaged current to the {towards}, by {origin}",
                 standard_name=f"{towards}ward_sea_water_velocity",
                 observation_type="calculated",
-                comment="one value a dive, on every row of it",
+                comment="one value per dive, on all of its rows",
             )
             yield quantity(
                 f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}"
             )
     yield flags(
         "DAVG_CURR_ESTIMATE",
-        "what DAVG_CURR_NORTH and DAVG_CURR_EAST are made by",
+        "method that gave DAVG_CURR_NORTH and DAVG_CURR_EAST",
         "flag_values",
         CURRENT_ESTIMATES,
         comment="the smoother's displacement through the water where it is usable, else the adjoint's",
@@ -253,8 +252,9 @@ VERTICAL_TERMS = (
            comment="steady glide at the measured pitch and ballast, filtered as GLIDER_VERT_VELO_DZDT; not the motion "
            "under the estimated disturbance"),
     quantity(_WATER, "m s-1", "vertical velocity of the water, upward", standard_name="upward_sea_water_velocity",
-           observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT less GLIDER_VERT_VELO_MODEL"),
-    quantity(f"{_WATER}_STD", "m s-1", f"standard deviation of {_WATER}: noise, rounded pitch and the hull's numbers"),
+           observation_type="calculated", comment="GLIDER_VERT_VELO_DZDT minus GLIDER_VERT_VELO_MODEL"),
+    quantity(f"{_WATER}_STD", "m s-1",
+             f"standard deviation of {_WATER}: noise, rounded pitch and the hull's parameters"),
 )  # fmt: skip
 """Terms that are written only if study ``vertical`` has been run."""
 
@@ -273,9 +273,9 @@ LARGEST_DIFFERENCE = 2.0
 
 VERTICAL_QC = quality_control(
     _WATER,
-    comment="one test a dive: probably good where the water's vertical velocities on descent and ascent differ in the "
-    f"mean by at most {LARGEST_DIFFERENCE:g} of the difference's standard deviation, probably bad where by more; none "
-    "where they cannot be compared",
+    comment="one test per dive: probably good where the mean vertical velocities of the water on descent and ascent "
+    f"differ by at most {LARGEST_DIFFERENCE:g} standard deviations of the difference, probably bad where they differ "
+    "by more; no test where they cannot be compared",
 )
 
 

@@ -20,10 +20,10 @@ from gliderhpc.store_schema.place import Place, absolute, is_address
 
 _COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "odd")
 _CAPTION = (
-    "A row a mission. The last current is the depth-averaged one of the last dive that has one, with the semi-axes of "
-    f"its {PROBABILITY:.0%} ellipse (m/s); speeds through the water are the last dive's, with one standard deviation. "
-    "Changes of drag and neutral volume are those that study hull found. Profiles with less than "
-    f"{POORLY_CONVERGED:.0%} of their windows converged are listed as odd."
+    "One row per mission. The last current is the depth-averaged current of the last dive that has one, with the "
+    f"semi-axes of its {PROBABILITY:.0%} ellipse (m/s); speeds through the water are those of the last dive, with one "
+    "standard deviation. Changes of drag and neutral volume are those found by the study hull. Profiles with less "
+    f"than {POORLY_CONVERGED:.0%} of their windows converged are listed as odd."
 )
 _MAP_CAPTION = (
     "Tracks from fix to fix, and the last known depth-averaged current of each glider with its "

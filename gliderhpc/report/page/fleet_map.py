@@ -44,8 +44,8 @@ _ARROW_LENGTH = 0.2
 
 _NAME_LENGTH = 40
 _NOTE = (
-    f"Lines: dives from fix to fix. Arrows: the last known depth-averaged current of each, from the middle between its "
-    f"dive's fixes. Ellipses: {PROBABILITY:.0%} about the tip."
+    "Lines: dives from fix to fix. Arrows: the last known depth-averaged current of each glider, drawn from the "
+    f"midpoint between the dive's fixes. Ellipses: {PROBABILITY:.0%} probability, centred on the tip."
 )
 
 

@@ -338,7 +338,7 @@ def _draw_depth(axes: Axes, table: MissionTable) -> None:
             axes.plot(table.number[chosen], depth, mark, color=colour, markersize=5, label=status, clip_on=False)
     deepest = np.nanmax(table.depth, initial=1.0)
     axes.set_ylim(1.08 * deepest, 0.0)
-    label(axes, "maximum depth, by outcome; profiles without a depth at 0", y="m")
+    label(axes, "maximum depth, by outcome; profiles without a depth are drawn at 0", y="m")
     legend(axes)
 
 

@@ -20,7 +20,7 @@ def overview_section(archive: Archive, summary: Summary) -> Section:
     blocks.append(
         Grid(
             "outcomes",
-            "Outcome of the profiles, and of the windows of those that are done.",
+            "Outcomes of the profiles, and of the windows of the profiles that are done.",
             [*profile_outcomes(summary), *windows],
         )
     )
@@ -47,8 +47,8 @@ def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
     if table.with_current.any():
         speed = np.hypot(*table.current)
         flight["current speed"] = (
-            f"{np.nanmedian(speed):.3f} m/s in the median, at most {np.nanmax(speed):.3f} m/s; one standard deviation "
-            f"of a component is {_median(table.current_std):.3f} m/s; {table.adopted.label}"
+            f"median {np.nanmedian(speed):.3f} m/s, maximum {np.nanmax(speed):.3f} m/s; median standard deviation of "
+            f"a component {_median(table.current_std):.3f} m/s; {table.adopted.label}"
         )
     first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
     return {**first, **flight, **last}
@@ -119,9 +119,9 @@ def _pictures(table: MissionTable) -> list[Block]:
 def _map_caption(table: MissionTable) -> str:
     count = int(table.with_current.sum())
     return (
-        "Dives from fix to fix (thick lines), the intervals between them (thin lines), and the "
-        f"depth-averaged current of {count} profiles ({table.adopted.label}): the displacement between the fixes less "
-        "that through the water, over the dive's duration. The median standard deviation of a component is "
+        "Dives from fix to fix (thick lines), the intervals between them (thin lines), and the depth-averaged current "
+        f"of {count} profiles ({table.adopted.label}): the displacement between the fixes minus that through the "
+        "water, divided by the dive's duration. The median standard deviation of a component is "
         f"{_median(table.current_std):.3f} m/s. Longitudes are scaled to distance at this latitude."
     )
 
@@ -138,25 +138,25 @@ def _map_alternative(table: MissionTable) -> str:
 
 _PROFILES_CAPTION = (
     "For every profile: the maximum measured depth, with its outcome; the share of its windows that converged; and "
-    "the two components of the depth-averaged current with one standard deviation either way, by the smoother where "
-    "it is usable and else by the inversion; for comparison those by the inversion and, without a model of the "
-    "forces, by the glide angle."
+    "the two components of the depth-averaged current with error bars of one standard deviation, by the smoother "
+    "where it is usable and otherwise by the inversion; for comparison those by the inversion and, without a model of "
+    "the forces, by the glide angle."
 )
 
 
 def _profiles_alternative(table: MissionTable) -> str:
     return (
         f"{len(table.number)} profiles over {table.days[table.done].max():.1f} days: maximum depth "
-        f"{np.nanmin(table.depth):.0f} to {np.nanmax(table.depth):.0f} m, windows converged "
-        f"{_median(table.converged):.0%} in the median, and the current's components."
+        f"{np.nanmin(table.depth):.0f} to {np.nanmax(table.depth):.0f} m, median share of converged windows "
+        f"{_median(table.converged):.0%}, and the components of the current."
     )
 
 
 def _timing_caption(table: MissionTable) -> str:
     return (
-        f"Computing time of the profiles (run_seconds of the archive: filter, smoother, inversion, current; in total "
-        f"{np.nansum(table.seconds):.0f} s on one core each). The first profile of a worker may include loading or "
-        "compiling the kernels."
+        "Computing time of the profiles (run_seconds of the archive: filter, smoother, inversion, current; "
+        f"{np.nansum(table.seconds):.0f} s in total, each profile on one core). The first profile of a worker may "
+        "include loading or compiling the kernels."
     )
 
 

@@ -64,9 +64,9 @@ def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
     message = str(data.table["message"])
     if message:
         blocks.append(Notice(message))
-    blocks.append(Grid(f"{stem}_quality", "Share of the samples that carry each quality bit.", _quality_rows(data)))
-    blocks.append(Grid(f"{stem}_row", "Its row of the archive's table.", _row(archive, data.number)))
-    return Section("profile", "The profile and its row of the archive", tuple(blocks))
+    blocks.append(Grid(f"{stem}_quality", "Share of the samples with each quality flag.", _quality_rows(data)))
+    blocks.append(Grid(f"{stem}_row", "Row of the profile in the archive's table.", _row(archive, data.number)))
+    return Section("profile", "The profile and its row in the archive", tuple(blocks))
 
 
 def _row(archive: Archive, number: int) -> list[dict[str, Any]]:
@@ -104,13 +104,15 @@ def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...
     if windows.empty:
         return (Notice("the archive holds no window of this profile"),)
     caption = (
-        "Every window of the inversion at the middle of its time: iterations, cost reached and optimality measure, "
-        f"marked by how the solve ended. {_describe_outcomes(windows)}"
+        "Iterations, final cost and optimality measure of every window of the inversion, drawn at the middle of the "
+        f"window and marked by outcome. {_describe_outcomes(windows)}"
     )
     shown = "Iterations, cost and optimality measure of every window over the time of the profile, marked by outcome."
     return (
         Picture(f"{stem}_windows", caption, shown, windows_figure(data, windows)),
-        Grid(f"{stem}_windows", "The windows, times since the profile's first sample.", window_rows(windows)),
+        Grid(
+            f"{stem}_windows", "The windows; times are counted from the profile's first sample.", window_rows(windows)
+        ),
     )
 
 
@@ -125,21 +127,22 @@ def _describe_outcomes(windows: pd.DataFrame) -> str:
 
 def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
     caption = (
-        "Recorded controls. Grey: the vibration set, where an actuator moved faster than the hull's thresholds or "
-        "had done so within the guard time; there the inversion retains the filter's disturbance, and the samples are "
-        "excluded from all statistics."
+        "Recorded controls. Grey: the vibration set, where the battery or the ballast moves faster than the hull's "
+        "thresholds, with the guard time on either side; these samples are inverted like the others, but excluded "
+        "from the statistics of steady glide."
     )
-    shown = "Battery position and rotation, ballast volume and rudder over time, the vibration set shaded."
+    shown = "Battery position and rotation, ballast volume and rudder over time, with the vibration set shaded."
     picture = Picture(f"{stem}_controls", caption, shown, controls_figure(data))
     return (picture, Grid(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
 def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
     caption = (
-        "The track through the water under the identified disturbances and, with the residual drift distributed so "
-        "that it ends on the fixes, over the ground, with the adopted depth-averaged current (arrow); for comparison "
-        "the track by the glide angle, without disturbances. The tracks meet the exit fix by construction, which "
-        "validates neither; their separation in between shows how far the two displacements through the water differ."
+        "Tracks under the identified disturbances: through the water and, with the residual drift distributed so that "
+        "the track ends on the fixes, over the ground; the arrow is the adopted depth-averaged current. For "
+        "comparison, the track by the glide angle, without disturbances. The tracks over the ground meet the exit fix "
+        "by construction, so this validates neither; their separation in between shows how far the two displacements "
+        "through the water differ."
     )
     blocks: list[Block] = [
         Grid(
@@ -176,16 +179,16 @@ def _table_value(data: ProfileData, name: str) -> float:
 
 
 _MOTION_CAPTION = (
-    "Top: measured attitude and depth, and those of the model under the adjoint's disturbances; the residual "
-    "is that of steady glide. Below: the three forces and three moments of the water not explained by the hull's "
-    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter that initialises it "
-    "and, with a band of one standard deviation either way, by the smoother. The band covers the uncertainty of prior "
-    "and sensors, not errors of the hull's coefficients; axial and heave force are only weakly observed. Grey: "
+    "Top: measured attitude and depth, and those of the model under the adjoint's disturbances; the residual is that "
+    "in steady glide. Below: the three forces and three moments of the water not explained by the hull's "
+    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter and, with a band of "
+    "one standard deviation on either side, by the smoother. The band includes the uncertainty of prior and sensors "
+    "and, where it was computed, that of the hull's parameters; axial and heave force are only weakly observed. Grey: "
     "actuators moving."
 )
 
 
-_WITH_TRUTH = " Dashed: the truth of this synthetic mission, and the errors against it in steady glide."
+_WITH_TRUTH = " Dashed: the truth of this synthetic mission; errors relative to it are those in steady glide."
 
 
 def representative_section(archive: Archive, command: str, truth: Path | None) -> Section | None:
@@ -198,7 +201,7 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
         "publication's Figures 2 and 3)."
     )
     figure = motion_picture(archive, number, "representative_profile", truth)
-    other = Commands("A page of any one profile, with its windows, controls and currents:", (command,))
+    other = Commands("To write the page of any profile, with its windows, controls and currents:", (command,))
     return Section("representative", f"A representative profile: {number}", (introduction, figure, other))
 
 

@@ -46,7 +46,7 @@ HEADINGS = {
     "currents": ("Currents, depth-averaged and by depth", "Figure 7"),
     "reanalysis": ("Current compared with ocean models", "Figure 8, Table 4"),
     "vertical": ("Vertical velocity of the water", ""),
-    "hull": ("The hull by the dives", ""),
+    "hull": ("Hull estimated from the dives", ""),
     "drift": ("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
 """Heading of each study's section and the publication's figures and tables in it, in the publication's order."""
@@ -96,7 +96,7 @@ def _notes(name: str, archive: Archive, summary: Summary, found: Findings, comma
     """Collect the caveats of the findings."""
     notes: list[Block] = []
     if archive[name].attrs.get("quick"):
-        notes.append(Notice("a quick study: few profiles or small ensembles, for a preview and not for a result"))
+        notes.append(Notice("a quick study with few profiles or small ensembles: a preview, not a result"))
     if found.remarks:
         notes.append(Remarks(found.remarks))
     if summary.notes.get(name):
@@ -168,16 +168,17 @@ def comparison_row(row: Comparison) -> Row:
 
 
 _WINDOWS = "windows"
-_WINDOWS_TITLE = "Length of the windows, on twin experiments"
+_WINDOWS_TITLE = "Window length, from twin experiments"
 
 _WINDOWS_INTRODUCTION = (
     "Simulated dives whose disturbance is known, inverted with windows of several lengths, margins and tolerances, "
-    "sliding and not (Figure 5 of the publication). It concerns no mission; the windows were chosen by it."
+    "sliding and not sliding (Figure 5 of the publication). The study does not depend on the mission; the default "
+    "windows were chosen from it."
 )
 _WINDOWS_CAPTION = (
-    "(a) and (b): the identified yaw moment and the truth, windows sliding and not. (c): errors against the "
-    "truth, cost and discontinuities at the seams, over the length of the windows; (d) to (f): over other settings. "
-    "Markers are medians over the twins, whose number is in the table."
+    "(a) and (b): the identified yaw moment and the truth, with windows sliding and not sliding. (c): errors relative "
+    "to the truth, cost and discontinuities at the seams, as functions of the window length; (d) to (f): as functions "
+    "of other settings. Markers are medians over the twins, whose number is in the table."
 )
 
 
@@ -190,9 +191,9 @@ def windows_section(twins: Path | None, platform: str) -> Section:
     content, rows = _read_twins(twins)
     blocks: list[Block] = [Words(_WINDOWS_INTRODUCTION)]
     if content.get("quick"):
-        blocks.append(Notice("a quick study: few twins and settings, for a preview and not for a result"))
+        blocks.append(Notice("a quick study with few twins and settings: a preview, not a result"))
     hulls, seeds = ", ".join(content["platforms"]), len(content["seeds"])
-    caption = f"{hulls}, {seeds} twins a setting. {_WINDOWS_CAPTION}"
+    caption = f"{hulls}, {seeds} twins per setting. {_WINDOWS_CAPTION}"
     shown = "Yaw moment by sliding and by separate windows with the truth, and scores over the windows' length."
     blocks.append(Picture("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
     blocks += [
@@ -240,7 +241,7 @@ PUBLISHED = (
     ("Table 1", "exponents of the spectra by depth", "spectra"),
     ("Figure 4", "spectra of the yaw moment, from calm to harsh", "spectra"),
     ("Table 2", "cost and accuracy of the reconstruction", "reconstruction"),
-    ("Figure 5", "length of the windows, on twin experiments", "windows"),
+    ("Figure 5", "window length, from twin experiments", "windows"),
     ("Table 3", "missions without turbulence", "nulls"),
     ("Figure 6", "flatness and exponents, with surrogates", "intermittency"),
     ("Figure 7", "depth-resolved current of a profile", "currents"),
@@ -256,7 +257,7 @@ PUBLISHED = (
 def published_section(archive: Archive, with_windows: bool) -> Section:
     """Return an index of the publication's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
-    missing = "missing; its section gives the command that makes it"
+    missing = "missing; its section gives the command that creates it"
     entries = tuple(
         {"name": name, "subject": subject, "anchor": study, "remark": "" if study in present else missing}
         for name, subject, study in PUBLISHED

@@ -95,7 +95,7 @@ def show_table(name: str, archive: Archive) -> Findings:
         for column in table
         if column in variables and column not in ("profile", "message")
     )
-    caption = f"A row a profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
+    caption = f"One row per profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
     facts = {"profiles": list(made.profiles), "quick": made.quick, "medians": column_medians(known)}
     return archive_findings(name, (), {name: table}, {}, facts, failed, made.remarks, captions={name: caption})
 
@@ -130,7 +130,7 @@ def show_study(name: str, archive: Archive) -> Findings:
         There is no such study, or that of the archive is missing, incomplete or of an earlier version.
     """
     if name not in SHOWN:
-        raise InputError(f"{name}: an archive shows no such study; there are {', '.join(SHOWN)}")
+        raise InputError(f"{name}: not a study that an archive can show; there are {', '.join(SHOWN)}")
     if name not in studies_in(archive):
         raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
     if find_spec(f"{__package__}.{name}") is None:

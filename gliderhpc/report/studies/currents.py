@@ -93,8 +93,8 @@ def nothing_retrieved(study: xr.Dataset) -> str:
         "in stretches too short to smooth": study["interrupted"],
     }
     lost = [f"{int(count)} {why}" for why, count in counts.items() if np.isfinite(count) and count > 0]
-    samples = ", ".join(lost) if lost else "none is in steady glide"
-    return f"no depth-resolved current: of the profile's samples {samples}"
+    samples = ", ".join(lost) if lost else "none in steady glide"
+    return f"no depth-resolved current; samples of the profile: {samples}"
 
 
 def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
@@ -164,7 +164,7 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
     motions = motions_of(data, platform_of(archive))
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     track = data.motion[:, :2] if tracks is None else tracks.estimate
-    where = "through the water: no fix on either side" if tracks is None else "over the ground"
+    where = "through the water: a fix is missing" if tracks is None else "over the ground"
     axes.plot(track[:, 1], track[:, 0], color=ESTIMATE, linewidth=1.0, label=f"track {where}")
     if tracks is not None:
         axes.plot(tracks.fixes[:, 1], tracks.fixes[:, 0], "^", color=TRUTH, markersize=5, label="GPS fix")
@@ -205,32 +205,32 @@ def _of_table(made: Provenance, table: pd.DataFrame) -> str:
         "current. "
     )
     if "ellipse_major" not in table:
-        return text + "Without fixes on either side there is no ellipse."
+        return text + "Without a fix before and after the dive there is no ellipse."
     major, minor = (number(float(table[f"ellipse_{axis}"].median())) for axis in ("major", "minor"))
     return (
-        f"{text}Ellipses are of one sigma and hold {COVERAGE[1]:.0%} of normal errors; median semi-axes {major} and "
-        f"{minor} m/s. They hold the errors believed of axial speed, compass, fixes and actuation, not one that all "
-        "profiles share unnoticed."
+        f"{text}Ellipses are of one sigma and contain {COVERAGE[1]:.0%} of normal errors; median semi-axes {major} "
+        f"and {minor} m/s. They include the assumed errors of axial speed, compass, fixes and actuation, but no "
+        "unknown error that all profiles share."
     )
 
 
 def _of_figure(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
     noise = bool(np.isfinite(row["significant_fraction"]))
-    hull = f"moment coefficients off by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
+    hull = f"moment coefficients in error by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"
     share = number(float(row["coefficient_share"]))
     return (
-        f"Profile {int(row['profile'])}: current by depth by eq. 41, from the yaw moment of {estimate_label(made)} "
-        f"less its moving average of {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
-        f"{settings.bin:g} m, over the depth-averaged current (dashed). Bands are two sigma by {known}; the "
-        f"coefficients alone scatter the lateral current by {share} of itself. It is a lower bound: the hull follows "
-        "slow changes of the current, and the vertical scales named below the panels do not show."
+        f"Profile {int(row['profile'])}: current by depth (eq. 41), from the yaw moment of {estimate_label(made)} "
+        f"minus its moving average over {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
+        f"{settings.bin:g} m, plus the depth-averaged current (dashed). Bands are two sigma from {known}; errors of "
+        f"the coefficients alone give a relative scatter of the lateral current of {share}. It is a lower bound: the "
+        "hull follows slow changes of the current, and the vertical scales named below the panels are not resolved."
     )
 
 
 _MEDIANS = (
     ("reference_difference", "m/s", "vector difference from the reference's depth-averaged current, median"),
-    ("reference_correlation", "1", "lateral current by depth with the reference's, correlation, median"),
+    ("reference_correlation", "1", "correlation of the lateral current by depth with the reference's, median"),
     ("reference_gradient_correlation", "1", "the same with the reference's change with depth"),
 )
 
@@ -298,8 +298,8 @@ def _comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
             remark="shear-sensitive part, a lower bound: the hull follows slow changes",
         ),
         Comparison(
-            "its scatter under 15 % on the moment coefficients", "1", median_of(table, "coefficient_share"),
-            PAPER_COEFFICIENT_SHARE,
+            "its relative scatter by errors of the moment coefficients (paper: 15 %)", "1",
+            median_of(table, "coefficient_share"), PAPER_COEFFICIENT_SHARE,
         ),
         Comparison(
             "the same over the absolute current", "1", median_of(table, "coefficient_share_absolute"),

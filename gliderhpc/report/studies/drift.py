@@ -53,12 +53,12 @@ _COLOURS = {"dive": MODEL, "climb": FILTER}
 _MARKS = {PRIOR: "+", ADJOINT: "o", SMOOTHED: "^"}
 
 _NOTE = (
-    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother, "
-    "crosses by the filter where it counts. Lines are "
-    "Theil-Sen slopes: solid where the robust verdict is a drift (Mann-Kendall by the moving-block bootstrap, Holm's "
-    "correction, interval of the slope without zero), dotted where only the paper's plain test and interval say so, "
-    "dashed where neither does. Bars: two standard deviations in epochs. Axial and heave force are weakly observed, "
-    "their levels rest on the prior and on the hull's coefficients."
+    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother, crosses by the "
+    "filter where it is used for the verdict. Lines are Theil-Sen slopes: solid where the robust verdict is a drift "
+    "(Mann-Kendall by the moving-block bootstrap, Holm's correction, interval of the slope without zero), dotted "
+    "where only the paper's plain test and interval show one, dashed where neither does. Bars: two standard "
+    "deviations within epochs. Axial and heave force are weakly observed; their levels depend on the prior and on the "
+    "hull's coefficients."
 )
 
 
@@ -93,7 +93,7 @@ def figure_9(
 
 def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
     """Draw the change of K_D0 equivalent to the disturbances, in one panel for each estimate, with changes shaded."""
-    figure, axes = panels(1, len(drags), (11.0, 4.6), f"Drag that the drift is equivalent to: {title}")
+    figure, axes = panels(1, len(drags), (11.0, 4.6), f"Change of drag equivalent to the drift: {title}")
     for one, drag in zip(axes, drags, strict=True):
         label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
         for phase in PHASES:
@@ -102,10 +102,10 @@ def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], cha
         legend(one)
     footnote(
         figure,
-        "Solid: the robust test, each series by itself, and the slope's interval say drift; dotted: the plain test; "
-        "dashed: neither. A change of weight in water, or of the pitch sensor's offset, moves dive and climb apart; "
-        "drag moves both alike. Shaded: steps, ramps and episodes; trends of the drag are those outside the episodes. "
-        "Small points: profiles outside the epochs.",
+        "Solid: drift by the robust test (each series by itself) and the slope's interval; dotted: by the plain test "
+        "and interval alone; dashed: by neither. A change of weight in water, or of the pitch sensor's offset, has "
+        "opposite effects on dive and climb; a change of drag has the same effect on both. Shaded: steps, ramps and "
+        "episodes; trends of the drag are those outside the episodes. Small points: profiles outside the epochs.",
     )
     return figure
 
@@ -157,32 +157,34 @@ def captions(
     low, high = (100.0 * end / found.verdict.drags[0].reference for end in found.verdict.interval)
     return {
         "figure_9": (
-            f"Medians of the six disturbances over the mission by {whose}, dive and climb apart: {data}. {robust} "
-            f"Axial and heave force are weakly observed: their levels rest on prior and coefficients. {changes}"
+            f"Medians of the six disturbances over the mission by {whose}, separately for dive and climb: {data}. "
+            f"{robust} Axial and heave force are weakly observed: their levels depend on the prior and the "
+            f"coefficients. {changes}"
         ),
         "drag": (
-            f"Change of K_D0 that the disturbances are equivalent to, by {whose}: {data}. What dive and climb share is "
-            f"{100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission (95 % "
-            f"interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
+            f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb "
+            f"is {100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission "
+            f"(95 % interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
         ),
         "changes": (
             f"Steps, ramps and episodes of axial force and drag on dives, climbs and both together, by {whose}: "
-            f"{describe_data(made)}; a row a change and part of the dive. They count below p = "
+            f"{describe_data(made)}; one row per change and part of the dive. A change is named if p is below "
             f"{settings.changes.level:g}, by {settings.changes.resamples} bootstrap missions over all positions, "
             f"lengths and series. {changes}"
         ),
         "medians": (
-            f"A row a profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
-            f"filter's for comparison: {data}. A median of fewer records than needed is left out."
+            "One row per profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
+            f"filter's for comparison: {data}. Medians of too few records are left out."
         ),
         "table_5": (
             f"Trends of the twelve series of every estimate, the paper's grade and the robust verdict: {data}. {robust}"
         ),
         "table_6": (
-            f"Slopes under {settings.coefficients.draws} hulls whose coefficients are off by up to "
-            f"{settings.coefficients.error:.0%}, and with the pitch off by {settings.coefficients.pitch_offset:g} "
-            f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the adjoint, "
-            f"of {data}. The segments are a sample of the record; errors that all hulls share are not in the draws."
+            f"Slopes for {settings.coefficients.draws} hulls whose coefficients are in error by up to "
+            f"{settings.coefficients.error:.0%}, and with a pitch error of {settings.coefficients.pitch_offset:g} "
+            f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the "
+            f"adjoint, of {data}. The segments are a sample of the record; errors that all hulls share are not in the "
+            "draws."
         ),
     }
 
@@ -193,13 +195,13 @@ def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
     if finding is None:
         return ()
     changed, sentence = finding
-    line = f"study hull, by all that the dives say of the hull: {sentence}"
+    line = f"study hull, from all information of the dives on the hull: {sentence}"
     if changed == (found.verdict.cause != "none" or bool(found.verdict.changes.found)):
         return (line,)
     return (
         line,
-        "the two disagree: the medians hold all that pushes along the hull, and episodes; study hull holds what acts "
-        "like drag over whole dives, one change at most",
+        "the two disagree: the medians include every force along the hull, and episodes; study hull includes only "
+        "what acts like drag over whole dives, and one change at most",
     )
 
 
@@ -261,8 +263,9 @@ def _inputs(found: DriftFindings) -> tuple[str, ...]:
         )
     if not found.slopes:
         remarks.append(
-            "no coefficients drawn: the intervals hold the scatter of the profiles and an unknown heave alone"
+            "no coefficients were drawn: the intervals include only the scatter of the profiles and an unknown heave "
+            "force"
         )
     if all(drag.estimate != SMOOTHED for drag in found.verdict.drags):
-        remarks.append("the archive holds no smoothed estimate: the verdict is the adjoint's alone")
+        remarks.append("the archive holds no smoothed estimate: the verdict is that of the adjoint alone")
     return tuple(remarks)

@@ -51,7 +51,7 @@ def _drift(own: EstimateTrends, key: tuple[str, str], paper: float) -> Compariso
 def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
     for drag in verdict.drags:
         yield Comparison(
-            f"change of K_D0 that dive and climb share, {drag.estimate}",
+            f"change of K_D0 common to dive and climb, {drag.estimate}",
             UNITS[DRAG],
             drag.change,
             spread=drag.change_interval,
@@ -59,7 +59,7 @@ def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
         )
         if verdict.has_onset:
             yield Comparison(
-                f"day since which it grows, {drag.estimate}",
+                f"day from which it grows, {drag.estimate}",
                 "day",
                 drag.onset.day,
                 spread=(drag.onset.low, drag.onset.high),
@@ -69,11 +69,11 @@ def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
         return
     day, span = verdict.days_until(increase)
     yield Comparison(
-        f"day on which K_D0 is {100.0 * increase:.0f} % up",
+        f"day on which K_D0 has risen by {100.0 * increase:.0f} %",
         "day",
         day,
         spread=span,
-        remark="were it to go on as so far",
+        remark="if it continues to grow at the same rate",
     )
 
 
@@ -98,14 +98,15 @@ def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
             "1",
             one.same_sign,
             PAPER_SAME_SIGN if (one.quantity, one.phase) in PAPER_DRIFTS else None,
-            remark=f"slope {number(one.nominal)} a day, draws {number(one.interval[0])} to {number(one.interval[1])}",
+            remark=f"slope {number(one.nominal)} per day, draws {number(one.interval[0])} to {number(one.interval[1])}",
         )
         if one.quantity == "B_cu":
             yield Comparison(
                 f"shift of B_cu by a constant pitch offset, {one.phase}",
                 UNITS[one.quantity],
                 float(one.shift[0]),
-                remark=f"slope {number(float(one.pitched[0]))} a day with it; opposite on dive and climb, so no drift",
+                remark=f"slope {number(float(one.pitched[0]))} per day with it; opposite on dive and climb, so no "
+                "drift",
             )
 
 
@@ -125,7 +126,7 @@ def _forward_model(check: ForwardModelCheck | None) -> Iterator[Comparison]:
 
 _TIERS = {"primary": "Primary", "supporting": "Supp.", "negligible": "(neg.)", "none": "–"}
 _COLUMNS_5 = (
-    "estimate", "component", "phase", "n", "tau", "p", "slope a day", "95 % interval", "drift", "drift, %", "floor",
+    "estimate", "component", "phase", "n", "tau", "p", "slope per day", "95 % interval", "drift", "drift, %", "floor",
     "drift/floor", "tier", "robust p", "block", "Holm p", "verdict",
 )  # fmt: skip
 _TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
@@ -206,11 +207,11 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
     if not rows:
         return "The coefficients were not drawn (drift.coefficients.draws = 0).\n"
     heading = (
-        f"Slopes a day under {settings.draws} hulls whose viscous and added-mass coefficients are off by up to "
-        f"{settings.error:.0%}, by the adjoint. Inverted again, through filter and windows: {settings.segments} steady "
-        f"segment(s) of {settings.length:g} s a profile and phase, the first {settings.settling:g} s not counted.\n"
-        f"Pitch up and down: slope with the pitch off by a constant {settings.pitch_offset:g} degree; shift: what that "
-        "does to the level.\n\n"
+        f"Slopes per day for {settings.draws} hulls whose viscous and added-mass coefficients are in error by up to "
+        f"{settings.error:.0%}, by the adjoint. Inverted again, through filter and windows: {settings.segments} "
+        f"steady segment(s) of {settings.length:g} s per profile and phase, the first {settings.settling:g} s not "
+        f"counted.\nPitch up and down: slope with a constant pitch error of {settings.pitch_offset:g} degree; shift: "
+        "its effect on the level.\n\n"
     )
     cells = (
         (
@@ -232,12 +233,11 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
 
 def _check_rows(check: ForwardModelCheck | None) -> str:
     if check is None:
-        return "No independent check: `gliderhpc validate` has not written the forward model's error in the archive.\n"
+        return "No independent check: `gliderhpc validate` has not written the forward model's error to the archive.\n"
     one = check.trend
     return (
-        "Error of the forward model, which no adjoint enters: "
-        f"{number(one.trend.first)} to {number(one.trend.last)} ({one.trend.change_text}), Mann-Kendall p "
-        f"{number(one.trend.p)}, robust p {number(one.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p "
-        f"{number(check.with_day.p)}), with |B_cu| on the climb {check.with_axial.rho:+.2f} (p "
-        f"{number(check.with_axial.p)}).\n"
+        f"Error of the forward model, an independent check without the adjoint: {number(one.trend.first)} to "
+        f"{number(one.trend.last)} ({one.trend.change_text}), Mann-Kendall p {number(one.trend.p)}, robust p "
+        f"{number(one.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p {number(check.with_day.p)}), "
+        f"with |B_cu| on the climb {check.with_axial.rho:+.2f} (p {number(check.with_axial.p)}).\n"
     )

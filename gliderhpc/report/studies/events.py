@@ -143,18 +143,18 @@ def _captions(
         f"{', actuated samples included' if settings.actuated else ', actuated samples left out'}"
     )
     text = (
-        f"Peaks of {searched}: {len(events)} above {_describe_threshold(settings, floor, ranked_by)}, of two within "
-        f"{settings.separation:g} s the larger."
+        f"Peaks of {searched}: {len(events)} above {_describe_threshold(settings, floor, ranked_by)}; of two peaks "
+        f"within {settings.separation:g} s only the larger counts."
     )
     doubt = (
-        "An event shows a moment on the hull, not its cause: a false sample of the record or an actuator that moves "
-        "unrecorded makes one too."
+        "An event shows a moment on the hull, not its cause: a false sample of the record or an unrecorded motion of "
+        "an actuator gives one too."
     )
     return {
         # One text serves the figure and its table, which have the same name.
-        "events": f"{text} Their places are on the track closed on the fixes. {doubt}",
-        "strongest": f"{text} Here the strongest {min(len(events), settings.strongest)}. {doubt}",
-        "profiles": f"Noise floor and number of events a profile. {text}",
+        "events": f"{text} Their positions are on the track closed on the fixes. {doubt}",
+        "strongest": f"{text} The table lists the strongest {min(len(events), settings.strongest)}. {doubt}",
+        "profiles": f"Noise floor and number of events per profile. {text}",
     }
 
 

@@ -48,10 +48,10 @@ _UNDETERMINED = 0.9
 """Remaining fraction of the plausible deviation from which the dives do not determine a parameter."""
 
 _NOTE = (
-    "Line and band: value by all dives and its 95 % interval. Points: by the dives up to each, as it was known then. "
-    "Dashed: the platform file's. Shaded: 90 % interval of the onset where a change is probable. The intervals take "
-    "from the dives' scatter by how much they differ; they do not hold what is wrong in every dive alike and is none "
-    "of the parameters."
+    "Line and band: value from all dives and its 95 % interval. Points: value from the dives up to each, as known at "
+    "that time. Dashed: value of the platform file. Shaded: 90 % interval of the onset where a change is probable. "
+    "The intervals include the scatter between dives, but not errors that are the same in every dive and are not "
+    "among the parameters."
 )
 
 
@@ -123,8 +123,9 @@ def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
         return ()
     named = ", ".join(f"{row.parameter} by {row.steps:+.1f}" for row in far.itertuples())
     return (
-        f"WARNING: too far from the platform file to be the hull's, in plausible deviations: {named}; something else "
-        "acts like it in every dive, so do not ballast or trim by these values; changes during the mission hold",
+        f"WARNING: too far from the platform file to be values of the hull, in plausible deviations: {named}; "
+        "something else has the same effect in every dive, so do not ballast or trim by these values; changes during "
+        "the mission remain valid",
     )
 
 
@@ -156,9 +157,9 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     if probability < PROBABLE:
         return f"{p.meaning}: no change shown (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
-    form = "at once" if change["step_probability"] > 0.5 else "little by little"
+    form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
     return (
-        f"{p.meaning}: changed {form} since profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by "
+        f"{p.meaning}: changed {form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by "
         f"{_size(history, p, change)} (probability {probability:.3f})"
     )
 
@@ -176,13 +177,13 @@ def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
     keys = {p.key for p in history.parameters}
     density = history.platform.buoyancy.water_density
     pieces = (
-        ("buoyancy.neutral_volume", "neutral oil volume, last dive less platform file", "cm3", 1.0, ""),
+        ("buoyancy.neutral_volume", "neutral oil volume, last dive minus platform file", "cm3", 1.0, ""),
         ("buoyancy.neutral_volume", "the same as ballast to add", "g", 1e-3 * density,
          f"in water of {density:g} kg/m3, to float as the platform file states"),
-        ("position.battery", "battery zero, last dive less platform file", "mm", 1e3, ""),
-        ("sensors.pitch_offset", "offset of the pitch, last dive less platform file", "degree", 1.0, ""),
-        ("sensors.roll_offset", "offset of the roll, last dive less platform file", "degree", 1.0, ""),
-        ("sensors.heading_offset", "offset of the heading, last dive less platform file", "degree", 1.0, ""),
+        ("position.battery", "battery zero, last dive minus platform file", "mm", 1e3, ""),
+        ("sensors.pitch_offset", "offset of the pitch, last dive minus platform file", "degree", 1.0, ""),
+        ("sensors.roll_offset", "offset of the roll, last dive minus platform file", "degree", 1.0, ""),
+        ("sensors.heading_offset", "offset of the heading, last dive minus platform file", "degree", 1.0, ""),
     )  # fmt: skip
     return tuple(_pilot_row(history, *piece) for piece in pieces if piece[0] in keys)
 
@@ -205,7 +206,7 @@ def hull_figure(history: HullHistory, title: str) -> Figure:
     """Draw every parameter that may change over the mission's days."""
     count = len(history.suspects)
     rows = max(1, -(-count // 2))
-    figure, axes = panels(rows, min(2, max(1, count)), LANDSCAPE, f"Hull by the dives: {title}")
+    figure, axes = panels(rows, min(2, max(1, count)), LANDSCAPE, f"Hull estimated from the dives: {title}")
     for letter, p, one in zip("abcdefgh", history.suspects, axes, strict=False):
         label(one, f"({letter}) {p.meaning}, {p.key}", "days", p.unit)
         _draw(one, history, p)
@@ -242,8 +243,8 @@ def show(archive: Archive) -> Findings:
     doubted = known.loc[known["weight"] < _DOUBTED, "profile"].astype(int).tolist()
     comparisons = (
         *pilot_rows(history),
-        Comparison("variance by which the dives differ over what they state", "1", inflation),
-        Comparison("dives that fit the others less than one in a hundred by chance", "1", float(len(doubted))),
+        Comparison("variance between the dives over the variance that they state", "1", inflation),
+        Comparison("dives that do not fit the others (weight below one half)", "1", float(len(doubted))),
     )
     facts = {
         "profiles": list(made.profiles), "quick": made.quick, "verdict": list(verdict), "inflation": inflation,
@@ -267,16 +268,16 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
     return {
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
-            f"Hull and records at the last dive: {data}. *left* is the deviation that the dives leave over the "
-            f"plausible one; {determined} of {len(parameters)} parameters have less than {number(_UNDETERMINED)}. "
-            "*steps* is the distance from the platform file in plausible deviations. Intervals are of 95 %."
+            f"Hull and records at the last dive: {data}. *left* is the deviation after the dives over the plausible "
+            f"one; for {determined} of {len(parameters)} parameters it is below {number(_UNDETERMINED)}. *steps* is "
+            "the distance from the platform file in plausible deviations. Intervals are 95 % intervals."
         ),
         "changes": (
             f"Changes from the first dive to the last: {data}. Probabilities begin at one half; every dive but the "
-            "first may be the onset of a step or of a ramp. Size (95 % interval), onset (90 %) and form are those if "
+            "first may be the onset of a step or of a ramp. Size (95 % interval), onset (90 %) and form assume that "
             "there was a change."
         ),
-        "profiles": f"A row a profile: {data}. chi_square is its distance from the others, weight what it counts.",
+        "profiles": f"One row per profile: {data}. chi_square is its distance from the others, weight its weight.",
     }
 
 

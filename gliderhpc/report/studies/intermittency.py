@@ -94,18 +94,18 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
         "figure_6": (
             f"Flatness by lag and relative exponents of the increments of {series}: {data}, each compared with the "
             f"envelope of {settings.surrogates} surrogates of its spectrum. The lag of the test, {settings.lag:g} s, "
-            f"and the range of the fit, {low:g} to {high:g} s, were fixed beforehand; bars are of 95 % by blocks of "
-            f"{settings.block:g} s. {open_question} {resolved}"
+            f"and the range of the fit, {low:g} to {high:g} s, were fixed beforehand; bars are 95 % intervals by a "
+            f"bootstrap of blocks of {settings.block:g} s. {open_question} {resolved}"
         ),
         "profiles": (
-            f"A row a profile: statistics of {series}, without and with (all) the samples at which actuators move: "
-            f"{data}; p is of a rank test among {settings.surrogates} surrogates, so no less than "
+            f"One row per profile: statistics of {series}, without and with (all) the samples at which actuators "
+            f"move: {data}; p is that of a rank test among {settings.surrogates} surrogates, so it is at least "
             f"{1.0 / (1 + settings.surrogates):.3g}. {open_question} {resolved}"
         ),
         "ranges": (
-            f"Relative exponent zeta_6 / zeta_3 of {series} over {len(settings.scaling_ranges)} ranges of lags, a "
-            f"row a profile and range, with intervals of 95 % by {settings.block_draws} draws of blocks of "
-            f"{settings.block:g} s: {data}. What changes with the range is not a scaling law's."
+            f"Relative exponent zeta_6 / zeta_3 of {series} over {len(settings.scaling_ranges)} ranges of lags, one "
+            f"row per profile and range, with 95 % intervals by {settings.block_draws} draws of blocks of "
+            f"{settings.block:g} s: {data}. An exponent that changes with the range is not that of a scaling law."
         ),
         "table_3": table_3_caption(made, ensembles),
     }
@@ -131,7 +131,7 @@ def figure_6(archive: Archive, table: pd.DataFrame, settings: IntermittencySetti
     legend(exponents)
     footnote(
         figure,
-        f"Shaded: envelope of {settings.surrogates} surrogates a profile. Grey band: lags shorter than the records' "
+        f"Shaded: envelope of {settings.surrogates} surrogates per profile. Grey band: lags shorter than the records' "
         "sample interval, which are not resolved. Bars: 95 % by a block bootstrap.",
     )
     return figure

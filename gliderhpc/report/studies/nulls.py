@@ -96,10 +96,10 @@ def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) ->
         f"{describe_data(made)} and inverted as the archive was"
     )
     text = (
-        f"Statistics of {describe_series(made, ensembles.settings)}: {nulls}; coefficients of the model error are off "
-        f"by up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest of "
-        f"{artefact_count} realisations with noise or model error alone: with more of them it can only rise, and "
-        "artefacts of other kinds are not among them."
+        f"Statistics of {describe_series(made, ensembles.settings)}: {nulls}; for the model error, coefficients are "
+        f"wrong by up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest "
+        f"amplitude of {artefact_count} realisations with noise or model error alone: more realisations can only "
+        "raise it, and artefacts of other kinds are not included."
     )
     return {
         # One text serves the figure and its table, which have the same name.

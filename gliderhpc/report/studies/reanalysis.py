@@ -159,8 +159,8 @@ def _cell(name: str, value: float) -> str:
 
 
 _DOUBT = (
-    "A distance counts the glider's own uncertainty alone: what a model leaves out, or its grid smooths, is in the "
-    "difference and not in the distance's scale."
+    "The distance is scaled by the glider's own uncertainty alone: motion that a model lacks, or that its grid "
+    "smooths, adds to the difference and not to this scale."
 )
 
 
@@ -181,18 +181,19 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
             f"{panels}. {_DOUBT}"
         ),
         "agreement": (
-            f"How currents differ over the mission, and the share of profiles on which a model lies within 1, 2 and 3 "
-            f"sigma: {data}, {covered} of them covered by a model. {_DOUBT}"
+            "Differences of the currents over the mission, and the share of profiles on which a model lies within 1, "
+            f"2 and 3 sigma: {data}, {covered} of them covered by a model. {_DOUBT}"
         ),
         "profiles": (
-            f"A row a profile and model of {models}, sampled along the dive: {data}. A model that covers less than "
-            f"{MIN_COVERAGE:.0%} of the dive's time has no value, and why is counted. {_DOUBT}"
+            f"One row per profile and model ({models}), sampled along the dive: {data}. A model that covers less than "
+            f"{MIN_COVERAGE:.0%} of the dive's time has no value; the records that it does not cover are counted by "
+            f"reason. {_DOUBT}"
         ),
     }
 
 
 _OTHER_ELLIPSES = (
-    "the ellipses come from the study currents as it is now, the distances from before it was run; run reanalysis again"
+    "the ellipses come from the present study currents, the distances from before it was run; run reanalysis again"
 )
 
 

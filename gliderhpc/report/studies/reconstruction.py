@@ -55,8 +55,8 @@ _UNITS = {"degree": "°", "m": "m"}
 _ROTATED = "#56B4E9"
 
 _NO_ERROR = (
-    "Residuals measure how closely the records are followed, not how true the disturbance is: what the estimate puts "
-    "into a disturbance cannot show as a residual."
+    "Residuals measure how closely the records are followed, not how accurate the disturbance is: whatever the "
+    "estimate attributes to a disturbance does not appear in a residual."
 )
 
 
@@ -68,25 +68,27 @@ def captions(
     own = {
         "profiles": _of_profiles(made, table),
         "figure_2": (
-            f"Profile {made.profiles[0]}: measured attitude and depth, and the motion that {estimate} reconstructs, "
-            "and both tracks closed on the GPS fixes. Grey: actuators moving, left out of the residuals named. "
+            f"Profile {made.profiles[0]}: measured attitude and depth, the motion that {estimate} reconstructs, and "
+            "both tracks closed on the GPS fixes. Grey: actuators moving, excluded from the residuals given. "
             f"{_NO_ERROR}"
         ),
         "figure_3": (
             f"Yaw moment by {estimate} and by the filter, with heading and battery rotation: "
-            f"{describe_profiles(drawn)}. {_lag_text(made, table)} Neither carries an error here; with the battery "
-            "rotated (blue) errors of the hull's model show in both."
+            f"{describe_profiles(drawn)}. {_lag_text(made, table)} Neither is shown with its uncertainty; with the "
+            "battery rotated (blue) errors of the hull's model appear in both."
         ),
     }
     truth = f"{describe_data(made)} of a synthetic mission whose truth is known"
     if not channels.empty:
         own["recovery"] = (
             f"Lag and gain of every disturbance by {estimate} and by the filter, and delay and height of "
-            f"{len(impulses)} yaw impulses, against the truth: {truth}. The truth shares the "
-            "estimator's equations, so an error of the model itself is not in it."
+            f"{len(impulses)} yaw impulses, against the truth: {truth}. The truth was simulated with the estimator's "
+            "equations, so errors of the model itself are not included."
         )
     return own | {
-        "channels": f"Lag, correlation and gain against the truth, a row a profile, channel and estimator: {truth}.",
+        "channels": (
+            f"Lag, correlation and gain against the truth, one row per profile, channel and estimator: {truth}."
+        ),
         "impulses": (
             f"Every isolated true yaw impulse in steady glide, and delay and height of the peak that "
             f"{estimate} and the filter show within seconds of it: {len(impulses)} impulses in {truth}."
@@ -97,18 +99,18 @@ def captions(
 def _lag_text(made: Provenance, table: pd.DataFrame) -> str:
     known = table.loc[table["yaw_lag"].notna(), ["profile", "yaw_lag"]]
     if known.empty:
-        return "No lag of the filter behind it could be determined."
+        return "The lag of the filter could not be determined."
     lag = number(float(known["yaw_lag"].median()))
-    return f"The filter is {lag} s behind (median of {describe_data(made, known['profile'].tolist())})."
+    return f"The filter lags by {lag} s (median of {describe_data(made, known['profile'].tolist())})."
 
 
 def _of_profiles(made: Provenance, table: pd.DataFrame) -> str:
     flown = int(table["segment_start"].notna().sum()) if "segment_start" in table else 0
     second = int(table["no_slope_steady_roll"].notna().sum()) if "no_slope_steady_roll" in table else 0
     return (
-        f"A row a profile: {describe_data(made)}, estimate of {estimate_label(made)}. Root mean square residuals over "
-        f"steady glide and over the vibration intervals; {flown} flown open loop for {SEGMENT:g} s, {second} inverted "
-        f"again with k_z = 0. {_NO_ERROR}"
+        f"One row per profile: {describe_data(made)}, estimate of {estimate_label(made)}. Root mean square residuals "
+        f"over steady glide and over the vibration intervals; {flown} flown open loop for {SEGMENT:g} s, {second} "
+        f"inverted again with k_z = 0. {_NO_ERROR}"
     )
 
 
@@ -126,7 +128,7 @@ def figure_2(archive: Archive, number: int, estimate: str) -> Figure:
         apart = "" if tracks is None else f" (the two tracks {tracks.spread:.0f} m apart, RMS)"
         label(panel, f"{name} of the entry fix{apart}", "minutes", "m")
         if tracks is None:
-            label(panel, f"{name}: no fix on either side")
+            label(panel, f"{name}: a fix is missing")
             continue
         for track, colour, style, text in (
             (tracks.estimate, ESTIMATE, "-", LABELS[estimate]),
@@ -218,7 +220,7 @@ def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: st
             bins = np.arange(-3.0, 6.5, 0.5).tolist()
             delay.hist(impulses[f"{estimator}_delay"], bins=bins, color=colour, alpha=0.6, label=text)
             height.plot(impulses["amplitude"].abs(), impulses[f"{estimator}_ratio"], ".", color=colour, label=text)
-    titles = ("lag behind the truth (none: no best one within 30 s)", "gain at that lag (1: not attenuated)")
+    titles = ("lag behind the truth (none: not determined within 30 s)", "gain at that lag (1: not attenuated)")
     for axes, title, unit in zip((lag, gain), titles, ("s", ""), strict=True):
         axes.set_xticks(range(len(names)), names)
         label(axes, title, y=unit)
@@ -237,7 +239,7 @@ def show(archive: Archive) -> Findings:
     numbers = list(made.profiles)
     channels, impulses = channel_table(archive, numbers), impulse_table(archive, numbers)
     flown = f"open_loop_{made.estimate}_roll" in table
-    remarks = () if flown else ("no profile has 600 s of steady glide on end: there is no open-loop comparison",)
+    remarks = () if flown else ("no profile has 600 s of uninterrupted steady glide: there is no open-loop comparison",)
     tables = {"profiles": table}
     if stored_attribute(archive, NAME, "with_truth"):
         tables |= {"channels": channels, "impulses": impulses}

@@ -71,7 +71,7 @@ def _depth_slope(table: pd.DataFrame, platform: Platform) -> list[Comparison]:
         return []
     expected = f"-k_z is {-platform.buoyancy.depth_slope:g}"
     return [
-        Comparison("heave disturbance's slope with depth, k_z = 0 less nominal", "N/m",
+        Comparison("heave disturbance's slope with depth, k_z = 0 minus nominal", "N/m",
                    median_of(table, "no_slope_heave_slope"), remark=expected),
         Comparison("self-motion changed by k_z = 0", "1", median_of(table, "no_slope_self_motion")),
     ]  # fmt: skip
@@ -94,11 +94,11 @@ def _open_loop(table: pd.DataFrame, estimate: str) -> list[Comparison]:
 
 def _costs(table: pd.DataFrame) -> list[Comparison]:
     rows = [
-        Comparison("iterations a window", "1", median_of(table, "iterations_median"), 37.0),
+        Comparison("iterations per window", "1", median_of(table, "iterations_median"), 37.0),
         Comparison("their interquartile range", "1", median_of(table, "iterations_spread"), 4.0),
         Comparison("their maximum", "1", float(table["iterations_most"].max()), 69.0),
         Comparison(
-            "time a window", "s", median_of(table, "window_seconds"), 4.1, remark="everything the profile takes"
+            "time a window", "s", median_of(table, "window_seconds"), 4.1, remark="all computations of the profile"
         ),
         Comparison("time a dive", "min", median_of(table, "profile_seconds") / 60.0, 26.6),
     ]

@@ -81,18 +81,19 @@ def _captions(
     series, data = describe_series(made, settings), describe_data(made, studied["profile"].tolist())
     resolved = describe_resolution(table, settings)
     exponents = (
-        f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. Intervals are of "
-        f"95 % by {settings.draws} draws of Welch's segments and hold scatter alone, no error of the estimate's own "
-        "response."
+        f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. 95 % intervals "
+        f"are by {settings.draws} draws of Welch's segments; they include scatter alone, not errors of the estimate's "
+        "own response."
     )
     return {
         "figure_4": (
-            f"Power spectra of {series}: {data}, in groups by the speed of their depth-averaged current, each spectrum "
-            f"over the variance that it holds; Welch's segments of {settings.segment:g} s. Exponents are fitted over "
-            f"{low:g} to {high:g} Hz (dotted) and over what of it the records resolve. {resolved}"
+            f"Power spectra of {series}: {data}, in groups by the speed of their depth-averaged current, each "
+            f"spectrum divided by its variance above the cutoff; Welch's segments of {settings.segment:g} s. "
+            f"Exponents are fitted over {low:g} to {high:g} Hz (dotted) and over the part of this band that the "
+            f"records resolve. {resolved}"
         ),
         "table_1": f"{exponents} {resolved}",
-        "profiles": f"A row a profile. {exponents} {resolved}",
+        "profiles": f"One row per profile. {exponents} {resolved}",
     }
 
 
@@ -160,7 +161,7 @@ def comparisons(table: pd.DataFrame) -> tuple[Comparison, ...]:
             remark="spread is the range",
         ),
         Comparison("Kolmogorov's with the paper's f^-2", "1", KOLMOGOROV, KOLMOGOROV),
-        Comparison("least R2 of any part", "1", _least_r2(table), PAPER_R2, paper_text="> 0.91"),
+        Comparison("smallest R2 of any part", "1", _least_r2(table), PAPER_R2, paper_text="> 0.91"),
     )
 
 
@@ -224,8 +225,8 @@ def figure_4(archive: Archive, table: pd.DataFrame, settings: SpectraSettings) -
         legend(one)
     footnote(
         figure,
-        "Grey: above the records' Nyquist frequency, where the series is what interpolation between samples and "
-        "windows make of it.",
+        "Grey: above the records' Nyquist frequency, where the series contains only the interpolation between samples "
+        "and effects of the windows.",
     )
     return figure
 

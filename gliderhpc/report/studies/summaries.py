@@ -25,7 +25,7 @@ def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
     text = describe_profiles(chosen)
     if left_out:
         text += f", {left_out} of {len(made.profiles)} left out"
-    return f"{text}, a first look at a quick size" if made.quick else text
+    return f"{text}, quick study" if made.quick else text
 
 
 def estimate_label(made: Provenance) -> str:

@@ -90,8 +90,8 @@ def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
     if nyquist >= high:
         return f"The records resolve the whole band of {low:g} to {high:g} Hz."
     return (
-        f"The records resolve no more than {nyquist:.2g} Hz of the band of {low:g} to {high:g} Hz (median); what lies "
-        "above is made by interpolation and windows."
+        f"The records resolve only up to {nyquist:.2g} Hz of the band of {low:g} to {high:g} Hz (median); higher "
+        "frequencies contain only interpolation and effects of the windows."
     )
 
 
@@ -101,11 +101,12 @@ def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tu
     nyquist = float(table["nyquist"].median())
     if nyquist >= high:
         return ()
-    resolved = f"from {low:g} to {nyquist:.3g} Hz of it" if nyquist > low else "nothing of it"
+    resolved = f"its part from {low:g} to {nyquist:.3g} Hz" if nyquist > low else "no part of it"
     remark = f"the band reaches from {low:g} to {high:g} Hz; the records resolve {resolved}"
     if nyquist > low:
         remark += (
-            ": what lies above is made by interpolation and windows, and the exponent on the band is theirs in part"
+            ": higher frequencies contain only interpolation and effects of the windows, which partly determine the "
+            "exponent on the band"
         )
     if 0.5 / step < high - 1e-9:
         remark += (
@@ -119,10 +120,10 @@ def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
     families = [f"{len(ensembles.family(name))} {LABELS[name]}" for name in FAMILIES]
     nulls = f"nulls without turbulence ({', '.join(families)})" if len(ensembles.nulls) else "no nulls, as none fit"
     return (
-        f"Least and largest of each statistic of {describe_series(made, ensembles.settings)}: "
+        f"Minimum and maximum of each statistic of {describe_series(made, ensembles.settings)}: "
         f"{len(ensembles.measured)} measured profiles and {ensembles.settings.surrogates} surrogates of each, and "
-        f"{nulls}; studied were {describe_data(made)}. Ranges grow with the number of members, and an overlap with the "
-        "nulls leaves the question open."
+        f"{nulls}; data: {describe_data(made)}. Ranges grow with the number of members, and an overlap with the nulls "
+        "leaves the question open."
     )
 
 
@@ -152,9 +153,8 @@ def table_3_text(ensembles: Ensembles) -> str:
         for _, row in table_3(ensembles).iterrows()
     ]
     return (
-        "# Intermittency and nulls\n\nRanges over each ensemble; the publication's, of its own, in brackets.\n\n"
-        + markdown(("ensemble", "number", *heads), lines, heads)
-        + "\n"
+        "# Intermittency and nulls\n\nRanges over each ensemble; those of the publication, from its own ensembles, in "
+        "brackets.\n\n" + markdown(("ensemble", "number", *heads), lines, heads) + "\n"
     )
 
 
@@ -218,13 +218,13 @@ def verdict_text(verdict: TurbulenceVerdict) -> str:
     statement = "no nulls, so no joint statement"
     if np.isfinite(verdict.joint):
         statement = (
-            f"Share of the nulls' zeta_6 / zeta_3 within {TOLERANCE:g} of {SHE_LEVEQUE:.2f}, one added to both counts: "
-            f"{number(verdict.inside)}. Were the profiles' drawn from the same, all {verdict.profiles} would lie there "
-            f"with the probability {verdict.joint:.1e}."
+            f"Share of the nulls' zeta_6 / zeta_3 within {TOLERANCE:g} of {SHE_LEVEQUE:.2f}, one added to both "
+            f"counts: {number(verdict.inside)}. If those of the profiles were drawn from the same distribution, all "
+            f"{verdict.profiles} would lie there with a probability of {verdict.joint:.1e}."
         )
     assumptions = "\n".join(f"- {text}" for text in ASSUMPTIONS)
     return (
         f"## Verdict\n\n{' '.join(conclusion(verdict))}\n\n{verdict.sentence[0].upper()}{verdict.sentence[1:]}.\n\n"
         + markdown(("feature", "outcome", "figures"), rows)
-        + f"\n\n{statement}\n\nWhat this takes for granted:\n\n{assumptions}\n"
+        + f"\n\n{statement}\n\nAssumptions:\n\n{assumptions}\n"
     )

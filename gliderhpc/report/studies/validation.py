@@ -122,7 +122,7 @@ def _draw_heading(axes: Axes, measured: dict[str, Array], modelled: dict[str, Ar
 
 def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     days = table["elapsed_days"].to_numpy()
-    label(axes, "(c) longitudinal RMSE a profile", "days", "RMSE (dimensionless)")
+    label(axes, "(c) longitudinal RMSE per profile", "days", "RMSE (dimensionless)")
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
         text = f"Theil-Sen {trend.change_text} (Mann-Kendall p = {trend.p:.2g})"
@@ -165,9 +165,9 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
         Comparison(
             "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
         ),
-        Comparison("depth RMSE a profile, median", "m", median_of(table, "depth_rmse")),
-        Comparison("pitch RMSE a profile, median", "degree", median_of(table, "pitch_rmse")),
-        Comparison("heading RMSE a profile, median", "degree", median_of(table, "heading_rmse")),
+        Comparison("depth RMSE per profile, median", "m", median_of(table, "depth_rmse")),
+        Comparison("pitch RMSE per profile, median", "degree", median_of(table, "pitch_rmse")),
+        Comparison("heading RMSE per profile, median", "degree", median_of(table, "heading_rmse")),
         Comparison("part of the dive before the model surfaces, median", "1", median_of(table, "flown_fraction")),
         Comparison("track's end from dead reckoning's, over its path", "1", median_of(table, "horizontal_error_rate")),
         Comparison("the same on the recorded heading", "m", median_of(table, "horizontal_error_on_course")),
@@ -191,8 +191,8 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
         else f"{len(table)} profiles are too few for a trend."
     )
     doubt = (
-        "Depth and horizontal errors grow with the time flown, and the current is in the distance from the fix but in "
-        "neither track."
+        "Depth and horizontal errors grow with the time flown; the current affects the distance from the fix, but "
+        "neither track includes it."
     )
     return {
         "figure_1": (
@@ -200,8 +200,8 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
             f"mission. {changes} {doubt}"
         ),
         "profiles": (
-            f"Errors over steady glide, a row a profile, of {flown}; the model is at the surface before the record's "
-            f"end where flown_fraction is below 1. {changes} {doubt}"
+            f"Errors over steady glide, one row per profile, of {flown}; where flown_fraction is below 1, the model "
+            f"reaches the surface before the end of the record. {changes} {doubt}"
         ),
     }
 

@@ -82,7 +82,7 @@ def _draw_depths(axes: Axes, rows: xr.Dataset, number: int) -> None:
 
 
 def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
-    label(axes, "(c) means over dives and climbs, and their deviation by hull and pitch", "days", "cm/s, upward")
+    label(axes, "(c) means over dives and climbs, with deviations due to hull and pitch", "days", "cm/s, upward")
     for leg, colour in _LEGS.items():
         if leg_column("mean", leg) in table:
             axes.errorbar(
@@ -104,7 +104,7 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
 
 def _draw_hull(axes: Axes, table: pd.DataFrame) -> None:
     names = [name for name in NAMES if any(effect_column(name, leg) in table for leg in _LEGS)]
-    label(axes, "(d) change of the mean by a plausible deviation of each number, medians", "cm/s", "")
+    label(axes, "(d) change of the mean for one plausible deviation of each parameter, medians", "cm/s", "")
     place = np.arange(len(names))
     for shift, (leg, colour) in zip((-0.2, 0.2), _LEGS.items(), strict=True):
         if effect_column(names[0], leg) in table:
@@ -139,7 +139,7 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
     window = median_of(table, "window")
     return (
-        Comparison("samples with a vertical velocity, part of all", "1", median_of(table, "share")),
+        Comparison("share of samples with a vertical velocity", "1", median_of(table, "share")),
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
         *(_of_leg(table, leg, whose) for leg in ("dive", "climb")),
         Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
@@ -159,15 +159,16 @@ def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
     remarks = []
     if not errors.calibrated:
         remarks.append(
-            "the platform carries no calibration's errors, so each number of the hull counts with its plausible "
-            "deviation: calibrate it (gliderhpc calibrate) and run the mission with the file that it writes"
+            "the platform file states no errors of a calibration, so each parameter of the hull counts with its "
+            "plausible deviation: calibrate the hull (gliderhpc calibrate) and run the mission with the file that it "
+            "writes"
         )
     mean, error = _mean_difference(table)
     expected = median_of(table, "difference_std")
     if abs(mean) > _DOUBTFUL * np.hypot(error, expected):
         remarks.append(
             f"dives and climbs differ by {100 * mean:+.2f} cm/s, more than errors of {100 * error:.2f} (scatter) and "
-            f"{100 * expected:.2f} cm/s (hull) explain: the hull's numbers are off, or the pitch sensor is"
+            f"{100 * expected:.2f} cm/s (hull) explain: the hull's parameters or the pitch sensor are in error"
         )
     return tuple(remarks)
 
@@ -188,17 +189,17 @@ def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
         return ()
     mean, error = _mean_difference(table)
     return (
-        Comparison("dives less climbs at the same depths, mean", "m/s", mean,
+        Comparison("dives minus climbs at the same depths, mean", "m/s", mean,
                    remark=f"{error:.4f} m/s by the scatter of {table['difference'].notna().sum()} profiles"),
         Comparison("its standard deviation as expected", "m/s", median_of(table, "difference_std"),
-                   remark=f"by {whose}; users ask for {TARGET_ERROR:g}"),
-        Comparison("dives less climbs, root mean square over levels", "m/s", median_of(table, "difference_rms")),
+                   remark=f"by {whose}; users require {TARGET_ERROR:g}"),
+        Comparison("dives minus climbs, root mean square over levels", "m/s", median_of(table, "difference_rms")),
     )  # fmt: skip
 
 
 def _of_number(table: pd.DataFrame, name: str, leg: str) -> Comparison:
     return Comparison(
-        f"change by a plausible one of {name}, {leg}s",
+        f"change for one plausible deviation of {name}, {leg}s",
         "m/s",
         median_of(table, effect_column(name, leg)),
         spread=_quartiles(table, effect_column(name, leg)),
@@ -270,18 +271,18 @@ def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_d
         float(known[name].median()) for name in [leg_column("mean_std", leg) for leg in LEGS] if name in known
     ]
     sure = (
-        f"Deviations hold the depth sensor's noise, rounded pitch and errors of the hull's numbers ({whose}): the "
-        f"latter shift the mean of a leg by {100.0 * max(deviations, default=float('nan')):.2g} cm/s (median)."
+        f"Deviations include the depth sensor's noise, rounded pitch and errors of the hull's parameters ({whose}): "
+        f"the latter shift the mean of a leg by {100.0 * max(deviations, default=float('nan')):.2g} cm/s (median)."
     )
     return {
         "vertical": (
-            f"Vertical velocity of the water: measured depth rate less that of the hull's glide in still water, its "
-            f"buoyancy {buoyancy}, over windows of {window:.0f} s. Panels (a) and (b): profile "
+            "Vertical velocity of the water: measured depth rate minus that of the hull's glide in still water, with "
+            f"its buoyancy {buoyancy}, over windows of {window:.0f} s. Panels (a) and (b): profile "
             f"{int(known['profile'].iloc[0])}; (c) and (d): {data}. {sure}"
         ),
         "profiles": (
-            f"A row a profile: {data}; {share:.0%} of the samples have a velocity (median), the others lie in the "
-            f"vibration set, in gaps or near the surface. Dives less climbs are taken at the same {LEVELS} levels, and "
-            f"water that is the same on both leaves nothing. {sure}"
+            f"One row per profile: {data}; {share:.0%} of the samples have a velocity (median), the others lie in the "
+            f"vibration set, in gaps or near the surface. Dives minus climbs are taken at the same {LEVELS} levels, "
+            f"where a velocity of the water that is the same on both cancels. {sure}"
         ),
     }

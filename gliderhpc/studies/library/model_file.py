@@ -82,12 +82,14 @@ def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
     try:
         decoded = np.asarray(xr.conventions.decode_cf_variable(name, coordinate).values)
     except (ValueError, OverflowError) as error:
-        raise InputError(f"{label}: {name} is in '{coordinate.attrs.get('units', '')}', no unit of time") from error
+        raise InputError(
+            f"{label}: {name} is in '{coordinate.attrs.get('units', '')}', which is not a unit of time"
+        ) from error
     if decoded.dtype.kind != "M":
-        raise InputError(f"{label}: {name} has no unit of time since an instant of the usual calendar")
+        raise InputError(f"{label}: {name} has no unit of time since a date of the standard calendar")
     times = decoded.astype("datetime64[ns]")
     if times.size == 0 or np.isnat(times).any():
-        raise InputError(f"{label}: {name} is empty, or misses some of its times")
+        raise InputError(f"{label}: {name} is empty, or has missing times")
     return times
 
 
@@ -327,7 +329,7 @@ def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
     names = [_component_name(label, dataset, standard) for standard in COMPONENTS]
     dims = _dims(label, dataset, names[0])
     if sorted(map(str, dataset[names[1]].dims)) != sorted(dims):
-        raise InputError(f"{label}: {names[0]} and {names[1]} are not on the same dimensions")
+        raise InputError(f"{label}: {names[0]} and {names[1]} do not have the same dimensions")
     time, depth, latitude, longitude = dims
     return ModelFile(
         label=label,
@@ -381,5 +383,5 @@ def _coordinate(label: str, coordinate: xr.DataArray, unit: str) -> Array:
 
 def _monotone(label: str, name: str, values: Array) -> Array:
     if not is_monotone(values):
-        raise InputError(f"{label}: {name} does not run one way; a regular grid is needed")
+        raise InputError(f"{label}: {name} is not monotonic; a regular grid is needed")
     return values

@@ -128,8 +128,8 @@ def passband(
 def unseen_in_bins(band: Passband) -> str:
     """Describe the attenuation by means over depth bins, in lines of text for a figure."""
     return textwrap.fill(
-        f"Bins of {band.settings.bin:g} m leave less than half of scales shorter than {band.bin_limit:.2g} m: what the "
-        f"records show is averaged {'away' if band.bin_limit > band.baseline_limit else 'down'} in them.",
+        f"Bins of {band.settings.bin:g} m retain less than half of scales shorter than {band.bin_limit:.2g} m: what "
+        f"the records show is averaged {'away' if band.bin_limit > band.baseline_limit else 'down'} in them.",
         _WIDTH,
     )
 
@@ -138,11 +138,11 @@ def unseen(band: Passband) -> str:
     """Describe the unresolved vertical scales, in lines of text for a figure."""
     settings = band.settings
     text = (
-        f"Vertical scales that do not show, at {band.vertical_speed:.2g} m/s up or down: longer than "
+        f"Vertical scales that are not resolved, at {band.vertical_speed:.2g} m/s up or down: longer than "
         f"{band.baseline_limit:.2g} m (less than half passes the moving average of {settings.baseline:g} s) and "
-        f"shorter than {band.smoothing_limit:.2g} m (less than half passes the smoothing over "
-        f"{settings.smoothing:g} s, order {settings.order}). From {band.following_limit:.2g} m on the hull follows "
-        f"the water more than it slips ({band.following:.2g} s): a steady current leaves no trace, the yaw moment "
-        "feels how fast the current across the hull changes. Amplitudes are a lower bound."
+        f"shorter than {band.smoothing_limit:.2g} m (less than half passes the smoothing over {settings.smoothing:g} "
+        f"s, order {settings.order}). From {band.following_limit:.2g} m on the hull follows the water more than it "
+        f"slips ({band.following:.2g} s): a steady current leaves no trace, because the yaw moment responds to "
+        "changes of the current across the hull. Amplitudes are a lower bound."
     )
     return textwrap.fill(text, _WIDTH)

@@ -193,17 +193,17 @@ def half_width(draws: Array, axis: int) -> Array:
 class DepthResolvedSettings(Settings):
     """Settings of the retrieval by eq. 41, its filters and its errors (section 5.4, docs/theory/currents.md)."""
 
-    baseline: float = Field(60.0, gt=0, description="moving average taken out of the yaw moment, s")
+    baseline: float = Field(60.0, gt=0, description="length of the moving average removed from the yaw moment, s")
     smoothing: float = Field(15.0, gt=0, description="length of the Savitzky-Golay window, s")
     order: int = Field(3, ge=1, description="order of its polynomial")
     limit: float = Field(1.0, gt=0, description="largest lateral current that counts as a root, m/s")
-    largest_condition: float = Field(10.0, gt=1, description="samples of a larger condition number are masked")
+    largest_condition: float = Field(10.0, gt=1, description="samples with a larger condition number are masked")
     coefficient_error: float = Field(0.15, ge=0, lt=1, description="relative error of the moment coefficients")
     largest_doubt: float = Field(
-        0.05, gt=0, lt=1, description="share of coefficient draws of the other sign at which a hull is refused"
+        0.05, gt=0, lt=1, description="largest share of coefficient draws with the opposite sign of the yaw moment"
     )
-    draws: int = Field(300, ge=2, description="of the moment coefficients")
-    seed: int = Field(0, ge=0, description="of these draws")
+    draws: int = Field(300, ge=2, description="number of draws of the moment coefficients")
+    seed: int = Field(0, ge=0, description="seed of these draws")
     bin: float = Field(10.0, ge=0.1, description="depth of a bin, m")
     actuation_error: float | None = Field(
         None, ge=0, description="relative error of the displacement bridged while actuators move; default as the run's"

@@ -121,10 +121,13 @@ def _summary_comparisons(line: Row) -> list[Comparison]:
             f"{run}: correlation with the forcing",
             "1",
             line["correlation_forcing"],
-            remark=f"smoothed alike {line['correlation_alike']:.2f}",
+            remark=f"equally smoothed {line['correlation_alike']:.2f}",
         ),
         Comparison(
-            f"{run}: gain on the forcing", "s", line["gain_forcing"], remark=f"smoothed alike {line['gain_alike']:.2g}"
+            f"{run}: gain on the forcing",
+            "s",
+            line["gain_forcing"],
+            remark=f"equally smoothed {line['gain_alike']:.2g}",
         ),
     ]
 
@@ -164,9 +167,10 @@ def _describe_over_coverage(results: CurrentsResults) -> str:
     relative = "; ".join(f"{line['relative']:.0%} at {line['speed']}" for line in results.along)
     published, fitted = (first(results.coverage, constants=name, speed=ALL) for name in (PUBLISHED, FITTED))
     return (
-        f"The published {share:.0%} with its companions over-covers {where}: the error along the current, over its "
-        f"speed (both root mean square), is {relative}, because it does not grow with the current. The published "
-        f"ellipse has {published['area'] / fitted['area']:.2g} times the area of the fitted one."
+        f"The published terms, with {share:.0%} of the current's speed, over-cover {where}: the error along the "
+        f"current, divided by its speed (both root mean square), is {relative}, because the error does not grow with "
+        f"the current. The published ellipse has {published['area'] / fitted['area']:.2g} times the area of the "
+        "fitted one."
     )
 
 
@@ -178,8 +182,8 @@ def _describe_offset(results: CurrentsResults) -> str:
         f"The errors have a mean of {along:+.4f} m/s along the track and {across:+.4f} m/s across it: the modelled "
         f"motion through the water is wrong by {results.motion_bias:+.4f} m/s along the track on average. With "
         f"actuators that do not lag their commands the mean along the track is {lagless:+.4f} m/s, {lag}. Ellipses "
-        "about zero are never quite right at one and at two sigma at once when errors have a mean; the last set of "
-        "constants shows the coverage without it."
+        "centred on zero cannot have the nominal coverage at both one and two sigma if the errors have a mean; the "
+        "last set of constants shows the coverage without the mean."
     )
 
 
@@ -241,8 +245,8 @@ def draw_currents(results: CurrentsResults) -> Figure:
             axes.legend(fontsize=SMALL - 1, frameon=False, ncols=2, loc="upper left")
     footnote(
         figure,
-        unseen(results.band) + "\nGrey: what moving average and smoothing take; dash-dotted: from here on the hull "
-        "follows the water more than it slips.",
+        unseen(results.band) + "\nGrey: scales removed by moving average and smoothing; dash-dotted: scale from which "
+        "the hull follows the water more than it slips.",
     )
     return figure
 
@@ -380,8 +384,9 @@ def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str
         return {}
     tested = first(results.coverage, constants=FITTED, speed=ALL)
     how = (
-        "largest likelihood on twins of odd seeds, times a factor by which their ellipses cover them best; 1 and 2 "
-        f"sigma hold {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of even seeds"
+        "maximum likelihood on twins of odd seeds, times the factor with which their ellipses cover these best; 1 and "
+        f"2 sigma contain {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of "
+        "even seeds"
     )
     fitted = {name: getattr(results.constants[FITTED], name) for name in TERMS}
     renewed = budget.model_copy(update={**fitted, "how": budget.how | dict.fromkeys(TERMS, how)})

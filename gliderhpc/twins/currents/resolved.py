@@ -225,7 +225,8 @@ def seen_band(lines: Sequence[Row]) -> tuple[float, float]:
     """
     if not lines:
         raise InputError(
-            f"no twin of a preset in broadband water glides steadily for {SEGMENT:g} s on end; give deeper twins"
+            f"no twin of a preset in broadband water glides steadily for {SEGMENT:g} s without interruption; give "
+            "deeper twins"
         )
     gains = np.array([line["gain_current"] for line in lines])
     best = int(np.argmax(gains))

@@ -23,7 +23,7 @@ depth-resolved current."""
 
 STILL, SHEAR, FINE, GUSTS = "still water", "paper's shear", "fine shear", "broadband"
 WORLDS = {
-    STILL: ((0.0,), "no shear and no gusts: what noise alone leaves"),
+    STILL: ((0.0,), "no shear and no gusts: the effect of noise alone"),
     SHEAR: ((1.0, 5.0), "surface layer, modes and smooth profile of the scenario `paper`"),
     FINE: ((1.0, 5.0), "smooth random profile U(Z)"),
     GUSTS: (

@@ -109,7 +109,7 @@ def purposes(intervals: Sequence[float]) -> tuple[Purpose, ...]:
         Purpose("coefficients wrong by up to 15 %", COEFFICIENTS, "overall", "prior deviations"),
         Purpose("the displacement through the water, and so the current", IMPULSIVE, "displacement_error", "m"),
         Purpose("the same in harsh water", HARSH, "displacement_error", "m"),
-        Purpose("little computing time", IMPULSIVE, "seconds", "s a dive"),
+        Purpose("little computing time", IMPULSIVE, "seconds", "s per dive"),
     )
 
 
@@ -150,7 +150,7 @@ def describe_tally(found: Sequence[Row]) -> str:
     counts = {name: sum(name in (line["best"], *line["as_good"]) for line in decided) for name in LABELS}
     ranked = sorted(counts.items(), key=itemgetter(1), reverse=True)
     tally = ", ".join(f"{LABELS[name]} for {count}" for name, count in ranked)
-    return f"Best, or not distinguishable from the best, of these {len(decided)} purposes: {tally}."
+    return f"Best, or not distinguishable from the best, for these {len(decided)} purposes: {tally}."
 
 
 def describe_recommendation(found: Row) -> str:

@@ -93,7 +93,7 @@ def accuracy_table(lines: Sequence[Row]) -> str:
         "yaw, N m",
         "yaw correlation",
         "yaw intervals 68 / 95 %",
-        "s a dive",
+        "s per dive",
     )
     rows = [
         [

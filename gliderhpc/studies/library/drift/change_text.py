@@ -118,7 +118,7 @@ def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
     """
     if not changes.found:
         if changes.p != changes.p:
-            return ("no steps, ramps and episodes were looked for: too few profiles, or a first look",)
+            return ("steps, ramps and episodes were not searched for: too few profiles, or a quick study",)
         return (f"no step, ramp or episode is shown (p {number(changes.p)})",)
     return tuple(describe_change(one, reference) for one in changes.found)
 
@@ -127,7 +127,11 @@ def describe_change(change: Change, reference: float) -> str:
     """Describe a change point: kind, profiles, phases, size, form, and return to the former state."""
     first, last = change.days
     when = f"day {first:.1f} to {last:.1f}" if change.kind == EPISODE else f"day {first:.1f}"
-    back = f"; back since profile {change.back}, day {change.back_day:.1f}" if change.back is not None else ""
+    back = (
+        f"; back to the former level from profile {change.back}, day {change.back_day:.1f}"
+        if change.back is not None
+        else ""
+    )
     sizes = "; ".join(_size_text(change, phase, reference) for phase in change.phases)
     return (
         f"{_ARTICLES.get(change.kind, f'a {change.kind}')}: {_profiles_text(change)} ({when}), {phases_text(change)}: "
@@ -142,7 +146,7 @@ def kinds_text(changes: Changes) -> str:
         f"{_ARTICLES.get(one.kind, f'a {one.kind}')} ({_profiles_text(one)}, {phases_text(one)})"
         for one in changes.found
     )
-    return f"{named}; besides, " if named else ""
+    return f"{named}; in addition, " if named else ""
 
 
 def _profiles_text(change: Change) -> str:
@@ -202,10 +206,10 @@ def _size_text(change: Change, phase: str, reference: float) -> str:
     drag, axial = change.size(DRAG, phase), change.size(AXIAL, phase)
     low, high = (100.0 * end / reference for end in (drag.low, drag.high))
     name = f"{phase}s, drag" if len(change.phases) > 1 else "drag"
-    mean = f", {100.0 * drag.value * change.mean / reference:+.0f} % in the mean" if change.mean < _NEARLY else ""
+    mean = f", {100.0 * drag.value * change.mean / reference:+.0f} % on average" if change.mean < _NEARLY else ""
     return (
-        f"{name} {100.0 * drag.value / reference:+.0f} % at its largest (95 % interval {low:+.0f} to {high:+.0f} %)"
-        f"{mean}, axial force {axial.value:+.2g} N"
+        f"{name} {100.0 * drag.value / reference:+.0f} % at its maximum (95 % interval {low:+.0f} to {high:+.0f} "
+        f"%){mean}, axial force {axial.value:+.2g} N"
     )
 
 
@@ -214,7 +218,7 @@ def _apart(change: Change) -> str:
     signs = [change.size(DRAG, phase).value > 0.0 for phase in change.phases]
     if len(set(signs)) < len(PHASES):
         return ""
-    return "dive and climb apart, as a change of weight in water or of the pitch sensor's offset does; "
+    return "opposite on dive and climb, as for a change of weight in water or of the pitch sensor's offset; "
 
 
 def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, str]]:

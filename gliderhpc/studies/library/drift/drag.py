@@ -45,24 +45,23 @@ CAUSES = {
     "drag": "the drag grows on dive and climb alike: compatible with fouling (growth, or a rougher hull)",
     "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
     "drag and more": (
-        "the drag grows by what dive and climb share, compatible with fouling; beyond that they drift apart, and a "
-        "drag that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not "
-        "distinguishable"
+        "the drag common to dive and climb grows, compatible with fouling; in addition they drift apart, and a drag "
+        "that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not distinguishable"
     ),
     "less drag and more": (
-        "the drag falls by what dive and climb share; beyond that they drift apart, and an uneven drag, a slow change "
-        "of buoyancy and one of the pitch sensor's offset are not distinguishable"
+        "the drag common to dive and climb falls; in addition they drift apart, and an uneven drag, a slow change of "
+        "buoyancy and one of the pitch sensor's offset are not distinguishable"
     ),
     "weight": (
-        "no change of drag that dive and climb share: they drift apart, compatible with a slow change of buoyancy or "
+        "no change of drag common to dive and climb: they drift apart, compatible with a slow change of buoyancy or "
         "of the pitch sensor's offset"
     ),
 }
 """Interpretations of the trends of drag; none is a proof, because the data are observational."""
 
 OTHER_CAUSES = (
-    "these records prove no cause: apart from fouling, a changed payload or trim, water in a fairing, air in the oil "
-    "circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
+    "these records do not prove a cause: apart from fouling, a changed payload or trim, water in a fairing, air in "
+    "the oil circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
 )
 
 

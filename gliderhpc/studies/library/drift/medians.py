@@ -64,10 +64,10 @@ class CoefficientSettings(Settings):
 
     error: float = Field(0.15, ge=0, lt=1, description="relative error of every viscous and added-mass coefficient")
     draws: int = Field(300, ge=0, description="hulls drawn; 0 for none")
-    segments: int = Field(1, ge=1, description="steady segments a profile and phase")
+    segments: int = Field(1, ge=1, description="steady segments per profile and phase")
     length: float = Field(240.0, gt=0, description="length of a segment, s")
     settling: float = Field(120.0, ge=0, description="start of a segment that is not counted, s")
-    pitch_offset: float = Field(1.0, gt=0, le=10, description="constant error of the pitch that is tried out, degree")
+    pitch_offset: float = Field(1.0, gt=0, le=10, description="constant error of the pitch that is tested, degree")
 
     @model_validator(mode="after")
     def _leaves_something(self) -> Self:
@@ -84,20 +84,22 @@ class ChangeSettings(Settings):
     )
     resamples: int = Field(400, ge=100, description="null series of the bootstrap")
     smallest: float = Field(0.05, ge=0, description="smallest relative change of K_D0 that is named")
-    most: int = Field(4, ge=0, description="changes looked for; 0 for none")
+    most: int = Field(4, ge=0, description="largest number of changes; 0 for no search")
 
 
 class DriftSettings(Settings):
     """Settings of the medians, the tests of their trends, and the verdict (section 5.6, docs/drift.md)."""
 
     depth_band: tuple[float, float] | None = Field(
-        None, description="depths that count, m; default 150 to 500, or the like part of shallower dives"
+        None, description="depths used, m; default 150 to 500, or the corresponding part of shallower dives"
     )
-    epochs: int | None = Field(11, ge=3, description="number of epochs, evenly over the mission; null: all profiles")
-    epoch_size: int = Field(3, ge=2, description="consecutive profiles an epoch")
-    resamples: int = Field(2000, ge=200, description="of the bootstraps")
-    seed: int = Field(0, ge=0, description="of bootstraps and draws")
-    drag_increase: float = Field(0.5, gt=0, description="relative increase of K_D0 that is tested for")
+    epochs: int | None = Field(
+        11, ge=3, description="number of epochs, evenly spread over the mission; null: all profiles"
+    )
+    epoch_size: int = Field(3, ge=2, description="consecutive profiles per epoch")
+    resamples: int = Field(2000, ge=200, description="number of bootstrap samples")
+    seed: int = Field(0, ge=0, description="seed of bootstraps and draws")
+    drag_increase: float = Field(0.5, gt=0, description="relative increase of K_D0 for which the day is predicted")
     coefficients: CoefficientSettings = CoefficientSettings()
     changes: ChangeSettings = ChangeSettings()
 
@@ -132,9 +134,8 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
     return DepthBand(
         low,
         high,
-        f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to "
-        f"{high:.0f} m in place of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] "
-        "chooses otherwise",
+        f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to {high:.0f} "
+        f"m in place of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
     )
 
 
@@ -169,7 +170,8 @@ def profile_row(data: ProfileData, smoothed: ProfileData | None, band: DepthBand
             }
     if not any(row[phase_column("count", phase)] >= MIN_RECORDS for phase in PHASES):
         row["message"] = (
-            f"no {MIN_RECORDS} records of steady glide between {band.low:.0f} and {band.high:.0f} m, either way"
+            f"fewer than {MIN_RECORDS} records of steady glide between {band.low:.0f} and {band.high:.0f} m, on dive "
+            "and on climb"
         )
     return row
 

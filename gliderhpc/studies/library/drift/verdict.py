@@ -190,8 +190,8 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     lines = [
         f"verdict: {kinds_text(verdict.changes)}{verdict.meaning}{where}",
         *change_lines(verdict.changes, reference),
-        f"drag that dive and climb share: K_D0 by {100.0 * verdict.change / reference:+.1f} % over the mission (95 % "
-        f"interval {low:+.1f} to {high:+.1f} %)",
+        f"drag common to dive and climb: K_D0 changes by {100.0 * verdict.change / reference:+.1f} % over the mission "
+        f"(95 % interval {low:+.1f} to {high:+.1f} %)",
     ]
     lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags]
     if verdict.has_onset:
@@ -199,7 +199,7 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     if verdict.extrapolates:
         lines.append(_until(verdict, increase))
     elif verdict.grows:
-        lines.append("the drag does not grow along a straight line, so no day is given for its further growth")
+        lines.append("the drag does not grow linearly, so no day is given for its further growth")
     if verdict.cause != "none" or verdict.changes.found:
         lines.append(OTHER_CAUSES)
     return tuple(lines)
@@ -217,7 +217,7 @@ def _apart(drag: DragDrift) -> str:
     one = drag.apart
     low, high = drag.weight_interval
     return (
-        f"{drag.estimate}: dive and climb drift apart by what {number(one.drift)} N of weight in water would do (95 % "
+        f"{drag.estimate}: dive and climb drift apart as if by {number(one.drift)} N of weight in water (95 % "
         f"interval {number(low)} to {number(high)} N)"
     )
 
@@ -230,10 +230,10 @@ def _since(drag: DragDrift) -> str:
 
 def _until(verdict: DriftVerdict, increase: float) -> str:
     day, (early, late) = verdict.days_until(increase)
-    latest = f"day {late:.0f}" if late < float("inf") else "no day that can be given"
+    latest = f"day {late:.0f}" if late < float("inf") else "no upper limit"
     return (
-        f"K_D0 is {100.0 * increase:.0f} % above that at the start on day {day:.0f}, were it to go on as so far (95 % "
-        f"interval: day {early:.0f} to {latest})"
+        f"K_D0 will be {100.0 * increase:.0f} % above its value at the start on day {day:.0f} if it continues to grow "
+        f"at the same rate (95 % interval: day {early:.0f} to {latest})"
     )
 
 

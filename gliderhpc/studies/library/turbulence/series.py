@@ -51,9 +51,11 @@ EXAMINED_PROFILES = 5
 class FastSettings(Settings):
     """Channel, high-pass and band of a disturbance's fast part."""
 
-    channel: Channel = Field("B_cr", description="which of the six disturbances")
-    cutoff: float = Field(CUTOFF, gt=0, description="of the high-pass, Hz")
-    band: Range = Field((0.15, 0.80), description="in which turbulence is looked for, Hz; spectra are fitted over it")
+    channel: Channel = Field("B_cr", description="disturbance that is studied, one of the six")
+    cutoff: float = Field(CUTOFF, gt=0, description="cutoff frequency of the high-pass, Hz")
+    band: Range = Field(
+        (0.15, 0.80), description="frequencies at which turbulence is sought, Hz; spectra are fitted over them"
+    )
 
     @model_validator(mode="after")
     def _band_ordered(self) -> Self:
@@ -67,33 +69,37 @@ class SpectraSettings(FastSettings):
 
     segment: float = Field(100.0, gt=0, description="length of Welch's segments, s")
     shallowest: float = Field(
-        0.0, ge=0, description="samples above this depth are left out, m; the paper's begin at 200"
+        0.0, ge=0, description="samples above this depth are excluded, m; the paper's begin at 200"
     )
     groups: int = Field(3, ge=1, description="groups of profiles by their depth-averaged current")
-    draws: int = Field(200, ge=0, description="of the intervals' bootstrap")
-    seed: int = Field(0, ge=0, description="of all random numbers of the study")
+    draws: int = Field(200, ge=0, description="draws of the bootstrap for the intervals")
+    seed: int = Field(0, ge=0, description="seed of all random numbers of the study")
 
 
 class IntermittencySettings(SpectraSettings):
     """Increments, surrogates and the rank test (docs/turbulence.md)."""
 
     interval: float = Field(
-        0.5, gt=0, description="the series is averaged over so long, s, or less by a part of a step"
+        0.5, gt=0, description="length of the averages of the series, s; rounded down to whole steps"
     )
     lags: tuple[float, ...] = Field(
-        (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0), min_length=4, description="of the increments, s"
+        (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0),
+        min_length=4,
+        description="lags of the increments, s",
     )
-    lag: float = Field(1.0, gt=0, description="of the flatness that is tested, fixed beforehand, s")
+    lag: float = Field(1.0, gt=0, description="lag of the flatness that is tested, fixed beforehand, s")
     scaling: Range = Field((1.0, 10.0), description="lags over which exponents are fitted, s")
     scaling_varied: tuple[Range, ...] = Field(
         ((1.0, 6.0), (2.0, 10.0), (2.0, 20.0), (1.0, 20.0)), description="other ranges, in addition to the first"
     )
-    block: float = Field(60.0, gt=0, description="of the block bootstrap, s")
-    block_draws: int = Field(500, ge=10, description="of that bootstrap")
-    surrogates: int = Field(39, ge=1, description="of each profile")
-    iterations: int = Field(200, ge=1, description="cap of a surrogate's iterations")
+    block: float = Field(60.0, gt=0, description="length of a block of the bootstrap, s")
+    block_draws: int = Field(500, ge=10, description="draws of that bootstrap")
+    surrogates: int = Field(39, ge=1, description="number for each profile")
+    iterations: int = Field(200, ge=1, description="largest number of iterations of a surrogate")
     tolerance: float = Field(1e-2, gt=0, lt=1, description="gain of an iteration below which a surrogate has converged")
-    fade: float = Field(2.0, gt=0, description="over which stretches are faded in and out before surrogates, s")
+    fade: float = Field(
+        2.0, gt=0, description="time over which stretches are faded in and out before surrogates are made, s"
+    )
 
     @property
     def every_lag(self) -> tuple[float, ...]:
@@ -328,7 +334,7 @@ def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool)
     if channel.nyquist <= lowest:
         return FastPart(fast, _describe_unresolved(channel.sample_interval, channel.nyquist, lowest))
     if fast.duration < MIN_DURATION:
-        return FastPart(fast, f"only {fast.duration:.0f} s count, of {MIN_DURATION:.0f} s needed")
+        return FastPart(fast, f"only {fast.duration:.0f} s of samples can be used, and {MIN_DURATION:.0f} s are needed")
     if rms(fast) < MIN_RMS:
         return FastPart(fast, "the fast part is zero to rounding")
     return FastPart(fast)

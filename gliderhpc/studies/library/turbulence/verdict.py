@@ -33,14 +33,15 @@ TOLERANCE = 0.05
 PASSED, FAILED, NOT_TESTED = "passed", "failed", "not tested"
 
 ASSUMPTIONS = (
-    "the profiles are independent of each other: the same hull, sensors and settings may bias them alike, which would "
-    "make agreement among them no evidence",
-    "the exponents of the nulls are a sample of what artefacts give in every one of these profiles; with so few "
-    "realisations the share inside the cluster is uncertain, and its power by the number of profiles far more so",
-    "the cluster (1.78 within 0.05), the lags of the fit and the band were fixed before the data were seen; what other "
-    "lags give is in the study's table of ranges",
-    "it is the chance of one feature under one hypothesis, artefacts of the kinds tested, and not the chance that the "
-    "events are turbulence",
+    "the profiles are independent of each other; the same hull, sensors and settings may bias all of them in the same "
+    "way, and agreement among them would then be no evidence",
+    "the exponents of the nulls are a sample of those that artefacts give in each of these profiles; with so few "
+    "realisations the share inside the cluster is uncertain, and its power with the number of profiles as exponent "
+    "much more so",
+    "the cluster (1.78 within 0.05), the lags of the fit and the band were fixed before the data were seen; results "
+    "for other lags are in the study's table of ranges",
+    "the probability is that of one feature under one hypothesis, artefacts of the kinds tested, and not the "
+    "probability that the events are turbulence",
     "a passed rank test excludes a Gaussian linear process seen through a fixed distortion, and nothing else: a train "
     "of independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
 )
@@ -212,7 +213,7 @@ class TurbulenceVerdict:
         """Verdict in one line."""
         outcomes = ", ".join(f"{feature.name} {feature.outcome}" for feature in self.features)
         conclusion = (
-            "the three features of the paper are there" if self.stands else "the claim of turbulence does not stand"
+            "the three features of the paper are present" if self.stands else "the claim of turbulence is not supported"
         )
         return f"verdict over {self.profiles} profiles: {conclusion} ({outcomes})"
 
@@ -265,7 +266,7 @@ def _found(verdict: TurbulenceVerdict) -> str:
         return f"{text}."
     return (
         f"{text}, and a flatness larger than that of Gaussian disturbances seen through the same pipeline in "
-        f"{number(verdict.contrast.larger)} of pairs of a profile and a null (one half is chance)."
+        f"{number(verdict.contrast.larger)} of pairs of a profile and a null (one half is expected by chance)."
     )
 
 
@@ -278,7 +279,7 @@ def _how_sure(verdict: TurbulenceVerdict) -> str:
             f"with p = {number(contrast.p_value)}"
         )
     if passes is not None:
-        use = "as its level allows" if passes.holds else "more than its level allows, so that it decides nothing here"
+        use = "as its level allows" if passes.holds else "more than its level allows, so the test decides nothing here"
         parts.append(
             f"{passes.passed} of {passes.count} nulls without any disturbance pass the publication's rank test, {use}"
         )
@@ -302,8 +303,8 @@ def _what_would_settle_it(verdict: TurbulenceVerdict) -> str:
             f"large as this is found at {LEVEL:.0%} in {POWER:.0%} of cases if it is real (Noether 1987)."
         )
     return (
-        f"{start} not more profiles like these, whose flatness is no larger than the nulls'; records that resolve more "
-        "of the gusts, faster and with a finer compass, might."
+        f"{start} not more profiles like these, because their flatness is no larger than the nulls'; possibly records "
+        "that resolve more of the gusts, sampled faster and with a finer compass."
     )
 
 
