@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -46,8 +47,14 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_configure() -> None:
-    """Search for garbage as seldom as the program does: a worker has a great many objects that live to its end."""
+    """Search for garbage as seldom as the program does: a worker has a great many objects that live to its end.
+
+    Imported modules are stored compiled even where the environment says otherwise: the tests start a hundred processes
+    that import them.
+    """
     gc.set_threshold(ALLOCATIONS)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
