@@ -4,104 +4,158 @@ In a linearised problem constants are unknowns like any other, but they need no 
 in their inputs; the derivative ``V = d x / d eta`` of their mean is therefore computed alongside it, with the same
 gains:
 
-    step        V <- F V + d step / d eta
+    segment     V <- F V + d (end of the segment) / d eta
     sample      h = H V - d z / d eta;   I += h' h / S;   g += h' e / S;   V <- V - K h
     backwards   like the costate:  W <- F' W;   W <- (I - K H)' W + H' h / S;   V smoothed = V - P W
 
 Information ``I`` and score ``g`` of the constants are exactly those of the problem with the constants as states
-(docs/smoother.md). Filter, mean and costate are those of `gliderhpc.kernels.smoother`.
+(docs/smoother.md). Filter, mean and costate are those of `gliderhpc.kernels.smoother`, over the same segments.
 """
 
 import math
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS, by_constants
+from gliderhpc.kernels.dynamics import geometry_of
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import clear, copy, load, store
-from gliderhpc.kernels.jit import formula, inner_kernel, kernel
+from gliderhpc.kernels.elementwise import LANES, clear, copy, load, store
+from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.mass import load_body
-from gliderhpc.kernels.rk4 import displacement, step
-from gliderhpc.kernels.smoother_covariance import multiply, predict, symmetrise, transpose, update
-from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS, copy_row
-from gliderhpc.kernels.smoother_tangent import separate_track, step_vjp_with_track
+from gliderhpc.kernels.smoother_covariance import (
+    multiply,
+    predict_over_segment,
+    symmetrise,
+    transpose,
+    update,
+)
+from gliderhpc.kernels.smoother_memory import BLOCK, copy_row
+from gliderhpc.kernels.smoother_segments import (
+    add_defects,
+    add_noise,
+    begin_products,
+    gather,
+    gather_noise,
+    pull_back,
+    run_model,
+    scatter_noise,
+    scatter_run,
+    scatter_transition,
+)
+from gliderhpc.kernels.tangent import load_ten
 from gliderhpc.kernels.window import sensed_of
 
 
-@formula
-def _add_gradient(hull, body, y, geometry, b, a, lanes, group):
-    """Add the gradient of one stage's rates with respect to the constants to a group of ``lanes (CONSTANTS, 16)``."""
-    gradient = by_constants(hull, body, y, geometry, b, a)
-    for i in range(CONSTANTS):
-        store(lanes, (i, group), load(lanes, (i, group)) + gradient[i])
+@inner_kernel
+def _gather_slopes(forcing, segments, number, gradient):
+    """Copy the slopes of the mass properties of segments ``number`` to ``number + LANES`` into the lanes."""
+    rows = segments.rows
+    last = rows.shape[0] - 2
+    for lane in range(LANES):
+        segment = min(number + lane, last)
+        first, stop = rows[segment], rows[segment + 1]
+        for s in range(gradient.slopes.shape[0]):
+            for m in range(forcing.moving.shape[0]):
+                for i in range(CONSTANTS - HULL_CONSTANTS):
+                    slope = forcing.bodies[first + s, m, i] if first + s < stop else 0.0
+                    gradient.slopes[s, m, i, lane] = slope
+
+
+@inner_kernel
+def _add_gradient(hull, lanes, gradient, s):
+    """Add the derivatives of the segment's end by the constants that act at step ``s``."""
+    h, body = load(lanes.durations, s), load_body(lanes.bodies, s)
+    sixth = h / 6.0
+    b = (
+        load(lanes.disturbances, (s, 0)), load(lanes.disturbances, (s, 1)), load(lanes.disturbances, (s, 2)),
+        load(lanes.disturbances, (s, 3)), load(lanes.disturbances, (s, 4)), load(lanes.disturbances, (s, 5)),
+    )  # fmt: skip
+    clear(gradient.body)
+    for number in range(4):
+        y, costates = load_ten(lanes.stages, number), lanes.stage_costates[number]
+        geometry = geometry_of(y)
+        for i in range(12):
+            found = by_constants(hull, body, y, geometry, b, load_ten(costates, i))
+            for c in range(HULL_CONSTANTS):
+                store(gradient.hull, (i, c), load(gradient.hull, (i, c)) + sixth * found[c])
+            for c in range(CONSTANTS - HULL_CONSTANTS):
+                total = load(gradient.body, (i, c)) + sixth * found[HULL_CONSTANTS + c]
+                store(gradient.body, (i, c), total)
+    for m in range(gradient.moving.shape[0]):
+        for i in range(12):
+            total = load(gradient.moving, (m, i))
+            for c in range(CONSTANTS - HULL_CONSTANTS):
+                total += load(gradient.slopes, (s, m, c)) * load(gradient.body, (i, c))
+            store(gradient.moving, (m, i), total)
+
+
+@inner_kernel
+def _scatter_gradient(forcing, segments, number, gradient, sensitivity, at):
+    """Write the derivatives of the segments' ends by the parameters to the rows of the block from ``at`` on."""
+    for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
+        forced = sensitivity.forced[at + lane]
+        clear(forced)
+        for entry in range(forcing.constant.shape[0]):
+            j, c, slope = forcing.parameter[entry], forcing.constant[entry], forcing.slope[entry]
+            for i in range(12):
+                forced[j, i] += slope * gradient.hull[i, c, lane]
+        for m in range(forcing.moving.shape[0]):
+            for i in range(12):
+                forced[forcing.moving[m], i] += gradient.moving[m, i, lane]
 
 
 @kernel
-def step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity):
-    """Step from row ``k`` of the path; store its transition in row ``at`` of the block, and derivatives by constants.
+def linearise_with_constants(
+    hull, dives, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
+):
+    """Linearise segments ``number`` to ``number + LANES`` by states and parameters, and gather each dive's noise.
 
-    Returns
-    -------
-    tuple of 10, float, float
-        Sensed states after the step, and its displacement north and east (m).
+    `gliderhpc.kernels.smoother_segments.linearise_segments` is the same without the derivatives by parameters.
+
+    Parameters
+    ----------
+    dives, segments : tuple of Dive, tuple of Segments
+        The problem under each assumption of its noise. All segments share the memory of what the noise does not change.
+    tally, gradient : (14,), Gradient
+        Scratch.
+    sensitivity : Sensitivity
+        Memory, in the field `forced` of which the derivatives are stored.
     """
-    body, h = load_body(dive.bodies, k), dive.step
-    disturbance = disturbances[k]
-    b = (disturbance[0], disturbance[1], disturbance[2], disturbance[3], disturbance[4], disturbance[5])
-    new, stages, geometry = step(hull, body, sensed_of(states[k]), b, h)
-    seeds, lanes, gradient = block.seeds, block.tangent_lanes[at], sensitivity.by_constant_lanes
-    clear(sensitivity.by_constant)
-    for group in range(GROUPS):
-        a = (
-            load(seeds, (0, group)), load(seeds, (1, group)), load(seeds, (2, group)), load(seeds, (3, group)),
-            load(seeds, (4, group)), load(seeds, (5, group)), load(seeds, (6, group)), load(seeds, (7, group)),
-            load(seeds, (8, group)), load(seeds, (9, group)),
-        )  # fmt: skip
-        e, g, costates = step_vjp_with_track(
-            hull, body, stages, geometry, a, load(seeds, (10, group)), load(seeds, (11, group)), h
-        )
-        for j in range(10):
-            store(lanes, (j, group), e[j])
-        for j in range(6):
-            store(lanes, (10 + j, group), g[j])
-        _add_gradient(hull, body, stages[0], geometry[0], b, costates[0], gradient, group)
-        _add_gradient(hull, body, stages[1], geometry[1], b, costates[1], gradient, group)
-        _add_gradient(hull, body, stages[2], geometry[2], b, costates[2], gradient, group)
-        _add_gradient(hull, body, stages[3], geometry[3], b, costates[3], gradient, group)
-    separate_track(dive.decay, block.tangent[at], block.track_tangent[at])
-    north, east = displacement(stages, h)
-    return new, north, east
+    shared = segments[0].lanes
+    gather(dives[0], states, disturbances, segments[0], number)
+    for i in range(len(dives)):
+        gather_noise(dives[i], segments[i], number)
+    _gather_slopes(forcing, segments[0], number, gradient)
+    run_model(hull, shared)
+    begin_products(shared)
+    clear(gradient.hull)
+    clear(gradient.moving)
+    for s in range(shared.durations.shape[0] - 1, -1, -1):
+        for i in range(len(dives)):
+            add_noise(segments[i].lanes, s)
+        add_defects(shared, s)
+        pull_back(hull, dives[0].decay, shared, s)
+        _add_gradient(hull, shared, gradient, s)
+    scatter_run(dives[0], states, segments[0], number, tally)
+    scatter_transition(segments[0], number, block, at)
+    _scatter_gradient(forcing, segments[0], number, gradient, sensitivity, at)
+    for i in range(len(dives)):
+        scatter_noise(segments[i], number, at)
 
 
 @inner_kernel
-def _carry(forcing, block, sensitivity, k, at):
-    """Carry the sensitivity over the step of row ``at``: ``V <- F V + d step / d eta``, including X and Y."""
+def _carry(block, sensitivity, at):
+    """Carry the sensitivity over the segment of row ``at``, including X and Y."""
     before, after = sensitivity.states[at], sensitivity.states[at + 1]
     track, track_after = sensitivity.track[at], sensitivity.track[at + 1]
     multiply(before, block.tangent_lanes[at], sensitivity.state_lanes[at + 1])
-    moved = block.track_tangent[at]
+    moved, forced = block.track_tangent[at], sensitivity.forced[at]
     for j in range(before.shape[0]):
         for r in range(2):
-            total = track[j, r]
+            total = track[j, r] + forced[j, 10 + r]
             for i in range(16):
                 total += before[j, i] * moved[r, i]
             track_after[j, r] = total
-    for entry in range(forcing.constant.shape[0]):
-        row, j = sensitivity.by_constant[forcing.constant[entry]], forcing.parameter[entry]
-        _force(after[j], track_after[j], row, forcing.slope[entry])
-    for number in range(forcing.moving.shape[0]):
-        j = forcing.moving[number]
-        for i in range(CONSTANTS - HULL_CONSTANTS):
-            slope = forcing.bodies[k, number, i]
-            if slope != 0.0:
-                _force(after[j], track_after[j], sensitivity.by_constant[HULL_CONSTANTS + i], slope)
-
-
-@inner_kernel
-def _force(states, track, row, slope):
-    """Add a constant's effect on the sensed states, X and Y, times the derivative of the constant itself."""
-    for i in range(10):
-        states[i] += slope * row[i]
-    track[0] += slope * row[10]
-    track[1] += slope * row[11]
+        for i in range(10):
+            after[j, i] += forced[j, i]
 
 
 @inner_kernel
@@ -145,42 +199,6 @@ def _assimilate(dive, forcing, states, k, block, at, sensitivity, information):
 
 
 @inner_kernel
-def _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivity):
-    """Predict row ``at + 1`` of the block and its sensitivity from row ``at``, which is row ``k`` of the dive."""
-    new, _, _ = step_by_state_and_constants(hull, dive, states, disturbances, k, block, at, sensitivity)
-    _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity)
-
-
-@inner_kernel
-def _predict(dive, forcing, states, disturbances, k, new, block, at, sensitivity):
-    """Predict row ``at + 1`` from row ``at``, with the stored transition of the step to the sensed states ``new``."""
-    following = sensed_of(states[k + 1])
-    mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]
-    for i in range(16):
-        total = 0.0
-        for j in range(16):
-            total += mean[j] * tangent[j, i]
-        predicted[i] = total
-    for i in range(10):
-        predicted[i] += new[i] - following[i]
-    for i in range(6):
-        predicted[10 + i] += dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
-    predict(dive.noise[k], block, at)
-    _carry(forcing, block, sensitivity, k, at)
-
-
-@inner_kernel
-def _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information):
-    """Filter rows ``first`` to ``stop`` (exclusive), and predict row ``stop`` if the dive has it."""
-    for k in range(first, stop):
-        at = k - first
-        _assimilate(dive, forcing, states, k, block, at, sensitivity, information)
-        copy(block.mean[at], information.filtered[k])
-        if k < dive.bodies.shape[0]:
-            _advance(hull, dive, forcing, states, disturbances, k, block, at, sensitivity)
-
-
-@inner_kernel
 def _begin(dive, forcing, states, disturbances, block, sensitivity):
     """Set predicted deviation, covariance and sensitivity of row 0 from the prior."""
     y = sensed_of(states[0])
@@ -195,79 +213,54 @@ def _begin(dive, forcing, states, disturbances, block, sensitivity):
     clear(sensitivity.track[0])
 
 
-@kernel
-def sweep(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, scratch, out):
-    """Filter the dive with the sensitivity, then smooth the sensitivity: one kernel, since most code is common to both.
-
-    Parameters
-    ----------
-    hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information
-        Arguments of `filter_with_sensitivity`.
-    scratch, out : Information, SmoothedSensitivity
-        Arguments of `smooth_sensitivity`.
-    """
-    filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information)
-    smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, scratch, out)
-
-
 @inner_kernel
-def filter_with_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information):
-    """Filter the dive about a path with the sensitivity, store checkpoints, and sum up its information on ``eta``.
+def _filter_block(
+    hull, dives, forcing, states, disturbances, first, stop, segments, blocks, tally, gradient, sensitivities, sums
+):
+    """Filter rows ``first`` to ``stop`` (exclusive) between segments, and predict row ``stop`` if the dive has it."""
+    last = segments[0].rows.shape[0] - 1
+    for number in range(first, stop):
+        at = number - first
+        if number < last and at % LANES == 0:
+            linearise_with_constants(
+                hull, dives, forcing, states, disturbances, segments, number, blocks[0], at, tally, gradient,
+                sensitivities[0],
+            )  # fmt: skip
+        k = segments[0].rows[number]
+        for i in range(len(dives)):
+            _assimilate(dives[i], forcing, states, k, blocks[i], at, sensitivities[i], sums[i])
+            copy(blocks[i].mean[at], sums[i].filtered[number])
+            if number < last:
+                predict_over_segment(segments[i], blocks[i], at)
+                _carry(blocks[i], sensitivities[i], at)
+
+
+@kernel
+def sum_information(
+    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints, sums
+):
+    """Filter a dive with the sensitivity, and sum up its information on ``eta`` under several assumptions of its noise.
+
+    The steps and their derivatives, which take most of the time, are common to all assumptions.
 
     Parameters
     ----------
-    hull, dive, forcing : Hull, Dive, Forcing
-        The problem, with its final variances and noise, and its derivatives; its damping and its mean shift are not
-        used.
+    hull, dives, forcing : Hull, tuple of Dive, Forcing
+        The problem under each assumption, with its final variances and noise, and its derivatives; its damping is not
+        used. The assumptions differ in their variances and their noise.
     states, disturbances : (n+1, 12), (n+1, 6)
-        Path of linearisation.
-    block, sensitivity : Block, Sensitivity
+        Path of linearisation. Its rows inside the segments are replaced by the model's run, and its X and Y by the
+        displacement.
+    segments, blocks, sensitivities : tuple of Segments, tuple of Block, tuple of Sensitivity
+        Scratch for each assumption; all share the memory of the transitions and of the derivatives by the parameters.
+    tally, gradient : (14,), Gradient
         Scratch.
-    checkpoints, information : SensitivityCheckpoints, Information
-        Results, to be filled.
-    """
-    clear(information.matrix)
-    clear(information.score)
-    rows = states.shape[0]
-    _begin(dive, forcing, states, disturbances, block, sensitivity)
-    for first in range(0, rows, BLOCK):
-        number, stop = first // BLOCK, min(first + BLOCK, rows)
-        symmetrise(block.covariance[0])
-        copy_row(block, 0, checkpoints, number)
-        copy(sensitivity.states[0], checkpoints.states[number])
-        copy(sensitivity.track[0], checkpoints.track_states[number])
-        _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information)
-        _begin_next(block, sensitivity)
-
-
-@inner_kernel
-def _begin_next(block, sensitivity):
-    """Make the row after a block the first row of the next block."""
-    copy_row(block, BLOCK, block, 0)
-    copy(sensitivity.states[BLOCK], sensitivity.states[0])
-    copy(sensitivity.track[BLOCK], sensitivity.track[0])
-
-
-@kernel
-def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitivities, sums):
-    """Sum up the information of a dive on ``eta`` under several assumptions of its noise, about one path.
-
-    The step and its derivatives, which take most of the time, are common to all assumptions.
-
-    Parameters
-    ----------
-    hull, forcing : Hull, Forcing
-        Arguments of `filter_with_sensitivity`.
-    dives : tuple of Dive
-        The problem under each assumption; they differ in their variances and their noise.
-    states, disturbances : (n+1, 12), (n+1, 6)
-        Path of linearisation.
-    blocks, sensitivities : tuple of Block, tuple of Sensitivity
-        Scratch for each assumption; all share the memory of the transitions and of the derivatives by constants.
+    checkpoints : tuple of SensitivityCheckpoints
+        Results for `smooth_sensitivity` for each assumption; none if it is empty.
     sums : tuple of Information
         Results, one for each assumption, to be filled.
     """
-    rows, count = states.shape[0], len(dives)
+    rows, count = segments[0].rows.shape[0], len(dives)
     for i in range(count):
         clear(sums[i].matrix)
         clear(sums[i].score)
@@ -275,49 +268,55 @@ def sum_information(hull, dives, forcing, states, disturbances, blocks, sensitiv
     for first in range(0, rows, BLOCK):
         for i in range(count):
             symmetrise(blocks[i].covariance[0])
-        for k in range(first, min(first + BLOCK, rows)):
-            at = k - first
-            for i in range(count):
-                _assimilate(dives[i], forcing, states, k, blocks[i], at, sensitivities[i], sums[i])
-                copy(blocks[i].mean[at], sums[i].filtered[k])
-            if k < rows - 1:
-                new, _, _ = step_by_state_and_constants(
-                    hull, dives[0], states, disturbances, k, blocks[0], at, sensitivities[0]
-                )
-                for i in range(count):
-                    _predict(dives[i], forcing, states, disturbances, k, new, blocks[i], at, sensitivities[i])
+        if checkpoints.states.shape[0] > 0:
+            number = first // BLOCK
+            copy_row(blocks[0], 0, checkpoints, number)
+            copy(sensitivities[0].states[0], checkpoints.states[number])
+            copy(sensitivities[0].track[0], checkpoints.track_states[number])
+        _filter_block(
+            hull, dives, forcing, states, disturbances, first, min(first + BLOCK, rows), segments, blocks, tally,
+            gradient, sensitivities, sums,
+        )  # fmt: skip
         for i in range(count):
-            _begin_next(blocks[i], sensitivities[i])
+            copy_row(blocks[i], BLOCK, blocks[i], 0)
+            copy(sensitivities[i].states[BLOCK], sensitivities[i].states[0])
+            copy(sensitivities[i].track[BLOCK], sensitivities[i].track[0])
 
 
-@inner_kernel
-def smooth_sensitivity(hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints, information, out):
-    """Smooth the sensitivity from the end to the beginning, from the checkpoints of `filter_with_sensitivity`.
+@kernel
+def smooth_sensitivity(
+    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints, sums, out
+):
+    """Smooth the sensitivity from the end to the beginning, from the checkpoints of `sum_information`.
 
     Parameters
     ----------
-    hull, dive, forcing, states, disturbances, block, sensitivity, checkpoints
-        Arguments of `filter_with_sensitivity`.
-    information : Information
+    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints
+        Arguments of `sum_information`, with a single assumption.
+    sums : tuple of Information
         Scratch.
     out : SmoothedSensitivity
         Result, to be filled.
     """
-    rows = states.shape[0]
+    rows = segments[0].rows.shape[0]
+    dive, block, sensitivity = dives[0], blocks[0], sensitivities[0]
     clear(sensitivity.costate)
     wanted = out.rows.shape[0]
-    for number in range((rows - 1) // BLOCK, -1, -1):
-        first = number * BLOCK
+    for checkpoint in range((rows - 1) // BLOCK, -1, -1):
+        first = checkpoint * BLOCK
         stop = min(first + BLOCK, rows)
-        copy_row(checkpoints, number, block, 0)
-        copy(checkpoints.states[number], sensitivity.states[0])
-        copy(checkpoints.track_states[number], sensitivity.track[0])
-        _filter_block(hull, dive, forcing, states, disturbances, first, stop, block, sensitivity, information)
+        copy_row(checkpoints, checkpoint, block, 0)
+        copy(checkpoints.states[checkpoint], sensitivity.states[0])
+        copy(checkpoints.track_states[checkpoint], sensitivity.track[0])
+        _filter_block(
+            hull, dives, forcing, states, disturbances, first, stop, segments, blocks, tally, gradient, sensitivities,
+            sums,
+        )  # fmt: skip
         if stop == rows:
             copy(sensitivity.track[rows - 1 - first], out.displacement)
-        for k in range(stop - 1, first - 1, -1):
-            at = k - first
-            if k < rows - 1:
+        for number in range(stop - 1, first - 1, -1):
+            at, k = number - first, segments[0].rows[number]
+            if number < rows - 1:
                 _undo_step(block, at, sensitivity)
             if wanted > 0 and out.rows[wanted - 1] == k:
                 wanted -= 1

@@ -8,9 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gliderhpc.kernels.constants_gradient import CONSTANTS
+from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS
 from gliderhpc.kernels.elementwise import lane_array
-from gliderhpc.kernels.smoother_memory import BLOCK, GROUPS, Block, allocate_block
+from gliderhpc.kernels.smoother_memory import (
+    BLOCK,
+    GROUPS,
+    LOG_DETERMINANT,
+    Block,
+    Segments,
+    allocate_block,
+    allocate_segments,
+)
 
 Array = Any
 
@@ -55,9 +63,8 @@ class Sensitivity(NamedTuple):
         Sensitivity of the filtered X and Y.
     predicted : (m, 4, p)
         Sensitivity of the predicted minus the measured sample, when each channel was assimilated.
-    by_constant, by_constant_lanes : (CONSTANTS, 16)
-        Derivatives of a step's ten sensed states, X and Y with respect to the constants
-        (`gliderhpc.kernels.constants_gradient`).
+    forced : (m, p, 12)
+        Derivatives of the ten sensed states, X and Y at the end of each segment with respect to ``eta`` along it.
     costate, costate_lanes, half, half_lanes : (p, 16)
         Sensitivity of the smoother's costate, and scratch.
     """
@@ -66,12 +73,30 @@ class Sensitivity(NamedTuple):
     state_lanes: Array
     track: Array
     predicted: Array
-    by_constant: Array
-    by_constant_lanes: Array
+    forced: Array
     costate: Array
     costate_lanes: Array
     half: Array
     half_lanes: Array
+
+
+class Gradient(NamedTuple):
+    """Derivatives of the sensed states, X and Y at the end of segments, one in each lane, the last axis of the arrays.
+
+    Attributes
+    ----------
+    hull, body : (12, 24), (12, 11)
+        Derivatives with respect to the hull's constants, and to the mass properties of one step
+        (`gliderhpc.kernels.constants_gradient`).
+    slopes, moving : (l, m, 11), (m, 12)
+        Derivatives of the mass properties of each step with respect to the parameters that change them, and those of
+        the end with respect to these parameters.
+    """
+
+    hull: Array
+    body: Array
+    slopes: Array
+    moving: Array
 
 
 class SensitivityCheckpoints(NamedTuple):
@@ -94,8 +119,8 @@ class Information(NamedTuple):
         Information matrix, lower triangle.
     score : (p,)
         Gradient of the record's log-likelihood.
-    filtered : (n+1, 16)
-        Filtered deviation of every row from the path of linearisation.
+    filtered : (s+1, 16)
+        Filtered deviation from the path of linearisation in the rows between segments.
     """
 
     matrix: Array
@@ -122,38 +147,64 @@ class SmoothedSensitivity(NamedTuple):
     displacement: Array
 
 
+class Scratch(NamedTuple):
+    """Memory of filter and sensitivity under each assumption of a dive's noise, with common linearisations."""
+
+    segments: tuple[Segments, ...]
+    blocks: tuple[Block, ...]
+    tally: Array
+    gradient: Gradient
+    sensitivities: tuple[Sensitivity, ...]
+
+
+def allocate_scratch(rows: Array, forcing: Forcing, count: int = 1) -> Scratch:
+    """Allocate the memory for `count` assumptions of the noise of a dive in segments with first rows `rows`."""
+    longest, moving = int(np.diff(rows).max()), len(forcing.moving)
+    gradient = Gradient(
+        hull=lane_array(12, HULL_CONSTANTS), body=lane_array(12, CONSTANTS - HULL_CONSTANTS),
+        slopes=lane_array(longest, moving, CONSTANTS - HULL_CONSTANTS), moving=lane_array(moving, 12),
+    )  # fmt: skip
+    segments, block, sensitivity = allocate_segments(rows), allocate_block(), allocate_sensitivity(len(forcing.start))
+    own = {"noise", "gathered", "gathered_cross", "gathered_own"}
+    common = {name: value for name, value in segments.lanes._asdict().items() if name not in own}
+    transitions = {name: getattr(block, name) for name in ("tangent", "tangent_lanes", "track_tangent")}
+
+    def other_segments() -> Segments:
+        one = allocate_segments(rows)
+        return one._replace(offset=segments.offset, lanes=one.lanes._replace(**common))
+
+    others = range(count - 1)
+    return Scratch(
+        segments=(segments, *(other_segments() for _ in others)),
+        blocks=(block, *(allocate_block()._replace(**transitions) for _ in others)),
+        tally=np.zeros(LOG_DETERMINANT + 1),
+        gradient=gradient,
+        sensitivities=(
+            sensitivity,
+            *(allocate_sensitivity(len(forcing.start))._replace(forced=sensitivity.forced) for _ in others),
+        ),
+    )
+
+
 def allocate_sensitivity(parameters: int) -> Sensitivity:
     """Allocate the memory of one block for a number of parameters."""
     m, p = BLOCK + 1, parameters
-    states, constants, costate, half = (lane_array(*shape, GROUPS) for shape in ((m, p), (CONSTANTS,), (p,), (p,)))
+    states, costate, half = (lane_array(*shape, GROUPS) for shape in ((m, p), (p,), (p,)))
     return Sensitivity(
         states=states.reshape(m, p, 16), state_lanes=states, track=np.zeros((m, p, 2)),
-        predicted=np.zeros((m, 4, p)), by_constant=constants.reshape(CONSTANTS, 16), by_constant_lanes=constants,
+        predicted=np.zeros((m, 4, p)), forced=np.zeros((BLOCK, p, 12)),
         costate=costate.reshape(p, 16), costate_lanes=costate, half=half.reshape(p, 16), half_lanes=half,
     )  # fmt: skip
 
 
-def allocate_information(steps: int, parameters: int) -> Information:
+def allocate_information(segments: int, parameters: int) -> Information:
     """Allocate the memory for the information of a dive."""
-    return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((steps + 1, 16)))
+    return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((segments + 1, 16)))
 
 
-def allocate_alternatives(
-    steps: int, parameters: int, count: int
-) -> tuple[tuple[Block, ...], tuple[Sensitivity, ...], tuple[Information, ...]]:
-    """Allocate the memory for `count` assumptions of a dive's noise, with common transitions and derivatives."""
-    block, sensitivity = allocate_block(), allocate_sensitivity(parameters)
-    transitions = {name: getattr(block, name) for name in ("tangent", "tangent_lanes", "track_tangent", "seeds")}
-    derivatives = {name: getattr(sensitivity, name) for name in ("by_constant", "by_constant_lanes")}
-    blocks = (block, *(allocate_block()._replace(**transitions) for _ in range(count - 1)))
-    others = (allocate_sensitivity(parameters)._replace(**derivatives) for _ in range(count - 1))
-    sums = tuple(allocate_information(steps, parameters) for _ in range(count))
-    return blocks, (sensitivity, *others), sums
-
-
-def allocate_sensitivity_checkpoints(steps: int, parameters: int) -> SensitivityCheckpoints:
-    """Allocate the memory for the checkpoints of a dive."""
-    m, p = steps // BLOCK + 1, parameters
+def allocate_sensitivity_checkpoints(segments: int, parameters: int) -> SensitivityCheckpoints:
+    """Allocate the memory for the checkpoints of a dive in segments; without segments there are none."""
+    m, p = segments // BLOCK + 1 if segments else 0, parameters
     return SensitivityCheckpoints(
         np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)), np.zeros((m, p, 16)),
         np.zeros((m, p, 2)),

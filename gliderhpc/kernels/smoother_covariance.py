@@ -31,20 +31,6 @@ def symmetrise(matrix):
 
 
 @inner_kernel
-def predict(noise, block, at):
-    """Carry the covariances of row ``at`` over the step to row ``at + 1``: ``Phi P Phi' + Q`` (eq. 24).
-
-    Parameters
-    ----------
-    noise : (6,)
-        Variance that the step adds to the disturbances.
-    """
-    _carry(block, at)
-    for i in range(6):
-        block.covariance[at + 1, 10 + i, 10 + i] += noise[i]
-
-
-@inner_kernel
 def predict_over_segment(segments, block, at):
     """Carry mean and covariances of row ``at`` over a segment to row ``at + 1``, with the noise of its steps."""
     mean, tangent, predicted = block.mean[at], block.tangent[at], block.mean[at + 1]

@@ -130,10 +130,12 @@ class SegmentLanes(NamedTuple):
         As in `Segments`, without the defect of the sensed states.
     after, by_noise : (10, 16), (l, 10, 6)
         As in `Segments`; for the sensed states at the end.
-    after_remaining, by_own : (6,), (l, 6)
-        Decay of the disturbances from the end of the first step, and of each step, to the end.
+    by_own : (l, 6)
+        Decay of the disturbances from the end of each step to the end.
     partials, track_partials : (1, 4, 67), (4, 3, 6)
         Jacobians of the sensed states at a step's four stages, and those of nothing, X and Y by angles and velocities.
+    stages, stage_costates : (4, 10), (4, 12, 10)
+        States at a step's four stages, and costates of the rates there, times 6 / h.
     """
 
     durations: Array
@@ -150,10 +152,11 @@ class SegmentLanes(NamedTuple):
     offset: Array
     after: Array
     by_noise: Array
-    after_remaining: Array
     by_own: Array
     partials: Array
     track_partials: Array
+    stages: Array
+    stage_costates: Array
 
 
 class Block(NamedTuple):
@@ -176,8 +179,8 @@ class Block(NamedTuple):
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
         Gain, innovation over its variance, and reciprocal of that variance (zero where there was no update), for the
         update with each sensed state: the four measured ones and the six that may be damped.
-    seeds : (12, 16)
-        Unit costates of the ten sensed states, X and Y, as lanes.
+    seeds : (10, 16)
+        Unit costates of the ten sensed states, as lanes.
     half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)
         Scratch.
     """
@@ -263,8 +266,8 @@ def allocate_block() -> Block:
 
 
 def _seeds() -> Array:
-    seeds = lane_array(12, GROUPS)
-    seeds.reshape(12, 16)[:, :12] = np.eye(12)
+    seeds = lane_array(10, GROUPS)
+    seeds.reshape(10, 16)[:, :10] = np.eye(10)
     return seeds
 
 
@@ -277,7 +280,7 @@ def copy_row(source, i, target, j):
     copy(source.track[i], target.track[j])
 
 
-def allocate_segments(rows: Array, stands_for: Array) -> Segments:
+def allocate_segments(rows: Array, stands_for: Array = ()) -> Segments:
     """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`."""
     longest = int(np.diff(rows).max())
     noise, after = (lane_array(BLOCK, 16, GROUPS) for _ in range(2))
@@ -297,8 +300,9 @@ def _allocate_lanes(longest: int) -> SegmentLanes:
         noise=lane_array(longest, 6), defects=lane_array(longest, 6), states=lane_array(longest + 1, 12),
         transition=lane_array(12, 16), remaining=lane_array(6), gathered=lane_array(12, 12),
         gathered_cross=lane_array(6, 12), gathered_own=lane_array(6), offset=lane_array(16), after=lane_array(10, 16),
-        by_noise=lane_array(longest, 10, 6), after_remaining=lane_array(6), by_own=lane_array(longest, 6),
+        by_noise=lane_array(longest, 10, 6), by_own=lane_array(longest, 6),
         partials=lane_array(1, 4, ENTRIES), track_partials=lane_array(4, 3, 6),
+        stages=lane_array(4, 10), stage_costates=lane_array(4, 12, 10),
     )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ def _dot6(a, b):
 
 
 @inner_kernel
-def _gather(dive, states, disturbances, segments, number):
+def gather(dive, states, disturbances, segments, number):
     """Copy segments ``number`` to ``number + LANES`` into the lanes; a lane too many repeats the last segment."""
     lanes, rows = segments.lanes, segments.rows
     last = rows.shape[0] - 2
@@ -51,11 +51,26 @@ def _gather(dive, states, disturbances, segments, number):
                 lanes.disturbances[s, i, lane] = disturbances[k, i]
                 defect = dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
                 lanes.defects[s, i, lane] = defect if within else 0.0
-                lanes.noise[s, i, lane] = dive.noise[k, i] if within else 0.0
 
 
 @inner_kernel
-def _run(hull, lanes):
+def gather_noise(dive, segments, number):
+    """Copy the variances of the noise of segments ``number`` to ``number + LANES`` into the lanes; begin its sums."""
+    lanes, rows = segments.lanes, segments.rows
+    last = rows.shape[0] - 2
+    for lane in range(LANES):
+        segment = min(number + lane, last)
+        first, stop = rows[segment], rows[segment + 1]
+        for s in range(lanes.durations.shape[0]):
+            for i in range(6):
+                lanes.noise[s, i, lane] = dive.noise[first + s, i] if first + s < stop else 0.0
+    clear(lanes.gathered)
+    clear(lanes.gathered_cross)
+    clear(lanes.gathered_own)
+
+
+@inner_kernel
+def run_model(hull, lanes):
     """Run the model over the segments."""
     for s in range(lanes.durations.shape[0]):
         h, body = load(lanes.durations, s), load_body(lanes.bodies, s)
@@ -68,12 +83,9 @@ def _run(hull, lanes):
 
 
 @inner_kernel
-def _begin(lanes):
-    """Begin the products at the segments' ends: identity, no decay, no noise."""
+def begin_products(lanes):
+    """Begin the products at the segments' ends: identity, no decay, no defect."""
     clear(lanes.transition)
-    clear(lanes.gathered)
-    clear(lanes.gathered_cross)
-    clear(lanes.gathered_own)
     clear(lanes.offset)
     one = zero_like(load(lanes.durations, 0)) + 1.0
     for i in range(10):
@@ -83,34 +95,47 @@ def _begin(lanes):
 
 
 @inner_kernel
-def _add_noise(lanes, s):
-    """Add the noise and the disturbances' defects of step ``s``, carried from its end to the end of the segment."""
-    noise, defects = _load_six(lanes.noise, s, 0), _load_six(lanes.defects, s, 0)
+def add_noise(lanes, s):
+    """Add the noise of step ``s``, carried from its end to the end of the segment."""
+    noise = _load_six(lanes.noise, s, 0)
     for i in range(12):
         t = _load_six(lanes.transition, i, 10)
         weighted = (
-            noise[0] * t[0],
-            noise[1] * t[1],
-            noise[2] * t[2],
-            noise[3] * t[3],
-            noise[4] * t[4],
-            noise[5] * t[5],
-        )
+            noise[0] * t[0], noise[1] * t[1], noise[2] * t[2], noise[3] * t[3], noise[4] * t[4], noise[5] * t[5],
+        )  # fmt: skip
         for j in range(i + 1):
             total = load(lanes.gathered, (i, j)) + _dot6(weighted, _load_six(lanes.transition, j, 10))
             store(lanes.gathered, (i, j), total)
         for j in range(6):
             total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(lanes.remaining, j)
             store(lanes.gathered_cross, (j, i), total)
-        if i < 10:
-            store(lanes.offset, i, load(lanes.offset, i) + _dot6(defects, t))
-            for j in range(6):
-                store(lanes.by_noise, (s, i, j), t[j])
     for j in range(6):
         left = load(lanes.remaining, j)
         store(lanes.gathered_own, j, load(lanes.gathered_own, j) + noise[j] * left * left)
-        store(lanes.offset, 10 + j, load(lanes.offset, 10 + j) + defects[j] * left)
-        store(lanes.by_own, (s, j), left)
+
+
+@inner_kernel
+def add_defects(lanes, s):
+    """Add the disturbances' defects of step ``s``, carried from its end to the end of the segment."""
+    defects = _load_six(lanes.defects, s, 0)
+    for i in range(10):
+        store(lanes.offset, i, load(lanes.offset, i) + _dot6(defects, _load_six(lanes.transition, i, 10)))
+    for j in range(6):
+        store(lanes.offset, 10 + j, load(lanes.offset, 10 + j) + defects[j] * load(lanes.remaining, j))
+
+
+@inner_kernel
+def _save_products(lanes, s):
+    """Save what the products are at the end of step ``s``, for the backward sweep."""
+    for i in range(10):
+        for j in range(6):
+            store(lanes.by_noise, (s, i, j), load(lanes.transition, (i, 10 + j)))
+    for j in range(6):
+        store(lanes.by_own, (s, j), load(lanes.remaining, j))
+    if s == 0:
+        for i in range(10):
+            for j in range(16):
+                store(lanes.after, (i, j), load(lanes.transition, (i, j)))
 
 
 @inner_kernel
@@ -126,6 +151,8 @@ def _store_stages(hull, lanes, s):
         for row in range(2):
             for i in range(6):
                 store(lanes.track_partials, (number, 1 + row, i), h * track[row][i])
+        for i in range(10):
+            store(lanes.stages, (number, i), stage[i])
         stage = shifted(y, h if number == 2 else 0.5 * h, rates(hull, body, stage, disturbance))
 
 
@@ -140,8 +167,8 @@ def _load_track(partials, number, row, zero):
 
 
 @inner_kernel
-def _pull_back(hull, decay, lanes, s):
-    """Multiply the transition from the right by that of step ``s``."""
+def pull_back(hull, decay, lanes, s):
+    """Multiply the transition from the right by that of step ``s``; the stages and their costates are stored."""
     _store_stages(hull, lanes, s)
     h, transition = load(lanes.durations, s), lanes.transition
     sixth, zero = h / 6.0, zero_like(h)
@@ -155,12 +182,17 @@ def _pull_back(hull, decay, lanes, s):
             _load_track(lanes.track_partials, 0, row, zero), _load_track(lanes.track_partials, 1, row, zero),
             _load_track(lanes.track_partials, 2, row, zero), _load_track(lanes.track_partials, 3, row, zero),
         )  # fmt: skip
-        new, push = pulled_over_step(lanes.partials, 0, load_ten(transition, i), by_stages, zero)
+        new, costates = pulled_over_step(lanes.partials, 0, load_ten(transition, i), by_stages, zero)
+        n1, n2, n3, n4 = costates
         for j in range(10):
             store(transition, (i, j), new[j])
+            store(lanes.stage_costates, (0, i, j), n1[j])
+            store(lanes.stage_costates, (1, i, j), n2[j])
+            store(lanes.stage_costates, (2, i, j), n3[j])
+            store(lanes.stage_costates, (3, i, j), n4[j])
         for j in range(6):
             decayed = load(transition, (i, 10 + j)) * _decay_over(decay, h, j)
-            store(transition, (i, 10 + j), decayed + pushes[j] * push[j])
+            store(transition, (i, 10 + j), decayed + pushes[j] * (n4[4 + j] + n3[4 + j] + n2[4 + j] + n1[4 + j]))
     for j in range(6):
         store(lanes.remaining, j, load(lanes.remaining, j) * _decay_over(decay, h, j))
 
@@ -173,7 +205,7 @@ def _decay_over(decay, h, i):
 
 
 @inner_kernel
-def _scatter_run(dive, states, segments, number, tally):
+def scatter_run(dive, states, segments, number, tally):
     """Write the run of each segment into the path, up to the row before its end; X and Y up to its end.
 
     The defects of the sensed states are added to the offsets, and those of the disturbances to the cost.
@@ -198,13 +230,12 @@ def _scatter_run(dive, states, segments, number, tally):
 
 
 @inner_kernel
-def _scatter(segments, number, block, at):
-    """Write the results of the lanes to the rows of the block from ``at`` on."""
+def scatter_transition(segments, number, block, at):
+    """Write transitions and offsets to the rows of the block from ``at`` on."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
         row = at + lane
         tangent, moved = block.tangent[row], block.track_tangent[row]
-        noise, cross, track = segments.noise[row], segments.noise_cross[row], segments.noise_track[row]
         for i in range(16):
             segments.offset[row, i] = lanes.offset[i, lane]
             for j in range(10):
@@ -213,6 +244,15 @@ def _scatter(segments, number, block, at):
                 tangent[i, 10 + j] = lanes.remaining[j, lane] if i == 10 + j else 0.0
             moved[0, i] = lanes.transition[10, i, lane]
             moved[1, i] = lanes.transition[11, i, lane]
+
+
+@inner_kernel
+def scatter_noise(segments, number, at):
+    """Write the covariances of the noise to the rows of the block from ``at`` on."""
+    lanes = segments.lanes
+    for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
+        row = at + lane
+        noise, cross, track = segments.noise[row], segments.noise_cross[row], segments.noise_track[row]
         for i in range(10):
             for j in range(i + 1):
                 noise[i, j] = lanes.gathered[i, j, lane]
@@ -223,8 +263,7 @@ def _scatter(segments, number, block, at):
             cross[0, i] = lanes.gathered[10, i, lane]
             cross[1, i] = lanes.gathered[11, i, lane]
         for i in range(6):
-            for j in range(6):
-                noise[10 + i, 10 + j] = lanes.gathered_own[i, lane] if i == j else 0.0
+            noise[10 + i, 10 + i] = lanes.gathered_own[i, lane]
             cross[0, 10 + i] = lanes.gathered_cross[i, 10, lane]
             cross[1, 10 + i] = lanes.gathered_cross[i, 11, lane]
         track[0, 0], track[1, 1] = lanes.gathered[10, 10, lane], lanes.gathered[11, 11, lane]
@@ -233,7 +272,7 @@ def _scatter(segments, number, block, at):
 
 
 @inner_kernel
-def _scatter_noise(segments, number, at):
+def _scatter_products(segments, number, at):
     """Write what only the backward sweep uses: derivatives by the noise, and the transition after the first step."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
@@ -242,7 +281,7 @@ def _scatter_noise(segments, number, at):
             for j in range(10):
                 after[j, i] = lanes.after[j, i, lane]
         for j in range(6):
-            after[10 + j, 10 + j] = lanes.after_remaining[j, lane]
+            after[10 + j, 10 + j] = lanes.by_own[0, j, lane]
         for s in range(lanes.durations.shape[0]):
             by_noise = segments.by_noise[at + lane, s]
             for i in range(10):
@@ -250,16 +289,6 @@ def _scatter_noise(segments, number, at):
                     by_noise[i, j] = lanes.by_noise[s, i, j, lane]
             for i in range(6):
                 by_noise[10 + i, i] = lanes.by_own[s, i, lane]
-
-
-@inner_kernel
-def _save_after(lanes):
-    """Save the transition before the segments' first step is multiplied to it."""
-    for i in range(10):
-        for j in range(16):
-            store(lanes.after, (i, j), load(lanes.transition, (i, j)))
-    for i in range(6):
-        store(lanes.after_remaining, i, load(lanes.remaining, i))
 
 
 @kernel
@@ -283,15 +312,30 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
         Whether the results that only the backward sweep uses are stored too.
     """
     lanes = segments.lanes
-    _gather(dive, states, disturbances, segments, number)
-    _run(hull, lanes)
-    _begin(lanes)
+    gather(dive, states, disturbances, segments, number)
+    gather_noise(dive, segments, number)
+    run_model(hull, lanes)
+    begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
-        _add_noise(lanes, s)
-        if s == 0:
-            _save_after(lanes)
-        _pull_back(hull, dive.decay, lanes, s)
-    _scatter_run(dive, states, segments, number, tally)
-    _scatter(segments, number, block, at)
+        add_noise(lanes, s)
+        add_defects(lanes, s)
+        if backwards:
+            _save_products(lanes, s)
+        pull_back(hull, dive.decay, lanes, s)
+    scatter_run(dive, states, segments, number, tally)
+    scatter_transition(segments, number, block, at)
+    scatter_noise(segments, number, at)
     if backwards:
-        _scatter_noise(segments, number, at)
+        _scatter_products(segments, number, at)
+
+
+@kernel
+def run_segments(hull, dive, states, disturbances, segments, tally):
+    """Replace the rows inside the segments by the model's run, and X and Y by the displacement along it.
+
+    The arguments are those of `linearise_segments`.
+    """
+    for number in range(0, segments.rows.shape[0] - 1, LANES):
+        gather(dive, states, disturbances, segments, number)
+        run_model(hull, segments.lanes)
+        scatter_run(dive, states, segments, number, tally)

@@ -86,7 +86,7 @@ def _with_psi(f, n_psi):
     return f[0], f[1], n_psi, f[2], f[3], f[4], f[5], f[6], f[7], f[8]
 
 
-_NO_PUSH = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @formula
@@ -104,8 +104,8 @@ def pulled_over_step(partials, k, a, by_stages, zero):
 
     Returns
     -------
-    tuple of ten, tuple of six
-        The costate before the step; and the sum of the stages' costates of the velocities and rates, times 6 / h.
+    tuple of ten, tuple of four tuples of ten
+        The costate before the step, and those of the four stages, times 6 / h.
 
     Notes
     -----
@@ -121,11 +121,7 @@ def pulled_over_step(partials, k, a, by_stages, zero):
     n1 = shifted(f2, 1.0, a)
     f1 = shifted(_with_psi(pulled(partials, (k, 0), n1), zero), 1.0, by_stages[0])
     new = shifted(a, 1.0 / 6.0, shifted(shifted(f1, 1.0, f4), 2.0, shifted(f2, 1.0, f3)))
-    push = (
-        a[4] + n3[4] + n2[4] + n1[4], a[5] + n3[5] + n2[5] + n1[5], a[6] + n3[6] + n2[6] + n1[6],
-        a[7] + n3[7] + n2[7] + n1[7], a[8] + n3[8] + n2[8] + n1[8], a[9] + n3[9] + n2[9] + n1[9],
-    )  # fmt: skip
-    return new, push
+    return new, (n1, n2, n3, a)
 
 
 @kernel
@@ -143,9 +139,9 @@ def pull_back(hull, durations, decay, partials, transition, k):
     )  # fmt: skip
     for row in range(10):
         a = load_ten(transition, row)
-        new, push = pulled_over_step(partials, k, a, (_NO_PUSH, _NO_PUSH, _NO_PUSH, _NO_PUSH), zero_like(h))
+        new, (n1, n2, n3, n4) = pulled_over_step(partials, k, a, (_NOTHING, _NOTHING, _NOTHING, _NOTHING), zero_like(h))
         for i in range(10):
             store(transition, (row, i), new[i])
         for i in range(6):
             decayed = load(transition, (row, 10 + i)) * decay_over(decay, h, i)
-            store(transition, (row, 10 + i), decayed + pushes[i] * push[i])
+            store(transition, (row, 10 + i), decayed + pushes[i] * (n4[4 + i] + n3[4 + i] + n2[4 + i] + n1[4 + i]))

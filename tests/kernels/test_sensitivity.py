@@ -11,52 +11,65 @@ from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing
 from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
-from gliderhpc.estimation.smoother.problem import Trajectory
-from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
+from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters
-from gliderhpc.kernels.constants_gradient import HULL_CONSTANTS
-from gliderhpc.kernels.sensitivity import step_by_state_and_constants
-from gliderhpc.kernels.sensitivity_memory import allocate_sensitivity
-from gliderhpc.kernels.smoother_memory import BLOCK, allocate_block
+from gliderhpc.kernels.sensitivity import linearise_with_constants
+from gliderhpc.kernels.sensitivity_memory import allocate_scratch
+from gliderhpc.kernels.smoother_memory import BLOCK
 
 STEPS = 4 * BLOCK + 10
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_step_s_derivatives_by_the_hull_are_complex_steps(seed):
+def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
     """Test every parameter of the catalogue, for random states, with rudder and battery turned (docs/smoother.md)."""
     rng = np.random.default_rng(seed)
     platform = lopsided_platform(K_delta=3.0, K_L0=0.4)
     glider, n = Glider(platform), 2
     raw = np.tile([*rng.uniform(-0.02, 0.02, 1), *rng.uniform(-1.0, 1.0, 1), 2e-4, 0.1], (n, 1))
+    raw[1, 0] += 0.005
     state, b = random_state(rng), random_disturbances(rng, 1)[0]
     measurements = np.tile(state[MEASURED], (n + 1, 1))
     profile, parameters = profile_of(glider, measurements, raw), hull_only(platform)
-    dive = fly(1, 10).dive._replace(bodies=profile.bodies, fed=np.ones(n + 1, bool))
+    fed = np.array([True, False, True])
+    dive = fly(1, 2).dive._replace(bodies=profile.bodies, fed=fed)
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
-    sensitivity, block = allocate_sensitivity(len(parameters)), allocate_block()
+    scratch = allocate_scratch(segment_rows(dive, longest=n), forcing)
     path = np.tile(state, (n + 1, 1)), np.tile(b, (n + 1, 1))
-    new, north, east = step_by_state_and_constants(glider.hull, dive, *path, 0, block, 0, sensitivity)
-    by_constants = np.zeros((len(parameters), 35))
-    by_constants[forcing.parameter, forcing.constant] = forcing.slope
-    by_constants[forcing.moving, HULL_CONSTANTS:] = forcing.bodies[0]
-    actual = by_constants @ sensitivity.by_constant[:, :12]
-    for parameter, row in zip(parameters, actual, strict=True):
-        expected = step_slope(platform, parameter, state, raw[0], b)[[*range(10), 16, 17]]
+    block, sensitivity = scratch.blocks[0], scratch.sensitivities[0]
+    linearise_with_constants(
+        glider.hull,
+        (dive,),
+        forcing,
+        *path,
+        scratch.segments,
+        0,
+        block,
+        0,
+        scratch.tally,
+        scratch.gradient,
+        sensitivity,
+    )
+    controls = controls_of(platform, profile.series)
+    Phi, middle = dense_transition(controls[1], path[0][1], b, np.ones(6), platform)[0], path[0][1]
+    Phi = Phi[np.ix_(ORDER, ORDER)]
+    for parameter, row in zip(parameters, sensitivity.forced[0], strict=True):
+        expected = Phi @ step_slope(platform, parameter, state, raw[0], b)
+        expected = (expected + step_slope(platform, parameter, middle, raw[1], b))[[*range(10), 16, 17]]
         scale = np.abs(expected).max()
         assert scale > 0.0, parameter.key
         np.testing.assert_allclose(row, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=parameter.key)
-    control = controls_of(platform, profile.series)[0]
-    Phi, expected = dense_transition(control, state, b, dive.decay, platform)
-    Phi = Phi[np.ix_(ORDER, ORDER)]
-    np.testing.assert_allclose(block.tangent[0].T, Phi[:16, :16], rtol=1e-10, atol=1e-12 * np.abs(Phi).max())
-    np.testing.assert_allclose(block.track_tangent[0], Phi[16:, :16], rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(new, expected[SENSED], rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose([north, east], expected[3:5] - state[3:5], rtol=1e-8)
+
+
+@pytest.fixture(scope="module", params=[1, 3], ids=["steps", "segments"])
+def longest(request):
+    """Return the largest number of steps of a segment."""
+    return request.param
 
 
 @pytest.fixture(scope="module")
-def problem():
+def problem(longest):
     """Return a dive with gaps, a path that does not follow from its disturbances, and all parameters of its hull."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
@@ -123,14 +136,15 @@ class DenseHull:
 
 
 @pytest.fixture(scope="module")
-def dense(problem):
+def dense(problem, found):
     return DenseHull(*problem)
 
 
 @pytest.fixture(scope="module")
-def found(problem):
+def found(problem, longest):
     dive, path, forcing, _ = problem
-    return sensitivity_sweeps(PETREL.hull, dive, forcing, path, np.arange(0, STEPS + 1, 7))
+    wanted = np.arange(0, STEPS + 1, 7)
+    return sensitivity_sweeps(PETREL.hull, dive, forcing, path, segment_rows(dive, wanted, longest=longest), wanted)
 
 
 def test_information_and_score_are_those_of_the_hull_as_states(found, dense):
@@ -153,13 +167,15 @@ def test_smoothed_sensitivities_are_those_of_the_hull_as_states(found, dense):
     np.testing.assert_allclose(smoothed.displacement.T, dense.smoothed[-1, 16:], rtol=1e-8, atol=1e-10)
 
 
-def test_assumptions_of_the_noise_are_each_as_if_alone(problem):
+def test_assumptions_of_the_noise_are_each_as_if_alone(problem, longest):
     """They share steps and derivatives, and have separate covariances, gains and sums."""
     dive, path, forcing, _ = problem
     assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
-    together = sum_information(PETREL.hull, assumed, forcing, path)
+    wanted = np.array([0, STEPS])
+    rows = segment_rows(dive, wanted, longest=longest)
+    together = sum_information(PETREL.hull, assumed, forcing, path, rows)
     for one, found in zip(assumed, together, strict=True):
-        alone, _ = sensitivity_sweeps(PETREL.hull, one, forcing, path, np.array([0, STEPS]))
+        alone, _ = sensitivity_sweeps(PETREL.hull, one, forcing, path, rows, wanted)
         for name in ("matrix", "score", "filtered"):
             np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-11, atol=1e-12)
     assert np.abs(together[0].score - together[1].score).max() > 0.01

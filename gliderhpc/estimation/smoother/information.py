@@ -17,7 +17,7 @@ from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
-from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.quiet_path import quiet_path
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
@@ -27,15 +27,16 @@ from gliderhpc.kernels.sensitivity_memory import (
     Forcing,
     Information,
     SmoothedSensitivity,
-    allocate_alternatives,
     allocate_information,
-    allocate_sensitivity,
+    allocate_scratch,
     allocate_sensitivity_checkpoints,
     allocate_smoothed,
 )
-from gliderhpc.kernels.smoother_memory import Dive, allocate_block
+from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive, allocate_segments
+from gliderhpc.kernels.smoother_segments import run_segments
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 MEASURED = np.array([0, 1, 2, 5])
 """Indices of the measured states among the twelve of eq. 16."""
@@ -154,13 +155,14 @@ def dive_information(
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
-    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, rows)
-    path = quiet_path(profile, smoothed) or moved(smoothed, flyable(about_smoothed.filtered))
+    between = segment_rows(dive, rows.tolist())
+    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, between, rows)
+    path = quiet_path(profile, smoothed) or moved(hull, dive, smoothed, between, flyable(about_smoothed.filtered))
     at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
-    found, *others = sum_information(hull, assumed, forcing, path)
+    found, *others = sum_information(hull, assumed, forcing, path, between)
     states = np.empty((len(rows), 12, len(parameters)))
     states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = sensitivity.track.swapaxes(1, 2)
@@ -178,15 +180,22 @@ def dive_information(
     )
 
 
-def moved(path: Trajectory, deviations: Array) -> Trajectory:
-    """Move a path by deviations ``(n+1, 16)`` of its sensed states and disturbances."""
-    states = path.states.copy()
-    states[:, SENSED] += deviations[:, :10]
-    return Trajectory(states, path.disturbances + deviations[:, 10:])
+def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:
+    """Move a path by deviations ``(s+1, 16)`` of its sensed states and disturbances in the rows between segments.
+
+    Inside a segment, the disturbances' deviations decay from its first row on, and the states are the model's run.
+    """
+    states, disturbances = path.states.copy(), path.disturbances.copy()
+    states[np.ix_(rows, SENSED)] += deviations[:, :10]
+    steps = np.arange(len(disturbances))
+    segment = np.searchsorted(rows, steps, side="right") - 1
+    disturbances += dive.decay ** (steps - rows[segment])[:, None] * deviations[segment, 10:]
+    run_segments(hull, dive, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
+    return Trajectory(states, disturbances)
 
 
 def flyable(deviations: Array) -> Array:
-    """Filter's deviations ``(n+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_FARTHEST`.
+    """Filter's deviations ``(s+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_FARTHEST`.
 
     Near rest, or about the path of a wrong hull, a linearised filter may be in error by radians and metres per second,
     and a step from there may not be finite.
@@ -220,26 +229,35 @@ def symmetric(lower: Array) -> Array:
 
 
 def sum_information(
-    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory
+    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory, rows: Rows
 ) -> tuple[Information, ...]:
-    """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise."""
-    memory = allocate_alternatives(len(assumed[0].bodies), len(forcing.start), len(assumed))
-    kernel.sum_information(hull, tuple(assumed), forcing, trajectory.states, trajectory.disturbances, *memory)
-    return memory[-1]
+    """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise.
+
+    Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
+    """
+    parameters = len(forcing.start)
+    sums = tuple(allocate_information(len(rows) - 1, parameters) for _ in assumed)
+    kernel.sum_information(
+        hull, tuple(assumed), forcing, trajectory.states, trajectory.disturbances,
+        *allocate_scratch(rows, forcing, len(assumed)), allocate_sensitivity_checkpoints(0, parameters), sums,
+    )  # fmt: skip
+    return sums
 
 
 def sensitivity_sweeps(
-    hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory, rows: NDArray[np.int64]
+    hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory, rows: Rows, wanted: Rows
 ) -> tuple[Information, SmoothedSensitivity]:
-    """Information and score about a trajectory, and sensitivities of the smoothed states at `rows`."""
-    memory, information = _memory(dive, forcing)
-    out = allocate_smoothed(rows, len(forcing.start))
-    scratch = allocate_information(len(dive.bodies), len(forcing.start))
-    kernel.sweep(hull, dive, forcing, trajectory.states, trajectory.disturbances, *memory, information, scratch, out)
+    """Information and score about a trajectory, and sensitivities of the smoothed states at some of the ``rows``.
+
+    Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
+    """
+    segments, parameters = len(rows) - 1, len(forcing.start)
+    information, scratch = (allocate_information(segments, parameters) for _ in range(2))
+    problem = (
+        hull, (dive,), forcing, trajectory.states, trajectory.disturbances, *allocate_scratch(rows, forcing),
+        allocate_sensitivity_checkpoints(segments, parameters),
+    )  # fmt: skip
+    out = allocate_smoothed(wanted, parameters)
+    kernel.sum_information(*problem, (information,))
+    kernel.smooth_sensitivity(*problem, (scratch,), out)
     return information, out
-
-
-def _memory(dive: Dive, forcing: Forcing) -> tuple[Sequence[object], Information]:
-    steps, parameters = len(dive.bodies), len(forcing.start)
-    memory = allocate_block(), allocate_sensitivity(parameters), allocate_sensitivity_checkpoints(steps, parameters)
-    return memory, allocate_information(steps, parameters)
