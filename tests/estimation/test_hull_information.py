@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.hull_errors import profile_of, steady_controls
-from support.smoothing import MEASURED, PETREL, fly, with_measured
+from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 
 from gliderhpc.estimation.preparation import corrected
 from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
@@ -22,7 +22,7 @@ from gliderhpc.estimation.smoother.information import (
 from gliderhpc.estimation.smoother.iterate import iterate_passes
 from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
-from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_covariance, with_values
 from gliderhpc.observations.records import ProfileRecord
@@ -66,7 +66,7 @@ def test_the_score_is_the_slope_of_the_evidence(flown):
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, at)
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
-    information = sum_information(PETREL.hull, [dive.dive], forcing, path)[0]
+    information = sum_information(PETREL.hull, [dive.dive], forcing, path, segment_rows(dive.dive))[0]
     names = [p.key for p in parameters]
     for key in ("viscous.K_D0", "viscous.K_L", "position.battery", "buoyancy.neutral_volume", "sensors.pitch_offset"):
         eta = np.zeros(len(parameters))
@@ -83,7 +83,7 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
     rows = np.arange(0, STEPS, 50)
-    _, found = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, rows)
+    _, found = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, segment_rows(dive.dive, rows), rows)
     for key in ("viscous.K_D0", "position.battery", "sensors.pitch_offset"):
         j = [p.key for p in parameters].index(key)
         eta = np.zeros(len(parameters))
@@ -281,16 +281,39 @@ def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
     """A stretch where the linearised filter is in error by metres per second is linearised about the smoothed path."""
     dive, profile, parameters = flown
     forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
-    about, _ = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, dive.guess, np.arange(0, STEPS, 50))
+    rows, path = segment_rows(dive.dive), dive.guess
+    about, _ = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, rows, rows[::10])
     np.testing.assert_array_equal(flyable(about.filtered), about.filtered)
     wild = about.filtered.copy()
-    wild[200:230, 4:7] += 30.0
-    wild[230:240, 0] -= 8.0
-    assert not _is_finite(sum_information(PETREL.hull, [dive.dive], forcing, moved(dive.guess, wild))[0])
+    wild[40:46, 4:7] += 30.0
+    wild[46:48, 0] -= 8.0
+
+    def information(deviations):
+        about = moved(PETREL.hull, dive.dive, path, rows, deviations)
+        return sum_information(PETREL.hull, [dive.dive], forcing, about, rows)[0]
+
+    assert not _is_finite(information(wild))
     held = flyable(wild)
-    assert not held[200:240].any()
-    np.testing.assert_array_equal(held[240:], about.filtered[240:])
-    assert _is_finite(sum_information(PETREL.hull, [dive.dive], forcing, moved(dive.guess, held))[0])
+    assert not held[40:48].any()
+    np.testing.assert_array_equal(held[48:], about.filtered[48:])
+    assert _is_finite(information(held))
+
+
+def test_a_moved_path_is_a_run_of_the_model_inside_segments(flown):
+    """The disturbances' deviations decay from the first row of each segment, where the path moves by what is given."""
+    dive = flown[0]
+    rows, path = segment_rows(dive.dive, longest=4), dive.guess
+    deviations = 1e-3 * np.random.default_rng(6).standard_normal((len(rows), 16))
+    about = moved(PETREL.hull, dive.dive, path, rows, deviations)
+    np.testing.assert_allclose(about.states[rows][:, SENSED], path.states[rows][:, SENSED] + deviations[:, :10])
+    controls = np.tile(GLIDE.control, (STEPS, 1))
+    for segment in (0, 5, len(rows) - 2):
+        first, stop = rows[segment], rows[segment + 1]
+        steps = np.arange(stop - first)[:, None]
+        expected = path.disturbances[first:stop] + dive.dive.decay**steps * deviations[segment, 10:]
+        np.testing.assert_allclose(about.disturbances[first:stop], expected)
+        run = PETREL.simulate(about.states[first], controls[first : stop - 1], about.disturbances[first : stop - 1], H)
+        np.testing.assert_allclose(about.states[first:stop], run, rtol=1e-12, atol=1e-12)
 
 
 def _is_finite(information):
@@ -300,12 +323,13 @@ def _is_finite(information):
 def test_information_is_symmetric_and_grows_with_samples(flown):
     dive, profile, parameters = flown
     forcing, path = _forced(flown)
-    whole = symmetric(sum_information(PETREL.hull, [dive.dive], forcing, path)[0].matrix)
+    rows = segment_rows(dive.dive)
+    whole = symmetric(sum_information(PETREL.hull, [dive.dive], forcing, path, rows)[0].matrix)
     half = dive.dive.measured.copy()
     half[STEPS // 2 :] = np.nan
     part_dive = with_measured(dive.dive, half)
     part_forcing = hull_forcing(profile, part_dive, RecordSettings(), parameters, profile.series.measurements)
-    part = symmetric(sum_information(PETREL.hull, [part_dive], part_forcing, path)[0].matrix)
+    part = symmetric(sum_information(PETREL.hull, [part_dive], part_forcing, path, rows)[0].matrix)
     np.testing.assert_array_equal(whole, whole.T)
     change = np.linalg.eigvalsh(whole - part)
     assert change.min() > -1e-9 * change.max()

@@ -158,8 +158,8 @@ def test_a_file_that_is_no_library_is_refused(tmp_path):
     ("layout", "complaint"),
     [
         ((0, LANES, 24, 11, 62, 67, 2), "interface version 0, but 1 is needed"),
-        ((1, LANES, 23, 11, 62, 67, 2), "numbers of a hull 23, and 24 is wanted"),
-        ((1, LANES, 24, 11, 50, 67, 2), "numbers of a step on the tape 50, and 62 is wanted"),
+        ((1, LANES, 23, 11, 62, 67, 2), "numbers of a hull 23, but 24 is needed here"),
+        ((1, LANES, 24, 11, 50, 67, 2), "numbers of a step on the tape 50, but 62 is needed here"),
     ],
 )
 def test_another_layout_is_refused(layout, complaint):

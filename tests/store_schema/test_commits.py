@@ -277,7 +277,7 @@ def test_the_table_is_what_was_committed(own_copy, swift_store):
     assert "3 done" in program("info", own_copy).out
     answer = program("check", own_copy)
     assert answer.status == 1
-    assert "profile 1, dac_north: the table has nan, the commit" in answer.out
+    assert "profile 1, dac_north: the table has nan, but the commit" in answer.out
 
 
 def test_an_intact_archive_opens_as_plain_xarray_opens_it(swift_store):
