@@ -306,7 +306,7 @@ def test_pitch_all_missing(tmp_path):
 def test_too_few_values_of_a_measurement(tmp_path):
     roll = mission()["roll"]
     roll[first_sample(2) + 12 : first_sample(2) + SAMPLES] = np.nan
-    assert "roll has only 12 samples that are not NaN, 30 are needed" in fault(write(tmp_path, roll=roll))
+    assert "roll has only 12 samples that are not NaN, but 30 are needed" in fault(write(tmp_path, roll=roll))
 
 
 def test_profile_of_twenty_samples(tmp_path):

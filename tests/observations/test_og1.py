@@ -138,7 +138,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
     [
         (
             {"PITCH": None},
-            r"has no pitch \(PITCH or GLIDER_PITCH.*it does have ballast volume \(VBD_CC\), roll \(ROLL\)",
+            r"has no pitch \(PITCH or GLIDER_PITCH.*it has ballast volume \(VBD_CC\), roll \(ROLL\)",
         ),
         ({"HEADING": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample of heading"),
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
@@ -197,9 +197,9 @@ TEN = np.arange(10.0)
         (
             {"TIME": TEN, "GLIDER_PITCH": TEN, "DEPTH": TEN},
             r"has no ballast volume \(VBD_CC\); without the ballast.*import the glider's own files instead.*"
-            r"it also lacks roll, heading; it does have pitch \(GLIDER_PITCH\), depth \(DEPTH\), time \(TIME\)",
+            r"it also lacks roll, heading; it has pitch \(GLIDER_PITCH\), depth \(DEPTH\), time \(TIME\)",
         ),
-        ({"time": TEN, "pitch": TEN}, r"has no ballast volume.*it does have pitch \(pitch\), time \(time\)"),
+        ({"time": TEN, "pitch": TEN}, r"has no ballast volume.*it has pitch \(pitch\), time \(time\)"),
         (
             {"m_present_time": TEN, "m_pitch": TEN},
             "contains the sensors of a Slocum, which `gliderhpc import slocum` reads",
@@ -265,11 +265,11 @@ def test_sg033(shared_data, tmp_path):
 @pytest.mark.parametrize(
     ("path", "found"),
     [
-        ("og1-examples/sea076_20230906T0852_R.nc", "lacks roll, pitch, heading; it does have depth"),
-        ("og1-examples/unit_345_20231112T000000_R.nc", "lacks heading, depth; it does have roll (GLIDER_ROLL)"),
-        ("ioos-ngdac/ru29_profile.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
-        ("voto-nrt/voto_nrt.nc", "lacks roll, pitch, heading; it does have depth (depth)"),
-        ("pyglider-l0/dfo-eva035-20190718.nc", "it does have roll (roll), pitch (pitch), heading (heading)"),
+        ("og1-examples/sea076_20230906T0852_R.nc", "lacks roll, pitch, heading; it has depth"),
+        ("og1-examples/unit_345_20231112T000000_R.nc", "lacks heading, depth; it has roll (GLIDER_ROLL)"),
+        ("ioos-ngdac/ru29_profile.nc", "lacks roll, pitch, heading; it has depth (depth)"),
+        ("voto-nrt/voto_nrt.nc", "lacks roll, pitch, heading; it has depth (depth)"),
+        ("pyglider-l0/dfo-eva035-20190718.nc", "it has roll (roll), pitch (pitch), heading (heading)"),
     ],
 )
 def test_foreign_files(shared_data, tmp_path, path, found):

@@ -22,7 +22,7 @@ def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_pa
     assert (summary.vehicle, summary.mission) == ("SEA099", "SEA099-M3")
     assert [profile.number for profile in summary.complete] == [5, 6, 7]
     assert summary.without_profile == {"cycle 8": "only a surface record"}
-    assert summary.remarks == ("cycles 5-8: no payload file, so no CTD",)
+    assert summary.remarks == ("cycles 5-8: no payload file, so no CTD data",)
     assert summary.sample_interval == 20.0
     assert summary.rows_dropped == {}
     assert [round(profile.max_depth) for profile in summary.profiles] == [100, 101, 102]
@@ -282,7 +282,7 @@ def test_any_ctd_in_either_unit_of_conductivity(tmp_path, header, values, salini
     summary, found = ctd_of(folder, tmp_path / "out.nc")
     assert summary.ctd_samples == 1
     assert found["practical_salinity"] == pytest.approx(salinity, abs=1e-3)
-    assert summary.remarks == ("cycles 6-8: no payload file, so no CTD",)
+    assert summary.remarks == ("cycles 6-8: no payload file, so no CTD data",)
 
 
 def test_a_pressure_that_is_absent_is_made_from_depth(tmp_path):
@@ -308,8 +308,8 @@ def test_the_full_record_of_the_payload_goes_before_the_sub_sampled(tmp_path):
     assert found["temperature"] == 9.5
     assert summary.ctd_samples == 2
     assert summary.remarks == (
-        "cycle 6: no sample of a CTD in the payload file, so no CTD",
-        "cycles 7-8: no payload file, so no CTD",
+        "cycle 6: no sample of a CTD in the payload file, so no CTD data",
+        "cycles 7-8: no payload file, so no CTD data",
     )
     (folder / "sea099.3.pld1.sub.5").unlink()
     assert ctd_of(folder, tmp_path / "raw.nc")[0].ctd_samples == 1
@@ -327,8 +327,8 @@ def test_a_payload_without_ctd_or_not_readable_is_a_remark(tmp_path):
     assert "sea099.3.pld1.raw.6.gz: cannot be read" in summary.remarks[0]
     assert "sea099.3.pld1.sub.7: has no column PLD_REALTIMECLOCK" in summary.remarks[1]
     assert summary.remarks[2:] == (
-        "cycles 5-7: no sample of a CTD in the payload file, so no CTD",
-        "cycle 8: no payload file, so no CTD",
+        "cycles 5-7: no sample of a CTD in the payload file, so no CTD data",
+        "cycle 8: no payload file, so no CTD data",
     )
 
 
@@ -453,7 +453,7 @@ def test_mission_10(shared_data, tmp_path):
     assert len(summary.complete) == 59
     assert {profile.number for profile in summary.profiles if profile.fault} == {1, 2}
     assert summary.without_profile == {"cycle 97": "only a surface record"}
-    assert summary.remarks == ("cycle 8: no payload file, so no CTD",)
+    assert summary.remarks == ("cycle 8: no payload file, so no CTD data",)
     assert summary.rows_dropped == {"clock not set": 4}
     assert summary.sample_interval == 20.0
     by_number = {profile.number: profile for profile in summary.profiles}

@@ -209,7 +209,7 @@ def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
         assert studies_in(opened) == []
         with pytest.raises(InputError, match="does not hold the study validation"):
             show_study("validation", opened)
-        with pytest.raises(InputError, match="no such study"):
+        with pytest.raises(InputError, match="not a study"):
             show_study("nothing", opened)
     write_table_rows(archive, {1: {"pitch_rmse": 1.5}, 2: {"message": "no fix"}}, "validation")
     finish_study(archive, "validation", {"trend": 0.1})

@@ -291,7 +291,7 @@ def test_the_study_tells_coverage_scales_and_a_budget(findings, tmp_path):
     assert [row["kind"] for row in rows].count(RESOLVED) == 14
     median = findings.comparisons["petrel-l, depth-averaged current"][0]
     assert 0.0 < median.ours < 0.05
-    assert any(sentence.startswith("The published 26%") for sentence in content["sentences"])
+    assert any(sentence.startswith("The published terms, with 26%") for sentence in content["sentences"])
     low, high = content["seen"]["paper"]
     assert 0.5 <= low < high <= 2.0 * content["formula"]["baseline_limit"]
     strong = [line["coherence"] for line in strongest(content["transfer"], "paper")]
