@@ -1,6 +1,6 @@
 """Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
 
-Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,drawn,calm] [--seeds 1:2] [--rounds 0,4] [--reuse]``
+Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,calm] [--seeds 1:2] [--rounds 0,4] [--reuse]``
 
 A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
 the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate`, with so
@@ -37,6 +37,8 @@ TITLES = {
     "impulses": "Slow forces and yaw impulses, which the prior does not know",
     "drawn": "Disturbances drawn from the prior",
     "calm": "Calm water",
+    "fouling": "A hull that fouls",
+    "paper": "Shear and lateral gusts",
 }
 WAYS = {0: "steady glides", 4: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
@@ -245,7 +247,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="1:2", help="first and last seed of each kind")
     parser.add_argument("--dives", type=int, default=16)
-    parser.add_argument("--kinds", default="impulses,drawn,calm", help=f"of {', '.join(TITLES)}")
+    parser.add_argument("--kinds", default=",".join(TITLES), help=f"of {', '.join(TITLES)}")
     parser.add_argument("--rounds", default="0,4", help="numbers of rounds over the dives, one column each")
     parser.add_argument("--reuse", action="store_true", help="skip missions that already have a score")
     parser.add_argument("--work", type=Path, required=True)

@@ -24,6 +24,8 @@ from gliderhpc.platform import Platform
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Score, check_errors, score_of
+from gliderhpc.tuning.gaussian_chain import Gaussian
+from gliderhpc.tuning.mission_hull import surprise
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
@@ -34,6 +36,9 @@ _JUDGED = 2
 """Number of quantities of the steady balance that judge the hull of the rounds: depth rate and pitch. Roll and rate of
 turn also respond to moments of the water. The dives separate these from moments of the hull; the steady balance does
 not."""
+
+_PROBABLE = 0.01
+"""Probability of a hull's distance from the base below which the hull is refused."""
 
 
 @contextmanager
@@ -67,7 +72,7 @@ class DiveCalibration:
 
 def calibrated_by_dives(
     observations: Observations, platform: Platform, start: Platform, segments: SteadySegments, apart: SteadySegments,
-    settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress,
+    settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress, *, rounds: int,
 ) -> DiveCalibration:  # fmt: skip
     """Calibrate on the dives that have steady segments.
 
@@ -83,11 +88,14 @@ def calibrated_by_dives(
         Settings of the calibration.
     executor, progress : callable
         Functions that open the executor for the dives and the progress display.
+    rounds : int
+        Largest number of rounds.
 
     Raises
     ------
     CalibrationError
-        No dive can be smoothed, or the hull found has no stable glide or is worse than the platform.
+        No dive can be smoothed, or the hull found has no stable glide, is farther from the platform than its plausible
+        deviations allow, or is worse than the platform.
     """
     if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
         platform = with_values(platform, {"viscous.K_delta": platform.viscous.K_delta})
@@ -95,11 +103,12 @@ def calibrated_by_dives(
     held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
     parameters = tuple(p for p in known if p.key not in held)
     fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
-    with executor() as opened, progress(settings.rounds.most * (len(fitted) + len(held_out))) as advance:
+    with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
         found = DiveRounds(
             observations, platform, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
-            turn_test=settings.turn_test, executor=opened, report=advance,
+            most=rounds, turn_test=settings.turn_test, executor=opened, report=advance,
         ).run(start)  # fmt: skip
+    _check_plausible(found)
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
             "calibration: the hull that fits the dives best has no stable dive and climb, so nothing is written; start "
@@ -115,6 +124,26 @@ def calibrated_by_dives(
             ) from error
     check_errors(ours, others, _JUDGED)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
+
+
+def _check_plausible(found: HullRounds) -> None:
+    """Refuse a hull that is farther from the base than its plausible deviations allow.
+
+    Raises
+    ------
+    CalibrationError
+        By chance such a distance would be found less than once in a hundred missions. Water motion that acts like an
+        error of the hull (gusts, shear) has led to it on twins.
+    """
+    distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
+    if probability < _PROBABLE:
+        farthest = int(np.abs(found.eta).argmax())
+        raise CalibrationError(
+            f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
+            f"deviations allow ({found.parameters[farthest].key} by {found.eta[farthest]:+.1f} of them; chi-square "
+            f"{distance:.0f}, expected {expected:.0f}): gusts and shear can act like errors of the hull; if the hull "
+            "does differ that much, give larger uncertainty.deviation in the platform file"
+        )
 
 
 def _score(

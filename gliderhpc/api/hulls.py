@@ -112,7 +112,7 @@ def calibrated_on(
 
     ``progress(total)`` opens a display of the number of finished dives, over all rounds.
     """
-    by_dives = settings.rounds.most > 0 and not settings.calibration.trend
+    rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
     with threadpool_limits(limits=1):
         taken, named = chosen_profiles(observations, profiles, hold_out, settings)
         every = steady_segments(observations, platform, taken, settings, settings.steady)
@@ -120,11 +120,13 @@ def calibrated_on(
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))
     dives, trouble = None, ""
-    if by_dives:
+    if rounds > 0:
         try:
             with threadpool_limits(limits=1):
                 start = fit_trim(platform, segments, settings.calibration, log.info)
-            dives = calibrated_by_dives(observations, platform, start, segments, apart, settings, executor, progress)
+            dives = calibrated_by_dives(
+                observations, platform, start, segments, apart, settings, executor, progress, rounds=rounds
+            )
         except CalibrationError as error:
             trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
             log.warning(trouble)

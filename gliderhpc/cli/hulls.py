@@ -63,19 +63,20 @@ def calibrate(
     observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
     history: Path | None, workers: int | None, assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
 ) -> int:  # fmt: skip
-    """Fit the trim, drag and lateral terms that the steady glides of OBSERVATIONS determine, and write the platform.
+    """Estimate the hull from the steady glides or the whole dives of OBSERVATIONS, and write the platform.
 
-    Neutral volume, depth slope (or compressibility and thermal expansion, where temperature and salinity were
-    measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and the lateral
-    terms where turns determine them; each with its 95 % interval. Parameters that the glides do not determine are
-    listed and held fixed: at the platform's value or, where the glides contradict that, at the most probable one. The
-    errors before and after are printed for profiles held out of the fit. Nothing is written if the fit is worse than
-    the platform (exit status 1).
+    The fit of the steady glides estimates neutral volume, depth slope (or compressibility and thermal expansion, where
+    temperature and salinity were measured), drag, lift, righting moment, battery zero, pitch moments, roll offset, and
+    the lateral terms where turns determine them; each with its 95 % interval. Parameters that the glides do not
+    determine are listed and held fixed: at the platform's value or, where the glides contradict that, at the most
+    probable one. The errors before and after are printed for profiles held out of the fit. Nothing is written if the
+    fit is worse than the platform (exit status 1).
 
-    With --set rounds.most=4 the hull is estimated in rounds over whole dives. In each round all dives are smoothed with
-    the present hull; together they determine all coefficients, trim, and offsets of pitch, roll and compass, which give
-    the next hull, with its covariance. If the last one is worse than the platform on the steady glides, the fit to
-    these is written instead.
+    For hulls with fast sensors (a sample interval of at most 2 s), or with --set rounds.most=4, the hull is estimated
+    in rounds over whole dives. In each round all dives are smoothed with the present hull; together they determine all
+    coefficients, trim, and offsets of pitch, roll and compass, which give the next hull, with its covariance. If the
+    last one is worse than the platform on the steady glides, or farther from it than the plausible deviations allow,
+    the fit to the steady glides is written instead. --set rounds.most=0 leaves out the rounds.
 
     \b
     Examples:
@@ -83,13 +84,13 @@ def calibrate(
       gliderhpc calibrate m12.nc --platform seaexplorer --out sea035.yaml --profiles 38:48 --hold-out 40,44
       gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
       gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
-      gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --set rounds.most=4 --history hull.csv
+      gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --history hull.csv
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
-    if history is not None and settings.rounds.most == 0:
-        raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=4")
     platform = load_platform(platform_name, platform_values)
+    if history is not None and settings.rounds.largest_number(platform) == 0:
+        raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=4")
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:

@@ -237,6 +237,8 @@ class DiveRounds:
         Profiles that are summed, and those that are only compared with the sum.
     estimation, settings, turn_test : EstimationSettings, RoundSettings, TurnTestSettings
         Settings of the smoother, of the rounds and of the turn test.
+    most : int
+        Largest number of rounds.
     executor : Executor
         Executor of the dives.
     report : callable
@@ -253,7 +255,7 @@ class DiveRounds:
     def __init__(
         self, observations: Observations, base: Platform, parameters: tuple[HullParameter, ...],
         fitted: Sequence[int], held_out: Sequence[int], *, estimation: EstimationSettings, settings: RoundSettings,
-        turn_test: TurnTestSettings, executor: Executor, report: Callable[[], None] = lambda: None,
+        most: int, turn_test: TurnTestSettings, executor: Executor, report: Callable[[], None] = lambda: None,
     ) -> None:  # fmt: skip
         self._observations, self._base, self._parameters = observations, base, parameters
         self._fitted, self._held_out = list(fitted), list(held_out)
@@ -261,7 +263,7 @@ class DiveRounds:
         self._estimation = estimation.model_copy(
             update={"step": step, "output_interval": step * round(_RECORD_INTERVAL / step)}
         )
-        self._settings, self._turn_test = settings, turn_test
+        self._settings, self._most, self._turn_test = settings, most, turn_test
         self._executor, self._report = executor, report
         self._prior = HullPrior.plausible(np.array([p.walk(base) for p in parameters]))
 
@@ -289,7 +291,7 @@ class DiveRounds:
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
             eta = following
-            if moves[-1] < self._settings.tolerance or len(moves) >= self._settings.most:
+            if moves[-1] < self._settings.tolerance or len(moves) >= self._most:
                 break
         held_out = tuple(
             (number, divisor * value, freedom)
@@ -347,7 +349,7 @@ class DiveRounds:
         if not fitted:
             raise CalibrationError(
                 f"calibration: no dive could be smoothed, the first because {dives[0].message}; check the records "
-                "with `gliderhpc inspect`, or leave out rounds.most to fit the steady glides alone"
+                "with `gliderhpc inspect`, or set rounds.most to 0 to fit the steady glides alone"
             )
         return solve_mission(fitted, self._prior, robust=self._settings.robust, turn_test=self._turn_test)
 

@@ -279,6 +279,32 @@ def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) ->
     return Gaussian(mean, after.covariance + moved @ moved.T)
 
 
+def surprise(errors: Gaussian) -> tuple[float, float, float]:
+    """Compare the size of errors found, in plausible deviations, with the size expected.
+
+    Parameters
+    ----------
+    errors : Gaussian
+        Errors ``m`` and their covariance ``C`` after the dives; before, they had a unit covariance.
+
+    Returns
+    -------
+    float, float, float
+        Sum of squares ``m' m``, its expectation, and the probability of a sum at least as large.
+
+    Notes
+    -----
+    Over missions, ``m`` has the covariance ``1 - C``. The sum is a weighted sum of chi-squares whose weights are the
+    eigenvalues of ``1 - C``; its distribution is that of a gamma variable of the same mean and variance (Satterthwaite
+    1946).
+    """
+    weights = np.clip(1.0 - np.linalg.eigvalsh(errors.covariance), 0.0, 1.0)
+    size, expected, variance = float(errors.mean @ errors.mean), float(weights.sum()), 2.0 * float(weights @ weights)
+    if expected == 0.0:
+        return size, 0.0, 1.0 if size == 0.0 else 0.0
+    return size, expected, float(scipy.stats.gamma.sf(size, expected**2 / variance, scale=variance / expected))
+
+
 def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:
     """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day."""
     still = np.ones(len(walk))

@@ -1,5 +1,7 @@
 """Rounds over the dives: errors of a hull and of its sensors, estimated from a synthetic mission."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.missions import program
@@ -8,11 +10,14 @@ import gliderhpc as gh
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.hull_rounds import SmoothedDive, bounded_step, pooled_factor
+from gliderhpc.mission.hull_rounds import DiveRounds, SmoothedDive, bounded_step, pooled_factor
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
 from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.gaussian_chain import Gaussian
+from gliderhpc.tuning.mission_hull import surprise
+from gliderhpc.tuning.rounds import RoundSettings
 
 pytestmark = pytest.mark.compiled
 
@@ -93,7 +98,7 @@ def test_a_parameter_that_is_held_keeps_its_value(records):
 
 
 def test_without_rounds_the_steady_glides_alone_count(records):
-    found = gh.calibrate(records, "petrel-l", hold_out=4)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, rounds={"most": 0})
     assert found.dives is None
     assert "scatter" in found.table.columns
     with pytest.raises(gh.InputError, match="history"):
@@ -101,7 +106,7 @@ def test_without_rounds_the_steady_glides_alone_count(records):
 
 
 def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise gh.CalibrationError("calibration: worse")
 
     monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
@@ -115,7 +120,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
 def test_the_command_writes_platform_and_history(records, tmp_path):
     command = ("calibrate", records, "--platform", "petrel-l", "--out", tmp_path / "hull.yaml", "--hold-out", "4",
                "--workers", "0", "--history", tmp_path / "hull.csv")  # fmt: skip
-    refused = program(*command)
+    refused = program(*command, "--set", "rounds.most=0")
     assert refused.status == 2
     assert "add --set rounds.most=4" in refused.err
     done = program(*command, "--set", "rounds.most=1")
@@ -123,6 +128,36 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
     assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
     assert "held-out dives" in done.out
+
+
+def test_hulls_with_fast_sensors_have_rounds_by_default():
+    assert RoundSettings().largest_number(PETREL) == 4
+    assert RoundSettings().largest_number(gh.load_platform("slocum")) == 0
+    assert RoundSettings(most=2).largest_number(gh.load_platform("slocum")) == 2
+    assert RoundSettings(most=0).largest_number(PETREL) == 0
+
+
+def test_the_probability_of_the_errors_found_is_that_of_missions_drawn():
+    """Errors of missions drawn from the prior have the stated distribution, directions without information none."""
+    rng, information = np.random.default_rng(7), np.diag([40.0, 3.0, 0.5, 0.0])
+    covariance = np.linalg.inv(information + np.eye(4))
+    draws = rng.multivariate_normal(np.zeros(4), np.eye(4) - covariance, 4000)
+    found = np.array([surprise(Gaussian(mean, covariance)) for mean in draws])
+    assert found[:, 0].mean() == pytest.approx(found[0, 1], rel=0.05)
+    for level in (0.01, 0.1, 0.5):
+        assert (found[:, 2] < level).mean() == pytest.approx(level, rel=0.2, abs=0.006)
+    assert surprise(Gaussian(np.zeros(4), np.eye(4))) == (0.0, 0.0, 1.0)
+
+
+def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypatch):
+    """The steady glides are used, with a warning that names the parameter."""
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
+    eta = np.zeros(len(found.parameters))
+    eta[2] = 8.0
+    monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, wanted=np.zeros_like(eta)))
+    refused = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
+    assert refused.dives is None
+    assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.trouble
 
 
 def test_a_long_step_is_shortened_as_a_whole():

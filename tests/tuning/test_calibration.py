@@ -539,6 +539,9 @@ def test_segments_are_joined_in_order():
 OFF = {"platform.buoyancy.neutral_volume": "800", "platform.position.battery": "0.105"}
 """Errors given to the platform."""
 
+GLIDES_ALONE = ("--set", "rounds.most=0")
+"""Arguments by which only the steady glides are used."""
+
 
 @pytest.fixture(scope="module")
 def mission(tmp_path_factory):
@@ -552,7 +555,7 @@ def written(mission):
     """The program's answer, and the file it wrote."""
     out = mission.with_name("calibrated.yaml")
     wrong = [word for key, value in OFF.items() for word in ("--set", f"{key}={value}")]
-    return program("calibrate", mission, "--platform", "petrel-l", "--out", out, *wrong), out
+    return program("calibrate", mission, "--platform", "petrel-l", "--out", out, *GLIDES_ALONE, *wrong), out
 
 
 def test_the_file_is_the_hull_with_the_estimates(written):
@@ -643,7 +646,16 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
     still = changed_observations(mission, tmp_path / "still.nc", afloat)
     hold = ("--set", f"calibration.hold=[{','.join(KEYS[3:])}]")
     answer = program(
-        "calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", "--hold-out", "2", *hold
+        "calibrate",
+        still,
+        "--platform",
+        "petrel-l",
+        "--out",
+        tmp_path / "one.yaml",
+        "--hold-out",
+        "2",
+        *GLIDES_ALONE,
+        *hold,
     )
     assert answer.status == 0, answer.err
     assert "profile 2 is left out" in answer.err
@@ -663,7 +675,7 @@ def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, mon
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     spoilt = replace(found, platform=with_values(found.platform, values))
     monkeypatch.setattr(hulls, "fit", lambda *_: spoilt)
-    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]
     assert fragment in line
@@ -676,7 +688,7 @@ def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path
         raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
 
     monkeypatch.setattr(hulls, "fit", refused)
-    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")
     assert not list(tmp_path.iterdir())
