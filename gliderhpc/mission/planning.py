@@ -21,12 +21,12 @@ MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
 
 # Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
-    ("lanes", "recommended"): 6.2e-5,
-    ("lanes", "paper"): 6.1e-5,
-    ("fortran", "recommended"): 6.2e-5,
-    ("fortran", "paper"): 6.1e-5,
-    ("scipy", "recommended"): 8.7e-5,
-    ("scipy", "paper"): 8.8e-5,
+    ("lanes", "recommended"): 4.2e-5,
+    ("lanes", "paper"): 4.6e-5,
+    ("fortran", "recommended"): 4.2e-5,
+    ("fortran", "paper"): 4.6e-5,
+    ("scipy", "recommended"): 8.5e-5,
+    ("scipy", "paper"): 1.0e-4,
 }
 """Processor time of a step (s), including the smoother (for engine fortran that of lanes, which is slightly longer).
 
@@ -35,7 +35,7 @@ BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 700
 """Memory of a filtered profile: record, mass properties, estimates, and path from which its windows start."""
-_SMOOTHER_BYTES_PER_STEP = 4500
+_SMOOTHER_BYTES_PER_STEP = 7000
 """Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""
 _BYTES_PER_SAMPLE = 300
 """Memory of the one profile whose record is being read and resampled."""

@@ -656,7 +656,7 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
         "2",
         *GLIDES_ALONE,
         *hold,
-    )
+    )  # fmt: skip
     assert answer.status == 0, answer.err
     assert "profile 2 is left out" in answer.err
     assert "no profile was held out" in answer.out
