@@ -255,8 +255,8 @@ def sum_information(
         Scratch for each assumption; all share the memory of the transitions and of the derivatives by the parameters.
     tally, gradient : (14,), Gradient
         Scratch.
-    checkpoints : tuple of SensitivityCheckpoints
-        Results for `smooth_sensitivity` for each assumption; none if it is empty.
+    checkpoints : SensitivityCheckpoints
+        Results for `smooth_sensitivity`, of the first assumption; none are stored if it is empty.
     sums : tuple of Information
         Results, one for each assumption, to be filled.
     """

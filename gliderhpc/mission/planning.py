@@ -35,7 +35,7 @@ BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 700
 """Memory of a filtered profile: record, mass properties, estimates, and path from which its windows start."""
-_SMOOTHER_BYTES_PER_STEP = 7000
+_SMOOTHER_BYTES_PER_STEP = 4500
 """Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""
 _BYTES_PER_SAMPLE = 300
 """Memory of the one profile whose record is being read and resampled."""
