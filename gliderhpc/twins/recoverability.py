@@ -360,8 +360,7 @@ def make_budget(
             ),
             "detection_floor": (
                 f"N m; amplitude of an impulse of {typical['width']:g} s (standard deviation) found in "
-                f"{FLOOR_RATE:.0%} of all cases, at a threshold that noise alone exceeds {FALSE_ALARMS:g} time per "
-                "hour"
+                f"{FLOOR_RATE:.0%} of all cases; noise alone exceeds the threshold {FALSE_ALARMS:g} time per hour"
             ),
             "axial_offset": "N; mean of identified minus true B_cu over steady glide, separately for dive and climb",
             "exact_axial_error": "m/s; as axial_error, with the true coefficients",

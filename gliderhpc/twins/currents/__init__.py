@@ -168,9 +168,8 @@ def _describe_over_coverage(results: CurrentsResults) -> str:
     published, fitted = (first(results.coverage, constants=name, speed=ALL) for name in (PUBLISHED, FITTED))
     return (
         f"The published terms, with {share:.0%} of the current's speed, over-cover {where}: the error along the "
-        f"current, divided by its speed (both root mean square), is {relative}, because the error does not grow with "
-        f"the current. The published ellipse has {published['area'] / fitted['area']:.2g} times the area of the "
-        "fitted one."
+        f"current over its speed (both root mean square) is {relative}, because it does not grow with the current. "
+        f"The published ellipse has {published['area'] / fitted['area']:.2g} times the area of the fitted one."
     )
 
 
@@ -384,9 +383,8 @@ def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str
         return {}
     tested = first(results.coverage, constants=FITTED, speed=ALL)
     how = (
-        "maximum likelihood on twins of odd seeds, times the factor with which their ellipses cover these best; 1 and "
-        f"2 sigma contain {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of "
-        "even seeds"
+        "maximum likelihood on twins of odd seeds, times the factor with which their ellipses cover these best; 1 and 2 "
+        f"sigma hold {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of even seeds"
     )
     fitted = {name: getattr(results.constants[FITTED], name) for name in TERMS}
     renewed = budget.model_copy(update={**fitted, "how": budget.how | dict.fromkeys(TERMS, how)})
