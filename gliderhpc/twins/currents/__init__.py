@@ -383,7 +383,7 @@ def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str
         return {}
     tested = first(results.coverage, constants=FITTED, speed=ALL)
     how = (
-        "maximum likelihood on twins of odd seeds, times the factor with which their ellipses cover these best; 1 and 2 "
+        "maximum likelihood on twins of odd seeds, times the factor by which their ellipses cover them best; 1 and 2 "
         f"sigma hold {tested['inside_1']:.1%} and {tested['inside_2']:.1%} of the {tested['twins']} twins of even seeds"
     )
     fitted = {name: getattr(results.constants[FITTED], name) for name in TERMS}
