@@ -151,29 +151,3 @@ def horizontal_velocity(y):
     ahead = ct * u + st * (sp * v + cp * w)
     across = cp * v - sp * w
     return cs * ahead - ss * across, ss * ahead + cs * across
-
-
-@formula
-def horizontal_velocity_vjp(y, north, east):
-    """Apply the transposed derivative of `horizontal_velocity` to ``(north, east)``; return a value for each state."""
-    phi, theta, psi, _, u, v, w, _, _, _ = y
-    sp, cp = sincos(phi)
-    st, ct = sincos(theta)
-    ss, cs = sincos(psi)
-    down = sp * v + cp * w
-    ahead = ct * u + st * down
-    across = cp * v - sp * w
-    d_ahead = cs * north + ss * east
-    d_across = cs * east - ss * north
-    return (
-        d_ahead * (st * across) - d_across * down,
-        d_ahead * (ct * down - st * u),
-        d_across * ahead - d_ahead * across,
-        0.0,
-        d_ahead * ct,
-        d_ahead * (st * sp) + d_across * cp,
-        d_ahead * (st * cp) - d_across * sp,
-        0.0,
-        0.0,
-        0.0,
-    )

@@ -19,7 +19,8 @@ def _load_six(array, k):
 
 
 @formula
-def _dot6(a, b):
+def dot6(a, b):
+    """Return the product of two tuples of six."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
@@ -74,7 +75,7 @@ def add_noise(noise, factor, transition, remaining, added):
         t = _load_six(transition, i)
         weighted = (q[0] * t[0], q[1] * t[1], q[2] * t[2], q[3] * t[3], q[4] * t[4], q[5] * t[5])
         for j in range(i + 1):
-            store(added, (i, j), load(added, (i, j)) + _dot6(weighted, _load_six(transition, j)))
+            store(added, (i, j), load(added, (i, j)) + dot6(weighted, _load_six(transition, j)))
         for j in range(6):
             store(added, (10 + j, i), load(added, (10 + j, i)) + weighted[j] * load(remaining, j))
     for j in range(6):
@@ -88,11 +89,11 @@ def carry_covariance(transition, remaining, added, P, half):
     for i in range(10):
         t, tb = load_ten(transition, i), _load_six(transition, i)
         for j in range(16):
-            store(half, (i, j), _dot10(t, load_ten(P, j)) + _dot6(tb, _load_six(P, j)))
+            store(half, (i, j), _dot10(t, load_ten(P, j)) + dot6(tb, _load_six(P, j)))
     for i in range(10):
         g, gb = load_ten(half, i), _load_six(half, i)
         for j in range(i + 1):
-            total = _dot10(g, load_ten(transition, j)) + _dot6(gb, _load_six(transition, j))
+            total = _dot10(g, load_ten(transition, j)) + dot6(gb, _load_six(transition, j))
             _both(P, i, j, total + load(added, (i, j)))
         for j in range(6):
             _both(P, 10 + j, i, gb[j] * load(remaining, j) + load(added, (10 + j, i)))

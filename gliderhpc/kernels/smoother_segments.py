@@ -7,12 +7,14 @@ is exact for the linearised problem (docs/smoother.md).
 """
 
 from gliderhpc.kernels.dynamics import rates
-from gliderhpc.kernels.elementwise import LANES, clear, load, select, store, zero_like
+from gliderhpc.kernels.elementwise import LANES, clear, load, store, zero_like
 from gliderhpc.kernels.jacobian import store_partials, track_partials
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
+from gliderhpc.kernels.kalman import dot6
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import displacement, shifted, step
-from gliderhpc.kernels.tangent import load_ten, pulled_over_step
+from gliderhpc.kernels.smoother_memory import DEFECTS
+from gliderhpc.kernels.tangent import decay_over, load_ten, pulled_over_step
 
 
 @formula
@@ -22,11 +24,6 @@ def _load_six(array, k, first):
         load(array, (k, first)), load(array, (k, first + 1)), load(array, (k, first + 2)),
         load(array, (k, first + 3)), load(array, (k, first + 4)), load(array, (k, first + 5)),
     )  # fmt: skip
-
-
-@formula
-def _dot6(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
 @inner_kernel
@@ -104,7 +101,7 @@ def add_noise(lanes, s):
             noise[0] * t[0], noise[1] * t[1], noise[2] * t[2], noise[3] * t[3], noise[4] * t[4], noise[5] * t[5],
         )  # fmt: skip
         for j in range(i + 1):
-            total = load(lanes.gathered, (i, j)) + _dot6(weighted, _load_six(lanes.transition, j, 10))
+            total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(lanes.transition, j, 10))
             store(lanes.gathered, (i, j), total)
         for j in range(6):
             total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(lanes.remaining, j)
@@ -119,7 +116,7 @@ def add_defects(lanes, s):
     """Add the disturbances' defects of step ``s``, carried from its end to the end of the segment."""
     defects = _load_six(lanes.defects, s, 0)
     for i in range(10):
-        store(lanes.offset, i, load(lanes.offset, i) + _dot6(defects, _load_six(lanes.transition, i, 10)))
+        store(lanes.offset, i, load(lanes.offset, i) + dot6(defects, _load_six(lanes.transition, i, 10)))
     for j in range(6):
         store(lanes.offset, 10 + j, load(lanes.offset, 10 + j) + defects[j] * load(lanes.remaining, j))
 
@@ -191,17 +188,10 @@ def pull_back(hull, decay, lanes, s):
             store(lanes.stage_costates, (2, i, j), n3[j])
             store(lanes.stage_costates, (3, i, j), n4[j])
         for j in range(6):
-            decayed = load(transition, (i, 10 + j)) * _decay_over(decay, h, j)
+            decayed = load(transition, (i, 10 + j)) * decay_over(decay, h, j)
             store(transition, (i, 10 + j), decayed + pushes[j] * (n4[4 + j] + n3[4 + j] + n2[4 + j] + n1[4 + j]))
     for j in range(6):
-        store(lanes.remaining, j, load(lanes.remaining, j) * _decay_over(decay, h, j))
-
-
-@formula
-def _decay_over(decay, h, i):
-    """Return the decay of disturbance ``i`` over a step of length ``h``; there is none over a step of zero length."""
-    one = zero_like(h) + 1.0
-    return select(h > 0.0, one * decay[i], one)
+        store(lanes.remaining, j, load(lanes.remaining, j) * decay_over(decay, h, j))
 
 
 @inner_kernel
@@ -226,7 +216,7 @@ def scatter_run(dive, states, segments, number, tally):
         for i in range(10):
             defect = lanes.states[stop - first, i, lane] - states[stop, i if i < 3 else i + 2]
             lanes.offset[i, lane] += defect
-            tally[3 + i] += abs(defect)
+            tally[DEFECTS + i] += abs(defect)
 
 
 @inner_kernel
