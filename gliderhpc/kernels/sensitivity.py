@@ -30,15 +30,14 @@ from gliderhpc.kernels.smoother_covariance import (
 from gliderhpc.kernels.smoother_memory import BLOCK, copy_row
 from gliderhpc.kernels.smoother_segments import (
     add_defects,
-    add_noise,
     begin_products,
     gather,
-    gather_noise,
     pull_back,
     run_model,
-    scatter_noise,
+    save_products,
     scatter_run,
     scatter_transition,
+    sum_noise,
 )
 from gliderhpc.kernels.tangent import load_ten
 from gliderhpc.kernels.window import sensed_of
@@ -104,41 +103,35 @@ def _scatter_gradient(forcing, segments, number, gradient, sensitivity, at):
 
 @kernel
 def linearise_with_constants(
-    hull, dives, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
+    hull, dive, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
 ):
-    """Linearise segments ``number`` to ``number + LANES`` by states and parameters, and gather each dive's noise.
+    """Linearise segments ``number`` to ``number + LANES`` by states and parameters, and save the products of each step.
 
-    `gliderhpc.kernels.smoother_segments.linearise_segments` is the same without the derivatives by parameters.
+    `gliderhpc.kernels.smoother_segments.linearise_segments` is the same without the derivatives by parameters, and with
+    the noise.
 
     Parameters
     ----------
-    dives, segments : tuple of Dive, tuple of Segments
-        The problem under each assumption of its noise. All segments share the memory of what the noise does not change.
     tally, gradient : (14,), Gradient
         Scratch.
     sensitivity : Sensitivity
         Memory, in the field `forced` of which the derivatives are stored.
     """
-    shared = segments[0].lanes
-    gather(dives[0], states, disturbances, segments[0], number)
-    for i in range(len(dives)):
-        gather_noise(dives[i], segments[i], number)
-    _gather_slopes(forcing, segments[0], number, gradient)
-    run_model(hull, shared)
-    begin_products(shared)
+    lanes = segments.lanes
+    gather(dive, states, disturbances, segments, number)
+    _gather_slopes(forcing, segments, number, gradient)
+    run_model(hull, lanes)
+    begin_products(lanes)
     clear(gradient.hull)
     clear(gradient.moving)
-    for s in range(shared.durations.shape[0] - 1, -1, -1):
-        for i in range(len(dives)):
-            add_noise(segments[i].lanes, s)
-        add_defects(shared, s)
-        pull_back(hull, dives[0].decay, shared, s)
-        _add_gradient(hull, shared, gradient, s)
-    scatter_run(dives[0], states, segments[0], number, tally)
-    scatter_transition(segments[0], number, block, at)
-    _scatter_gradient(forcing, segments[0], number, gradient, sensitivity, at)
-    for i in range(len(dives)):
-        scatter_noise(segments[i], number, at)
+    for s in range(lanes.durations.shape[0] - 1, -1, -1):
+        add_defects(lanes, s)
+        save_products(lanes, at // LANES, s)
+        pull_back(hull, dive.decay, lanes, s)
+        _add_gradient(hull, lanes, gradient, s)
+    scatter_run(dive, states, segments, number, tally)
+    scatter_transition(segments, number, block, at)
+    _scatter_gradient(forcing, segments, number, gradient, sensitivity, at)
 
 
 @inner_kernel
@@ -159,7 +152,7 @@ def _carry(block, sensitivity, at):
 
 
 @inner_kernel
-def _absorb(forcing, sensitivity, information, k, at, channel, gain, cross, innovation, inverse):
+def _absorb(forcing, sensitivity, matrix, score, k, at, channel, gain, cross, innovation, inverse):
     """Update information and score with one channel's innovation, and set ``V <- V - K h``."""
     states, track, h = sensitivity.states[at], sensitivity.track[at], sensitivity.predicted[at, channel]
     parameters = states.shape[0]
@@ -169,9 +162,9 @@ def _absorb(forcing, sensitivity, information, k, at, channel, gain, cross, inno
         h[forcing.reading[r]] -= forcing.samples[forcing.number[k], channel, r]
     for j in range(parameters):
         weighted = h[j] * inverse
-        information.score[j] += weighted * innovation
+        score[j] += weighted * innovation
         for i in range(j + 1):
-            information.matrix[j, i] += weighted * h[i]
+            matrix[j, i] += weighted * h[i]
         for i in range(16):
             states[j, i] -= h[j] * gain[i]
         track[j, 0] -= weighted * cross[0]
@@ -179,13 +172,10 @@ def _absorb(forcing, sensitivity, information, k, at, channel, gain, cross, inno
 
 
 @inner_kernel
-def _assimilate(dive, forcing, states, k, block, at, sensitivity, information):
+def _assimilate(measured, variance, forcing, states, k, block, at, sensitivity, matrix, score):
     """Update row ``at`` of the block and its sensitivity with the channels of sample ``k`` in turn."""
-    clear(block.information[at])
-    if not dive.fed[k]:
-        return
     for channel in range(4):
-        value = dive.measured[k, channel]
+        value = measured[channel]
         if not math.isfinite(value):
             continue
         residual = value - states[k, 5 if channel == 3 else channel]
@@ -193,129 +183,131 @@ def _assimilate(dive, forcing, states, k, block, at, sensitivity, information):
             residual = wrap(residual)
         innovation = residual - block.mean[at, channel]
         cross = (block.cross[at, 0, channel], block.cross[at, 1, channel])
-        update(block, at, channel, innovation, dive.variance[k, channel])
+        update(block, at, channel, innovation, variance[channel])
         inverse = block.information[at, channel]
-        _absorb(forcing, sensitivity, information, k, at, channel, block.gain[at, channel], cross, innovation, inverse)
+        gain = block.gain[at, channel]
+        _absorb(forcing, sensitivity, matrix, score, k, at, channel, gain, cross, innovation, inverse)
 
 
 @inner_kernel
-def _begin(dive, forcing, states, disturbances, block, sensitivity):
-    """Set predicted deviation, covariance and sensitivity of row 0 from the prior."""
+def _begin(dive, forcing, states, disturbances, carried):
+    """Set predicted deviation, covariance and sensitivity of the first row from the prior, under every assumption."""
     y = sensed_of(states[0])
-    for i in range(16):
-        value = y[i] if i < 10 else disturbances[0, i - 10]
-        block.mean[0, i] = dive.mean[i] - value
-        for j in range(16):
-            block.covariance[0, i, j] = dive.deviation[i] * dive.deviation[i] if i == j else 0.0
-    clear(block.cross[0])
-    clear(block.track[0])
-    copy(forcing.start, sensitivity.states[0])
-    clear(sensitivity.track[0])
+    for a in range(carried.mean.shape[0]):
+        for i in range(16):
+            value = y[i] if i < 10 else disturbances[0, i - 10]
+            carried.mean[a, i] = dive.mean[i] - value
+            for j in range(16):
+                carried.covariance[a, i, j] = dive.deviation[i] * dive.deviation[i] if i == j else 0.0
+        copy(forcing.start, carried.states[a])
+    clear(carried.cross)
+    clear(carried.track)
+    clear(carried.track_states)
 
 
 @inner_kernel
-def _filter_block(
-    hull, dives, forcing, states, disturbances, first, stop, segments, blocks, tally, gradient, sensitivities, sums
-):
-    """Filter rows ``first`` to ``stop`` (exclusive) between segments, and predict row ``stop`` if the dive has it."""
-    last = segments[0].rows.shape[0] - 1
+def _load_row(rows, i, block, sensitivity, at):
+    """Copy row ``i`` of a `SensitivityRows` to row ``at`` of the block."""
+    copy_row(rows, i, block, at)
+    copy(rows.states[i], sensitivity.states[at])
+    copy(rows.track_states[i], sensitivity.track[at])
+
+
+@inner_kernel
+def _save_row(block, sensitivity, at, rows, i):
+    """Copy row ``at`` of the block to row ``i`` of a `SensitivityRows`."""
+    copy_row(block, at, rows, i)
+    copy(sensitivity.states[at], rows.states[i])
+    copy(sensitivity.track[at], rows.track_states[i])
+
+
+@inner_kernel
+def _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch):
+    """Linearise the segments that begin in rows ``first`` to ``stop`` (exclusive)."""
+    segments = scratch.segments
+    for number in range(first, min(stop, segments.rows.shape[0] - 1), LANES):
+        linearise_with_constants(
+            hull, dive, forcing, states, disturbances, segments, number, scratch.block, number - first, scratch.tally,
+            scratch.gradient, scratch.sensitivity,
+        )  # fmt: skip
+
+
+@inner_kernel
+def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information):
+    """Filter rows ``first`` to ``stop`` (exclusive) under one assumption, and predict row ``stop`` if there is one."""
+    segments, block, sensitivity = scratch.segments, scratch.block, scratch.sensitivity
+    measured, variance, noise = assumed.measured[a], assumed.variance[a], assumed.noise[a]
+    matrix, score, filtered = information.matrix[a], information.score[a], information.filtered[a]
+    last = segments.rows.shape[0] - 1
     for number in range(first, stop):
-        at = number - first
+        at, k = number - first, segments.rows[number]
         if number < last and at % LANES == 0:
-            linearise_with_constants(
-                hull, dives, forcing, states, disturbances, segments, number, blocks[0], at, tally, gradient,
-                sensitivities[0],
-            )  # fmt: skip
-        k = segments[0].rows[number]
-        for i in range(len(dives)):
-            _assimilate(dives[i], forcing, states, k, blocks[i], at, sensitivities[i], sums[i])
-            copy(blocks[i].mean[at], sums[i].filtered[number])
-            if number < last:
-                predict_over_segment(segments[i], blocks[i], at)
-                _carry(blocks[i], sensitivities[i], at)
+            sum_noise(noise, segments, number, at // LANES, at)
+        clear(block.information[at])
+        if dive.fed[k]:
+            _assimilate(measured[k], variance[k], forcing, states, k, block, at, sensitivity, matrix, score)
+        copy(block.mean[at], filtered[number])
+        if number < last:
+            predict_over_segment(segments, block, at)
+            _carry(block, sensitivity, at)
 
 
 @kernel
-def sum_information(
-    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints, sums
-):
-    """Filter a dive with the sensitivity, and sum up its information on ``eta`` under several assumptions of its noise.
+def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, information, again, out):
+    """Filter a dive with the sensitivity and sum up its information on ``eta``, under several assumptions of its noise.
 
-    The steps and their derivatives, which take most of the time, are common to all assumptions.
+    The steps and their derivatives, which take most of the time, are common to all assumptions. Where rows are asked
+    for, the sensitivity is then smoothed from the end to the beginning, under the first assumption.
 
     Parameters
     ----------
-    hull, dives, forcing : Hull, tuple of Dive, Forcing
-        The problem under each assumption, with its final variances and noise, and its derivatives; its damping is not
-        used. The assumptions differ in their variances and their noise.
+    hull, dive, assumed, forcing : Hull, Dive, Assumptions, Forcing
+        The problem and its derivatives; the dive's own samples, variances, noise and damping are not used.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation. Its rows inside the segments are replaced by the model's run, and its X and Y by the
         displacement.
-    segments, blocks, sensitivities : tuple of Segments, tuple of Block, tuple of Sensitivity
-        Scratch for each assumption; all share the memory of the transitions and of the derivatives by the parameters.
-    tally, gradient : (14,), Gradient
-        Scratch.
-    checkpoints : SensitivityCheckpoints
-        Results for `smooth_sensitivity`, of the first assumption; none are stored if it is empty.
-    sums : tuple of Information
-        Results, one for each assumption, to be filled.
-    """
-    rows, count = segments[0].rows.shape[0], len(dives)
-    for i in range(count):
-        clear(sums[i].matrix)
-        clear(sums[i].score)
-        _begin(dives[i], forcing, states, disturbances, blocks[i], sensitivities[i])
-    for first in range(0, rows, BLOCK):
-        for i in range(count):
-            symmetrise(blocks[i].covariance[0])
-        if checkpoints.states.shape[0] > 0:
-            number = first // BLOCK
-            copy_row(blocks[0], 0, checkpoints, number)
-            copy(sensitivities[0].states[0], checkpoints.states[number])
-            copy(sensitivities[0].track[0], checkpoints.track_states[number])
-        _filter_block(
-            hull, dives, forcing, states, disturbances, first, min(first + BLOCK, rows), segments, blocks, tally,
-            gradient, sensitivities, sums,
-        )  # fmt: skip
-        for i in range(count):
-            copy_row(blocks[i], BLOCK, blocks[i], 0)
-            copy(sensitivities[i].states[BLOCK], sensitivities[i].states[0])
-            copy(sensitivities[i].track[BLOCK], sensitivities[i].track[0])
-
-
-@kernel
-def smooth_sensitivity(
-    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints, sums, out
-):
-    """Smooth the sensitivity from the end to the beginning, from the checkpoints of `sum_information`.
-
-    Parameters
-    ----------
-    hull, dives, forcing, states, disturbances, segments, blocks, tally, gradient, sensitivities, checkpoints
-        Arguments of `sum_information`, with a single assumption.
-    sums : tuple of Information
-        Scratch.
+    scratch, checkpoints : Scratch, SensitivityRows
+        Memory; there are checkpoints only if rows are asked for.
+    information, again : Information
+        Result, to be filled, and memory of the same size for the backward sweep, which adds up everything again.
     out : SmoothedSensitivity
-        Result, to be filled.
+        Sensitivities in the rows asked for, to be filled.
     """
-    rows = segments[0].rows.shape[0]
-    dive, block, sensitivity = dives[0], blocks[0], sensitivities[0]
+    block, sensitivity, carried = scratch.block, scratch.sensitivity, scratch.carried
+    rows = scratch.segments.rows.shape[0]
+    clear(information.matrix)
+    clear(information.score)
+    _begin(dive, forcing, states, disturbances, carried)
+    for first in range(0, rows, BLOCK):
+        stop = min(first + BLOCK, rows)
+        _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch)
+        for a in range(carried.mean.shape[0]):
+            _load_row(carried, a, block, sensitivity, 0)
+            symmetrise(block.covariance[0])
+            if a == 0 and out.rows.shape[0] > 0:
+                _save_row(block, sensitivity, 0, checkpoints, first // BLOCK)
+            _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information)
+            _save_row(block, sensitivity, BLOCK, carried, a)
+    if out.rows.shape[0] > 0:
+        _smooth(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, again, out)
+
+
+@inner_kernel
+def _smooth(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, again, out):
+    """Smooth the sensitivity from the end to the beginning, from the checkpoints."""
+    segments, block, sensitivity = scratch.segments, scratch.block, scratch.sensitivity
+    rows, wanted = segments.rows.shape[0], out.rows.shape[0]
     clear(sensitivity.costate)
-    wanted = out.rows.shape[0]
     for checkpoint in range((rows - 1) // BLOCK, -1, -1):
         first = checkpoint * BLOCK
         stop = min(first + BLOCK, rows)
-        copy_row(checkpoints, checkpoint, block, 0)
-        copy(checkpoints.states[checkpoint], sensitivity.states[0])
-        copy(checkpoints.track_states[checkpoint], sensitivity.track[0])
-        _filter_block(
-            hull, dives, forcing, states, disturbances, first, stop, segments, blocks, tally, gradient, sensitivities,
-            sums,
-        )  # fmt: skip
+        _load_row(checkpoints, checkpoint, block, sensitivity, 0)
+        _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch)
+        _filter_block(dive, assumed, 0, forcing, states, first, stop, scratch, again)
         if stop == rows:
             copy(sensitivity.track[rows - 1 - first], out.displacement)
         for number in range(stop - 1, first - 1, -1):
-            at, k = number - first, segments[0].rows[number]
+            at, k = number - first, segments.rows[number]
             if number < rows - 1:
                 _undo_step(block, at, sensitivity)
             if wanted > 0 and out.rows[wanted - 1] == k:

@@ -99,8 +99,16 @@ class Gradient(NamedTuple):
     moving: Array
 
 
-class SensitivityCheckpoints(NamedTuple):
-    """Predicted mean, covariances and sensitivities at the first row of each block."""
+class Assumptions(NamedTuple):
+    """Samples, variances and noise of a dive, as in `Dive`, under each of ``a`` assumptions: the first axis."""
+
+    measured: Array
+    variance: Array
+    noise: Array
+
+
+class SensitivityRows(NamedTuple):
+    """Predicted mean, covariances and sensitivities: at the first row of each block, or under each assumption."""
 
     mean: Array
     covariance: Array
@@ -111,15 +119,15 @@ class SensitivityCheckpoints(NamedTuple):
 
 
 class Information(NamedTuple):
-    """Information of a dive on ``eta``.
+    """Information of a dive on ``eta``, under each of ``a`` assumptions.
 
     Attributes
     ----------
-    matrix : (p, p)
+    matrix : (a, p, p)
         Information matrix, lower triangle.
-    score : (p,)
+    score : (a, p)
         Gradient of the record's log-likelihood.
-    filtered : (s+1, 16)
+    filtered : (a, s+1, 16)
         Filtered deviation from the path of linearisation in the rows between segments.
     """
 
@@ -148,41 +156,30 @@ class SmoothedSensitivity(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of filter and sensitivity under each assumption of a dive's noise, with common linearisations."""
+    """Memory of filter and sensitivity: one block, and the row after it as predicted under each assumption."""
 
-    segments: tuple[Segments, ...]
-    blocks: tuple[Block, ...]
+    segments: Segments
+    block: Block
     tally: Array
     gradient: Gradient
-    sensitivities: tuple[Sensitivity, ...]
+    sensitivity: Sensitivity
+    carried: SensitivityRows
 
 
-def allocate_scratch(rows: Array, forcing: Forcing, count: int = 1) -> Scratch:
-    """Allocate the memory for `count` assumptions of the noise of a dive in segments with first rows `rows`."""
-    longest, moving = int(np.diff(rows).max()), len(forcing.moving)
+def allocate_scratch(rows: Array, forcing: Forcing, assumptions: int = 1) -> Scratch:
+    """Allocate the memory for a number of assumptions of the noise of a dive in segments with first rows `rows`."""
+    longest, moving, parameters = int(np.diff(rows).max()), len(forcing.moving), len(forcing.start)
     gradient = Gradient(
         hull=lane_array(12, HULL_CONSTANTS), body=lane_array(12, CONSTANTS - HULL_CONSTANTS),
         slopes=lane_array(longest, moving, CONSTANTS - HULL_CONSTANTS), moving=lane_array(moving, 12),
     )  # fmt: skip
-    segments, block, sensitivity = allocate_segments(rows), allocate_block(), allocate_sensitivity(len(forcing.start))
-    own = {"noise", "gathered", "gathered_cross", "gathered_own"}
-    common = {name: value for name, value in segments.lanes._asdict().items() if name not in own}
-    transitions = {name: getattr(block, name) for name in ("tangent", "tangent_lanes", "track_tangent")}
-
-    def other_segments() -> Segments:
-        one = allocate_segments(rows)
-        return one._replace(offset=segments.offset, lanes=one.lanes._replace(**common))
-
-    others = range(count - 1)
     return Scratch(
-        segments=(segments, *(other_segments() for _ in others)),
-        blocks=(block, *(allocate_block()._replace(**transitions) for _ in others)),
+        segments=allocate_segments(rows),
+        block=allocate_block(),
         tally=np.zeros(LOG_DETERMINANT + 1),
         gradient=gradient,
-        sensitivities=(
-            sensitivity,
-            *(allocate_sensitivity(len(forcing.start))._replace(forced=sensitivity.forced) for _ in others),
-        ),
+        sensitivity=allocate_sensitivity(parameters),
+        carried=allocate_rows(assumptions, parameters),
     )
 
 
@@ -197,15 +194,21 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
     )  # fmt: skip
 
 
-def allocate_information(segments: int, parameters: int) -> Information:
+def allocate_information(assumptions: int, segments: int, parameters: int) -> Information:
     """Allocate the memory for the information of a dive."""
-    return Information(np.zeros((parameters, parameters)), np.zeros(parameters), np.zeros((segments + 1, 16)))
+    a, p = assumptions, parameters
+    return Information(np.zeros((a, p, p)), np.zeros((a, p)), np.zeros((a, segments + 1, 16)))
 
 
-def allocate_sensitivity_checkpoints(segments: int, parameters: int) -> SensitivityCheckpoints:
-    """Allocate the memory for the checkpoints of a dive in segments; without segments there are none."""
-    m, p = segments // BLOCK + 1 if segments else 0, parameters
-    return SensitivityCheckpoints(
+def allocate_checkpoints(segments: int, parameters: int) -> SensitivityRows:
+    """Allocate the memory for the checkpoints of a dive in segments."""
+    return allocate_rows(segments // BLOCK + 1, parameters)
+
+
+def allocate_rows(rows: int, parameters: int) -> SensitivityRows:
+    """Allocate the memory for a number of rows."""
+    m, p = rows, parameters
+    return SensitivityRows(
         np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)), np.zeros((m, p, 16)),
         np.zeros((m, p, 2)),
     )  # fmt: skip

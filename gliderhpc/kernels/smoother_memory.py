@@ -128,10 +128,11 @@ class SegmentLanes(NamedTuple):
         and the variance of the disturbances.
     offset : (16,)
         As in `Segments`, without the defect of the sensed states.
-    after, by_noise : (10, 16), (l, 10, 6)
+    after : (10, 16)
         As in `Segments`; for the sensed states at the end.
-    by_own : (l, 6)
-        Decay of the disturbances from the end of each step to the end.
+    by_noise, by_own : (g, l, 12, 6), (g, l, 6)
+        Derivatives of the sensed states, X and Y at the end with respect to the noise of each step, and the decay of
+        the disturbances from there; for as many groups of segments as a block has.
     partials, track_partials : (1, 4, 67), (4, 3, 6)
         Jacobians of the sensed states at a step's four stages, and those of nothing, X and Y by angles and velocities.
     stages, stage_costates : (4, 10), (4, 12, 10)
@@ -295,12 +296,13 @@ def allocate_segments(rows: Array, stands_for: Array = ()) -> Segments:
 
 
 def _allocate_lanes(longest: int) -> SegmentLanes:
+    groups = BLOCK // LANES
     return SegmentLanes(
         durations=lane_array(longest), bodies=lane_array(longest, 11), disturbances=lane_array(longest, 6),
         noise=lane_array(longest, 6), defects=lane_array(longest, 6), states=lane_array(longest + 1, 12),
         transition=lane_array(12, 16), remaining=lane_array(6), gathered=lane_array(12, 12),
         gathered_cross=lane_array(6, 12), gathered_own=lane_array(6), offset=lane_array(16), after=lane_array(10, 16),
-        by_noise=lane_array(longest, 10, 6), by_own=lane_array(longest, 6),
+        by_noise=lane_array(groups, longest, 12, 6), by_own=lane_array(groups, longest, 6),
         partials=lane_array(1, 4, ENTRIES), track_partials=lane_array(4, 3, 6),
         stages=lane_array(4, 10), stage_costates=lane_array(4, 12, 10),
     )  # fmt: skip

@@ -51,8 +51,8 @@ def gather(dive, states, disturbances, segments, number):
 
 
 @inner_kernel
-def gather_noise(dive, segments, number):
-    """Copy the variances of the noise of segments ``number`` to ``number + LANES`` into the lanes; begin its sums."""
+def _gather_noise(noise, segments, number):
+    """Copy the noise ``(n, 6)`` of segments ``number`` to ``number + LANES`` into the lanes; clear its sums."""
     lanes, rows = segments.lanes, segments.rows
     last = rows.shape[0] - 2
     for lane in range(LANES):
@@ -60,7 +60,7 @@ def gather_noise(dive, segments, number):
         first, stop = rows[segment], rows[segment + 1]
         for s in range(lanes.durations.shape[0]):
             for i in range(6):
-                lanes.noise[s, i, lane] = dive.noise[first + s, i] if first + s < stop else 0.0
+                lanes.noise[s, i, lane] = noise[first + s, i] if first + s < stop else 0.0
     clear(lanes.gathered)
     clear(lanes.gathered_cross)
     clear(lanes.gathered_own)
@@ -92,23 +92,23 @@ def begin_products(lanes):
 
 
 @inner_kernel
-def add_noise(lanes, s):
-    """Add the noise of step ``s``, carried from its end to the end of the segment."""
-    noise = _load_six(lanes.noise, s, 0)
+def _add_noise(lanes, group, s):
+    """Add the noise of step ``s``, carried from its end to the end of the segment by the products saved there."""
+    noise, products, left = _load_six(lanes.noise, s, 0), lanes.by_noise[group, s], lanes.by_own[group]
     for i in range(12):
-        t = _load_six(lanes.transition, i, 10)
+        t = _load_six(products, i, 0)
         weighted = (
             noise[0] * t[0], noise[1] * t[1], noise[2] * t[2], noise[3] * t[3], noise[4] * t[4], noise[5] * t[5],
         )  # fmt: skip
         for j in range(i + 1):
-            total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(lanes.transition, j, 10))
+            total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(products, j, 0))
             store(lanes.gathered, (i, j), total)
         for j in range(6):
-            total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(lanes.remaining, j)
+            total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(left, (s, j))
             store(lanes.gathered_cross, (j, i), total)
     for j in range(6):
-        left = load(lanes.remaining, j)
-        store(lanes.gathered_own, j, load(lanes.gathered_own, j) + noise[j] * left * left)
+        own = load(left, (s, j))
+        store(lanes.gathered_own, j, load(lanes.gathered_own, j) + noise[j] * own * own)
 
 
 @inner_kernel
@@ -122,13 +122,13 @@ def add_defects(lanes, s):
 
 
 @inner_kernel
-def _save_products(lanes, s):
-    """Save what the products are at the end of step ``s``, for the backward sweep."""
-    for i in range(10):
+def save_products(lanes, group, s):
+    """Save what the products are at the end of step ``s``, for the noise and for the backward sweep."""
+    for i in range(12):
         for j in range(6):
-            store(lanes.by_noise, (s, i, j), load(lanes.transition, (i, 10 + j)))
+            store(lanes.by_noise, (group, s, i, j), load(lanes.transition, (i, 10 + j)))
     for j in range(6):
-        store(lanes.by_own, (s, j), load(lanes.remaining, j))
+        store(lanes.by_own, (group, s, j), load(lanes.remaining, j))
     if s == 0:
         for i in range(10):
             for j in range(16):
@@ -237,7 +237,7 @@ def scatter_transition(segments, number, block, at):
 
 
 @inner_kernel
-def scatter_noise(segments, number, at):
+def _scatter_noise(segments, number, at):
     """Write the covariances of the noise to the rows of the block from ``at`` on."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
@@ -262,6 +262,19 @@ def scatter_noise(segments, number, at):
 
 
 @inner_kernel
+def sum_noise(noise, segments, number, group, at):
+    """Sum up the noise ``(n, 6)`` of the steps of segments ``number`` to ``number + LANES``, in rows from ``at`` on.
+
+    The products of these segments are those of group ``group``.
+    """
+    lanes = segments.lanes
+    _gather_noise(noise, segments, number)
+    for s in range(lanes.durations.shape[0] - 1, -1, -1):
+        _add_noise(lanes, group, s)
+    _scatter_noise(segments, number, at)
+
+
+@inner_kernel
 def _scatter_products(segments, number, at):
     """Write what only the backward sweep uses: derivatives by the noise, and the transition after the first step."""
     lanes = segments.lanes
@@ -271,14 +284,14 @@ def _scatter_products(segments, number, at):
             for j in range(10):
                 after[j, i] = lanes.after[j, i, lane]
         for j in range(6):
-            after[10 + j, 10 + j] = lanes.by_own[0, j, lane]
+            after[10 + j, 10 + j] = lanes.by_own[0, 0, j, lane]
         for s in range(lanes.durations.shape[0]):
             by_noise = segments.by_noise[at + lane, s]
             for i in range(10):
                 for j in range(6):
-                    by_noise[i, j] = lanes.by_noise[s, i, j, lane]
+                    by_noise[i, j] = lanes.by_noise[0, s, i, j, lane]
             for i in range(6):
-                by_noise[10 + i, i] = lanes.by_own[s, i, lane]
+                by_noise[10 + i, i] = lanes.by_own[0, s, i, lane]
 
 
 @kernel
@@ -303,18 +316,15 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
     """
     lanes = segments.lanes
     gather(dive, states, disturbances, segments, number)
-    gather_noise(dive, segments, number)
     run_model(hull, lanes)
     begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
-        add_noise(lanes, s)
         add_defects(lanes, s)
-        if backwards:
-            _save_products(lanes, s)
+        save_products(lanes, 0, s)
         pull_back(hull, dive.decay, lanes, s)
     scatter_run(dive, states, segments, number, tally)
     scatter_transition(segments, number, block, at)
-    scatter_noise(segments, number, at)
+    sum_noise(dive.noise, segments, number, 0, at)
     if backwards:
         _scatter_products(segments, number, at)
 

@@ -37,19 +37,9 @@ def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     scratch = allocate_scratch(segment_rows(dive, longest=n), forcing)
     path = np.tile(state, (n + 1, 1)), np.tile(b, (n + 1, 1))
-    block, sensitivity = scratch.blocks[0], scratch.sensitivities[0]
+    block, sensitivity = scratch.block, scratch.sensitivity
     linearise_with_constants(
-        glider.hull,
-        (dive,),
-        forcing,
-        *path,
-        scratch.segments,
-        0,
-        block,
-        0,
-        scratch.tally,
-        scratch.gradient,
-        sensitivity,
+        glider.hull, dive, forcing, *path, scratch.segments, 0, block, 0, scratch.tally, scratch.gradient, sensitivity
     )
     controls = controls_of(platform, profile.series)
     Phi, middle = dense_transition(controls[1], path[0][1], b, np.ones(6), platform)[0], path[0][1]

@@ -24,12 +24,13 @@ from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.sensitivity_memory import (
+    Assumptions,
     Forcing,
     Information,
     SmoothedSensitivity,
+    allocate_checkpoints,
     allocate_information,
     allocate_scratch,
-    allocate_sensitivity_checkpoints,
     allocate_smoothed,
 )
 from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive, allocate_segments
@@ -235,13 +236,8 @@ def sum_information(
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
     """
-    parameters = len(forcing.start)
-    sums = tuple(allocate_information(len(rows) - 1, parameters) for _ in assumed)
-    kernel.sum_information(
-        hull, tuple(assumed), forcing, trajectory.states, trajectory.disturbances,
-        *allocate_scratch(rows, forcing, len(assumed)), allocate_sensitivity_checkpoints(0, parameters), sums,
-    )  # fmt: skip
-    return sums
+    found, _ = _sweep(hull, assumed, forcing, trajectory, rows, np.empty(0, dtype=np.int64))
+    return found
 
 
 def sensitivity_sweeps(
@@ -251,13 +247,26 @@ def sensitivity_sweeps(
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
     """
-    segments, parameters = len(rows) - 1, len(forcing.start)
-    information, scratch = (allocate_information(segments, parameters) for _ in range(2))
-    problem = (
-        hull, (dive,), forcing, trajectory.states, trajectory.disturbances, *allocate_scratch(rows, forcing),
-        allocate_sensitivity_checkpoints(segments, parameters),
-    )  # fmt: skip
+    found, smoothed = _sweep(hull, (dive,), forcing, trajectory, rows, wanted)
+    return found[0], smoothed
+
+
+def _sweep(
+    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory, rows: Rows, wanted: Rows
+) -> tuple[tuple[Information, ...], SmoothedSensitivity]:
+    """Sweep forwards under each assumption, and backwards under the first one if any rows are wanted."""
+    segments, parameters, backwards = len(rows) - 1, len(forcing.start), len(wanted) > 0
+    information = allocate_information(len(assumed), segments, parameters)
+    again = allocate_information(1, segments, parameters) if backwards else information
+    checkpoints = allocate_checkpoints(segments if backwards else 0, parameters)
     out = allocate_smoothed(wanted, parameters)
-    kernel.sum_information(*problem, (information,))
-    kernel.smooth_sensitivity(*problem, (scratch,), out)
-    return information, out
+    kernel.sum_information(
+        hull, assumed[0], Assumptions(*(np.stack(column) for column in _columns(assumed))), forcing,
+        trajectory.states, trajectory.disturbances, allocate_scratch(rows, forcing, len(assumed)), checkpoints,
+        information, again, out,
+    )  # fmt: skip
+    return tuple(Information(*one) for one in zip(*information, strict=True)), out
+
+
+def _columns(assumed: Sequence[Dive]) -> tuple[list[Array], ...]:
+    return [d.measured for d in assumed], [d.variance for d in assumed], [d.noise for d in assumed]
