@@ -216,7 +216,8 @@ def filter_fallbacks(archive: Archive, numbers: Iterable[int]) -> list[int]:
         The archive has no smoothed estimate.
     """
     outcomes = archive[_group_of(archive, SMOOTHED)].to_dataset()["outcome"]
-    return [number for number in numbers if not Outcome(int(outcomes.sel(profile=number))).usable]
+    codes = {number: float(outcomes.sel(profile=number)) for number in numbers}
+    return [number for number, code in codes.items() if not (np.isfinite(code) and Outcome(int(code)).usable)]
 
 
 def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:

@@ -1,11 +1,11 @@
-"""Changes of the hull over the dives so far, for the message of a surfacing."""
+"""Changes of the hull over the dives so far."""
 
 import math
 from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
-from gliderhpc.studies.hull import HullSettings, change_in_units, read_dives, sum_up
+from gliderhpc.studies.hull import HullSettings, MissionDives, change_in_units, read_dives, sum_up
 
 _DIVES = 100
 """Largest number of dives that are combined; without a limit, the computing time would grow with the mission."""
@@ -47,10 +47,14 @@ class HullNews:
         return self.probability * 0.5 * math.erfc(-beyond / math.sqrt(2.0))
 
 
+def dives_so_far(archive: Archive, number: int) -> MissionDives:
+    """Read the hull information of the latest dives up to a profile."""
+    return read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
+
+
 def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
     """Return the changes shown by the dives up to a profile; empty if they are too few to show a change."""
-    numbers = [each for each in done_profiles(archive) if each <= number][-_DIVES:]
-    mission = read_dives(archive, numbers)
+    mission = dives_so_far(archive, number)
     if not mission.dives:
         return ()
     found, changes = sum_up(mission, HullSettings())

@@ -8,6 +8,7 @@ import pandas as pd
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.report.calibration import score_sentence
+from gliderhpc.report.trim import IMPLAUSIBLE, UNDETERMINED
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.version import __version__
 
@@ -15,11 +16,6 @@ PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "
 DIRECTIONS = ("left", "main parameters")
 HELD_OUT = ("profile", "chi-square", "degrees of freedom")
 """Headings of the tables; *left* is the remaining deviation as a fraction of the plausible one."""
-
-UNDETERMINED = 0.9
-"""Remaining fraction of the plausible deviation above which the dives do not determine a parameter."""
-IMPLAUSIBLE = 3.0
-"""Number of plausible deviations beyond which something other than the parameter must be wrong."""
 
 _NORMAL_95 = 1.96
 _SHOWN = 0.3

@@ -23,8 +23,10 @@ from gliderhpc.report.surfacing_message import (
     Inversion,
     NextSurfacing,
     SurfacingMessage,
+    Trim,
     Water,
 )
+from gliderhpc.report.trim import trim_of
 from gliderhpc.vocabulary import QUALITY
 
 Array = NDArray[np.float64]
@@ -75,7 +77,7 @@ def surfacing_message(
     row = archive.to_dataset().sel(profile=number).load()
     done = str(row["status"].values) == "done"
     data = read_profile_data(archive, number) if done else None
-    smoothed = done and not filter_fallbacks(archive, [number])
+    smoothed = done and has_smoothed(archive, number)
     return SurfacingMessage(
         version=MESSAGE_VERSION,
         mission=str(archive.attrs.get("mission") or ""),
@@ -86,7 +88,7 @@ def surfacing_message(
         start_time=iso_instant(row["start_time"].values) or "",
         duration=_value(row, "duration") or 0.0,
         max_depth=_value(row, "max_depth"),
-        samples=int(row["sample_count"]),
+        samples=_count(row, "sample_count"),
         surfacing=_surfacing(row),
         current=current_of_dive(row),
         surface_drift=_pair(row, "surface_drift_north", "surface_drift_east"),
@@ -95,7 +97,7 @@ def surfacing_message(
         inversion=Inversion(
             status=str(row["status"].values),
             message=str(row["message"].values),
-            windows=int(row["window_count"]) if done else 0,
+            windows=_count(row, "window_count"),
             converged_fraction=_value(row, "converged_fraction"),
             smoothed=smoothed,
             seconds=_value(row, "run_seconds"),
@@ -103,7 +105,17 @@ def surfacing_message(
         odd=() if data is None else _odd(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
         hull_changes=_hull_changes(archive, number) if smoothed else (),
+        trim=_trim(archive, number) if smoothed else (),
     )
+
+
+def has_smoothed(archive: Archive, number: int) -> bool:
+    """Return whether the smoother has an estimate of a done profile."""
+    return "smoothed" in archive.children and not filter_fallbacks(archive, [number])
+
+
+def _count(row: xr.Dataset, name: str) -> int:
+    return int(_value(row, name) or 0)
 
 
 def _value(row: xr.Dataset, name: str) -> float | None:
@@ -163,10 +175,16 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
     )
 
 
-def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water:
-    """Return the motion through the water of a done profile, with errors if the smoother has an estimate."""
+def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water | None:
+    """Return the motion through the water of a done profile, with errors if the smoother has an estimate.
+
+    Without any velocity in the archive it is None.
+    """
     data = read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
     motion, duration = data.motion, float(data.time[-1])
+    speeds = np.linalg.norm(motion[:, 2:5], axis=1)
+    if not np.isfinite(speeds).any():
+        return None
     north, east = (float(value) for value in motion[-1, :2] - motion[0, :2])
     deviations: dict[str, float | None] = dict.fromkeys(("north_std", "east_std", "horizontal_speed_std"))
     if smoothed:
@@ -174,7 +192,7 @@ def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water:
         north, east = (float(row[f"displacement_{name}"]) for name in ("north", "east"))
         deviations = _displacement_errors(row, np.array([north, east]), duration)
     return Water(
-        speed=float(np.nanmean(np.linalg.norm(motion[:, 2:5], axis=1))),
+        speed=float(np.nanmean(speeds)),
         horizontal_speed=math.hypot(north, east) / duration,
         north=north,
         east=east,
@@ -202,7 +220,7 @@ def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) 
 def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
     """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
-    gated, samples = int(row["gated_count"]), int(row["sample_count"])
+    gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
     if gated > _MANY_GATED * samples:
         remarks.append(f"the filter rejected {gated} of {samples} samples")
     if not smoothed:
@@ -221,6 +239,12 @@ def _hull_changes(archive: Archive, number: int) -> tuple[HullChange, ...]:
         HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH))
         for news in hull_news(archive, number)
     )
+
+
+def _trim(archive: Archive, number: int) -> tuple[Trim, ...]:
+    if "hull" not in archive.children:
+        return ()
+    return tuple(Trim(**asdict(one)) for one in trim_of(archive, number))
 
 
 def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.report.facts import polar
 
-MESSAGE_VERSION = "1.0"
+MESSAGE_VERSION = "1.1"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
 
 
@@ -97,6 +97,17 @@ class HullChange(_Part):
     above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
 
 
+class Trim(_Part):
+    """Difference of the hull from the platform file, from the dives so far, in a unit that a pilot uses."""
+
+    parameter: str = _of("", "key in the platform file")
+    quantity: str = _of("", "what can be changed or corrected")
+    unit: str = _of("", "unit of difference")
+    difference: float = _of("", "last dive minus platform file")
+    difference_std: float = _of("", "its standard deviation")
+    steps: float = _of("1", "the same in plausible deviations; beyond 3 something other than the hull is wrong")
+
+
 class NextSurfacing(_Part):
     """Predicted end of a next dive of the same displacement and duration, from the currents so far."""
 
@@ -134,6 +145,9 @@ class SurfacingMessage(_Part):
     odd: tuple[str, ...] = _of("", "anything odd in the records")
     hull: tuple[HullParameter, ...] = _of("", "errors of the hull from this dive alone, where estimated")
     hull_changes: tuple[HullChange, ...] = _of("", "changes of the parameters that can change, from the fourth dive on")
+    trim: tuple[Trim, ...] = Field(
+        (), description="ballast, battery and offsets, where the dives so far determine them"
+    )
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:
         """List the differences from an earlier message, which is passed as JSON."""

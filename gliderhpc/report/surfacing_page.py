@@ -1,11 +1,12 @@
-"""Page of a surfacing, with current, next surfacing, hull and anomalies on the first screen."""
+"""Page of a surfacing, with current, next surfacing, anomalies, hull and trim on the first screen."""
 
 from pathlib import Path
 
 from gliderhpc.report.facts import polar, signed
-from gliderhpc.report.page.content import Block, Facts, Page, Remarks, Section, Words
+from gliderhpc.report.page.content import Block, Facts, Notice, Page, Remarks, Section, Words
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing_message import Ellipse, SurfacingMessage
+from gliderhpc.report.trim import IMPLAUSIBLE
 
 _DETERMINED = 0.7
 """Standard deviation, in plausible deviations, below which one dive determines an error of the hull."""
@@ -39,18 +40,26 @@ def surfacing_page(message: SurfacingMessage) -> Page:
     subtitle = f"{message.platform} · {message.start_time} · {message.duration / 60.0:.0f} min{depth}"
     if message.revision:
         subtitle += f" · revision {message.revision}"
-    answers = {
+    sections = [
+        Section("now", "Now", (Facts({**answers(message), "inversion": _inversion(message)}),)),
+        Section("odd", "Anomalies", _odd(message)),
+        Section("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
+    ]
+    return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
+
+
+def answers(message: SurfacingMessage) -> dict[str, str]:
+    """Return current, next surfacing and motion through the water, by name."""
+    return {
         "current": _current(message),
         "next surfacing": _next_surfacing(message),
         "through the water": _water(message),
-        "inversion": _inversion(message),
     }
-    sections = [
-        Section("now", "Now", (Facts(answers),)),
-        Section("odd", "Anomalies", _odd(message)),
-        Section("hull", "Hull", _hull(message)),
-    ]
-    return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
+
+
+def hull_blocks(message: SurfacingMessage) -> tuple[Block, ...]:
+    """Return changes of the hull, and the differences from the platform file that a pilot can change or correct."""
+    return (*_hull_changes(message), *_trim(message))
 
 
 def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
@@ -98,11 +107,7 @@ def _inversion(message: SurfacingMessage) -> str:
 def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
     changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
     remarks = (*message.odd, *changes)
-    return (Remarks(remarks),) if remarks else (Words("Nothing."),)
-
-
-def _hull(message: SurfacingMessage) -> tuple[Block, ...]:
-    return (*_hull_changes(message), *_hull_alone(message))
+    return (Remarks(remarks, "Odd in this dive"),) if remarks else (Words("Nothing."),)
 
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
@@ -114,6 +119,24 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
         for one in message.hull_changes
     }
     return Words(f"Changes over the last {message.hull_changes[0].dives} dives."), Facts(rows)
+
+
+def _trim(message: SurfacingMessage) -> tuple[Block, ...]:
+    if not message.trim:
+        return ()
+    rows = {
+        one.quantity: f"{signed(one.difference, '.3g')} ± {one.difference_std:.2g} {one.unit}" for one in message.trim
+    }
+    far = sorted({one.parameter for one in message.trim if abs(one.steps) > IMPLAUSIBLE})
+    return (*((Notice(_too_far(far), "warning"),) if far else ()), Facts(rows))
+
+
+def _too_far(parameters: list[str]) -> str:
+    return (
+        f"More than {IMPLAUSIBLE:.0f} plausible deviations from the platform file: {', '.join(parameters)}. Something "
+        "else has the same effect in every dive, so do not ballast or trim by these values; check the platform file, "
+        "or calibrate the hull (gliderhpc calibrate)"
+    )
 
 
 def _hull_alone(message: SurfacingMessage) -> tuple[Block, ...]:

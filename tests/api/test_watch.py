@@ -510,7 +510,7 @@ def test_the_page_answers_first_fetches_nothing_and_obeys_no_name(swift_store, t
     assert "<script>alert" not in text
     assert "&lt;b&gt;odd" in text
     assert not re.search(r"(src|href)=.(https?:)?//", text)
-    places = [text.index(words) for words in ("current</", "next surfacing</", "Anomalies</h", "Hull</h")]
+    places = [text.index(words) for words in ("current</", "next surfacing</", "Anomalies</h", "Hull and trim</h")]
     assert places == sorted(places)
     assert f"{message.current.speed:.3f} m/s towards" in text
     assert f"{message.next_surfacing.latitude:.4f}" in text

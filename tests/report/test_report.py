@@ -88,8 +88,9 @@ def undrawn(monkeypatch):
 
 def test_page_has_every_section(report):
     page = read(report / "index.html")
-    assert list(page.sections)[:3] == ["overview", "representative", "published"]
-    assert set(page.sections) == {"overview", "representative", "published", *SHOWN, "windows", "provenance"}
+    first = ["answers", "overview", "representative", "published"]
+    assert list(page.sections)[:4] == first
+    assert set(page.sections) == {*first, *SHOWN, "windows", "provenance"}
     assert list(page.sections)[-1] == "provenance"
     for text in page.sections.values():
         assert len(text.split()) > 10

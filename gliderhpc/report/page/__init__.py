@@ -13,6 +13,7 @@ from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.output_files import check_folder
 from gliderhpc.platform import platform_yaml
 from gliderhpc.report.facts import platform_name
+from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Page, Section, drawn
 from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.overview import overview_section
@@ -128,11 +129,12 @@ def mission_page(
     truth: Path | None,
     executor: Executor,
 ) -> Page:
-    """Assemble the mission's page: overview, representative profile, every study, and reproduction."""
+    """Assemble the mission's page: answers, overview, representative profile, every study, and reproduction."""
     example = f"{_command(place, out, None, truth)} --profile N"
-    overview, representative, *studies = _drawn_sections(
+    short, overview, representative, *studies = _drawn_sections(
         place,
         (
+            partial(answers_section, summary=summary),
             partial(overview_section, summary=summary),
             partial(representative_section, command=example, truth=truth),
             *(partial(study_section, name, summary=summary, place=place) for name in study_names()),
@@ -140,6 +142,7 @@ def mission_page(
         executor,
     )
     sections = (
+        short,
         overview,
         representative,
         published_section(archive, twins is not None),

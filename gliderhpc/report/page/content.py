@@ -38,10 +38,11 @@ class Notice:
 
 @dataclass(frozen=True)
 class Remarks:
-    """A list of caveats."""
+    """A list of remarks under a heading."""
 
     kind: ClassVar[str] = "remarks"
     texts: tuple[str, ...]
+    title: str = "Caveats"
 
 
 @dataclass(frozen=True)

@@ -10,24 +10,18 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
-from gliderhpc.archive.profile import filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.report.facts import iso_instant, platform_name, polar
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, Track
 from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.odd_profiles import odd_profiles
 from gliderhpc.report.studies import SHOWN, studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
-from gliderhpc.report.surfacing import current_of_dive, water_of_dive
+from gliderhpc.report.surfacing import current_of_dive, has_smoothed, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
-
-POORLY_CONVERGED = 0.8
-"""Share of converged windows below which a profile is listed as odd."""
-
-_LISTED = 3
-"""Largest number of failed profiles whose messages are listed, and of profile numbers in a list."""
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
 
@@ -193,7 +187,7 @@ def read_state(place: Place) -> MissionState:
         current_of, current = _last_current(table)
         done = table.number[table.done].tolist()
         water_of = int(done[-1]) if done else 0
-        smoothed = bool(done) and _has_smoothed(archive, water_of)
+        smoothed = bool(done) and has_smoothed(archive, water_of)
         return MissionState(
             summary,
             table,
@@ -214,37 +208,12 @@ def _last_current(table: MissionTable) -> tuple[int, Current | None]:
     return int(table.number[known[-1]]), current_of_dive(row)
 
 
-def _has_smoothed(archive: Archive, number: int) -> bool:
-    return "smoothed" in archive.children and not filter_fallbacks(archive, [number])
-
-
 def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
     """Yield the points that need attention."""
-    yield from _failures(summary)
-    if pending := summary.statuses.get("pending", 0):
-        yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"
-    poor = table.number[table.done & (table.converged < POORLY_CONVERGED)].tolist()
-    if poor:
-        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {_profiles(poor)}"
-    unknown = table.number[table.done & ~table.with_current].tolist()
-    if unknown:
-        yield f"no current of {_profiles(unknown)}"
+    yield from odd_profiles(summary, table)
     yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
     missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]
     if len(missing) == len(SHOWN):
         yield "no study was run"
     elif missing:
         yield f"studies not run: {', '.join(missing)}"
-
-
-def _failures(summary: Summary) -> Iterator[str]:
-    failed = [(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
-    yield from (f"profile {number} failed: {text}" for number, text in failed[:_LISTED])
-    if (more := summary.statuses.get("failed", 0) - len(failed[:_LISTED])) > 0:
-        yield f"{more} more failed"
-
-
-def _profiles(numbers: list[int]) -> str:
-    shown = ", ".join(map(str, numbers[:_LISTED]))
-    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
-    return f"profile {shown}" if len(numbers) == 1 else f"profiles {shown}{more}"

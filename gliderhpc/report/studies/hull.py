@@ -18,6 +18,7 @@ from gliderhpc.findings.findings import Comparison, Findings, archive_findings, 
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.summaries import describe_data
+from gliderhpc.report.trim import IMPLAUSIBLE, UNDETERMINED, PilotUnit, pilot_units
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import (
     failed_profiles,
@@ -42,10 +43,6 @@ _DRAG, _VOLUME = "viscous.K_D0", "buoyancy.neutral_volume"
 _NORMAL_95 = 1.96
 _DOUBTED = 0.5
 """Weight below which a dive is listed as doubtful."""
-IMPLAUSIBLE = 3.0
-"""Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
-_UNDETERMINED = 0.9
-"""Remaining fraction of the plausible deviation from which the dives do not determine a parameter."""
 
 _NOTE = (
     "Line and band: value from all dives and its 95 % interval. Points: value from the dives up to each, as known at "
@@ -175,30 +172,20 @@ def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> s
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
     """Return the differences of the hull at the last dive from the platform file, in the units that a pilot uses."""
     keys = {p.key for p in history.parameters}
-    density = history.platform.buoyancy.water_density
-    pieces = (
-        ("buoyancy.neutral_volume", "neutral oil volume, last dive minus platform file", "cm3", 1.0, ""),
-        ("buoyancy.neutral_volume", "the same as ballast to add", "g", 1e-3 * density,
-         f"in water of {density:g} kg/m3, to float as the platform file states"),
-        ("position.battery", "battery zero, last dive minus platform file", "mm", 1e3, ""),
-        ("sensors.pitch_offset", "offset of the pitch, last dive minus platform file", "degree", 1.0, ""),
-        ("sensors.roll_offset", "offset of the roll, last dive minus platform file", "degree", 1.0, ""),
-        ("sensors.heading_offset", "offset of the heading, last dive minus platform file", "degree", 1.0, ""),
-    )  # fmt: skip
-    return tuple(_pilot_row(history, *piece) for piece in pieces if piece[0] in keys)
+    return tuple(_pilot_row(history, one) for one in pilot_units(history.platform) if one.parameter in keys)
 
 
-def _pilot_row(history: HullHistory, key: str, quantity: str, unit: str, scale: float, remark: str) -> Comparison:
-    one = next(p for p in history.parameters if p.key == key)
-    value, std = (float(history.series(name, key)[-1]) for name in ("estimate", "estimate_std"))
-    apart, half = scale * (value - one.value(history.platform)), _NORMAL_95 * scale * std
+def _pilot_row(history: HullHistory, one: PilotUnit) -> Comparison:
+    p = next(p for p in history.parameters if p.key == one.parameter)
+    value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
+    apart, half = one.scale * (value - p.value(history.platform)), _NORMAL_95 * one.scale * std
     interval = "spread: 95 % interval"
     return Comparison(
-        quantity,
-        unit,
+        one.quantity,
+        one.unit,
         apart,
         spread=(apart - half, apart + half),
-        remark=f"{interval}; {remark}" if remark else interval,
+        remark=f"{interval}; {one.remark}" if one.remark else interval,
     )
 
 
@@ -264,12 +251,12 @@ def show(archive: Archive) -> Findings:
 
 
 def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
-    determined = int((parameters["left"] < _UNDETERMINED).sum())
+    determined = int((parameters["left"] < UNDETERMINED).sum())
     return {
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
             f"Hull and records at the last dive: {data}. *left* is the deviation after the dives over the plausible "
-            f"one; for {determined} of {len(parameters)} parameters it is below {number(_UNDETERMINED)}. *steps* is "
+            f"one; for {determined} of {len(parameters)} parameters it is below {number(UNDETERMINED)}. *steps* is "
             "the distance from the platform file in plausible deviations. Intervals are 95 % intervals."
         ),
         "changes": (

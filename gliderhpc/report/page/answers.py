@@ -1,0 +1,74 @@
+"""First section of the mission's page: current, next surfacing, hull and trim, anomalies, and uncertainty."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.archive.mission import Summary
+from gliderhpc.archive.reader import Archive
+from gliderhpc.report.facts import polar, signed
+from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
+from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.odd_profiles import common_remarks, odd_profiles
+from gliderhpc.report.page.reproduction import own_platform
+from gliderhpc.report.surfacing import surfacing_message
+from gliderhpc.report.surfacing_page import answers, hull_blocks
+
+Array = NDArray[np.float64]
+
+_FEWEST = 5
+"""Smallest number of dives for a trend."""
+
+
+def answers_section(archive: Archive, summary: Summary) -> Section:
+    """Assemble the results of the last dive and of the mission that an operator asks for first."""
+    table = MissionTable.of(archive)
+    odd = (*odd_profiles(summary, table), *common_remarks(summary, table))
+    remarks = (Remarks(odd, "Odd in this mission") if odd else Words("Nothing is odd in this mission."),)
+    done = table.number[table.done].tolist()
+    if not done:
+        return Section("answers", "In short", (Notice("no profile is done yet"), *remarks))
+    message = surfacing_message(archive, int(done[-1]))
+    last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
+    facts = {**last, **_current_of_the_mission(table), "uncertainty": "; ".join(_worth(archive, table))}
+    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *remarks))
+
+
+def _current_of_the_mission(table: MissionTable) -> dict[str, str]:
+    """Return mean and trend of the depth-averaged currents; empty without a current."""
+    known = table.with_current
+    if not known.any():
+        return {}
+    north, east = (component[known] for component in table.current)
+    found = {"mean current": f"{polar(north.mean(), east.mean())} ({known.sum()} dives)"}
+    days = table.days[known]
+    if known.sum() >= _FEWEST and np.ptp(days) > 0.0:
+        slopes = [_trend(days, component) for component in (north, east)]
+        texts = [f"{signed(slope)} ± {error:.3f}" for slope, error in slopes]
+        found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, by the dives' scatter"
+    return found
+
+
+def _trend(days: Array, values: Array) -> tuple[float, float]:
+    """Return the slope of a straight line by least squares, and its standard deviation from the residuals."""
+    centred = days - days.mean()
+    square = float(centred @ centred)
+    slope = float(centred @ values) / square
+    residuals = values - values.mean() - slope * centred
+    return slope, float(np.sqrt(residuals @ residuals / (len(days) - 2) / square))
+
+
+def _worth(archive: Archive, table: MissionTable) -> Iterator[str]:
+    """Yield sentences on the uncertainty of the results."""
+    if table.with_current.any():
+        deviation = float(np.nanmedian(table.current_std))
+        yield f"median standard deviation of a current's component {deviation:.3f} m/s ({table.adopted.label})"
+    yield f"{np.nanmedian(table.converged[table.done]):.0%} of the windows of a profile converged (median)"
+    platform = own_platform(archive)
+    calibrated = platform is not None and platform.calibration is not None
+    yield (
+        "the hull was calibrated, and the errors that remain are included"
+        if calibrated
+        else "the hull was not calibrated: its plausible errors are included"
+    )

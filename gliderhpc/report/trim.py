@@ -1,0 +1,95 @@
+"""Ballast, battery and offsets of the sensors from the dives so far, in the units that a pilot uses."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gliderhpc.archive.reader import Archive
+from gliderhpc.platform import Platform
+from gliderhpc.report.hull_news import dives_so_far
+from gliderhpc.studies.hull import MissionDives
+from gliderhpc.tuning.mission_hull import solve_mission
+
+IMPLAUSIBLE = 3.0
+"""Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
+
+UNDETERMINED = 0.9
+"""Remaining fraction of the plausible deviation from which the dives do not determine a parameter."""
+
+
+@dataclass(frozen=True)
+class PilotUnit:
+    """A quantity that a pilot can change or correct: one number of the platform file in another unit.
+
+    Attributes
+    ----------
+    parameter : str
+        Key in the platform file.
+    quantity, unit : str
+        Name of the quantity, and its unit.
+    scale : float
+        Factor from the unit of the platform file.
+    remark : str
+        Condition under which the quantity applies; empty if there is none.
+    """
+
+    parameter: str
+    quantity: str
+    unit: str
+    scale: float
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Difference of one quantity from the platform file, from the dives so far.
+
+    Attributes
+    ----------
+    parameter, quantity, unit : str
+        Key in the platform file, name of the quantity, and its unit.
+    difference, difference_std : float
+        Difference from the platform file, and its standard deviation.
+    steps : float
+        The same difference in plausible deviations.
+    """
+
+    parameter: str
+    quantity: str
+    unit: str
+    difference: float
+    difference_std: float
+    steps: float
+
+
+def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
+    """Return the quantities of a hull that a pilot can change or correct."""
+    density, apart = platform.buoyancy.water_density, "last dive minus platform file"
+    afloat = f"in water of {density:g} kg/m3, to float as the platform file states"
+    return (
+        PilotUnit("buoyancy.neutral_volume", f"neutral oil volume, {apart}", "cm3", 1.0),
+        PilotUnit("buoyancy.neutral_volume", "the same as ballast to add", "g", 1e-3 * density, afloat),
+        PilotUnit("position.battery", f"battery zero, {apart}", "mm", 1e3),
+        PilotUnit("sensors.pitch_offset", f"offset of the pitch, {apart}", "degree", 1.0),
+        PilotUnit("sensors.roll_offset", f"offset of the roll, {apart}", "degree", 1.0),
+        PilotUnit("sensors.heading_offset", f"offset of the heading, {apart}", "degree", 1.0),
+    )
+
+
+def trim_of(archive: Archive, number: int) -> tuple[Trim, ...]:
+    """Return what the dives up to a profile determine; empty if none of them has information on the hull."""
+    mission = dives_so_far(archive, number)
+    return tuple(_determined(mission)) if mission.dives else ()
+
+
+def _determined(mission: MissionDives) -> Iterator[Trim]:
+    """Yield the quantities whose deviation the dives have narrowed."""
+    last = solve_mission(mission.dives, mission.prior, robust=True).smoothed[-1]
+    place = {p.key: i for i, p in enumerate(mission.parameters)}
+    for one in pilot_units(mission.platform):
+        i = place.get(one.parameter)
+        if i is None or last.std[i] >= UNDETERMINED:
+            continue
+        p, steps = mission.parameters[i], float(last.mean[i])
+        moved = p.moved(mission.platform, steps) - p.value(mission.platform)
+        std = float(last.std[i]) * abs(p.slope(mission.platform, steps))
+        yield Trim(p.key, one.quantity, one.unit, one.scale * moved, one.scale * std, steps)

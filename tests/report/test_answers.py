@@ -1,0 +1,125 @@
+"""The first section of the mission's page, and what it is made of: trend of the currents, trim, remarks in common."""
+
+import numpy as np
+import pytest
+from support.hull_dives import PARAMETERS, dives
+from support.pages import DOCS
+
+from gliderhpc.archive.mission import describe, open_for_reading
+from gliderhpc.platform import read_platform
+from gliderhpc.report import hull_news
+from gliderhpc.report.facts import signed
+from gliderhpc.report.page import answers as module
+from gliderhpc.report.page.answers import answers_section
+from gliderhpc.report.page.content import Facts, Notice, Remarks
+from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.odd_profiles import common_remarks
+from gliderhpc.report.surfacing import surfacing_message
+from gliderhpc.report.surfacing_message import Trim
+from gliderhpc.report.surfacing_page import answers, hull_blocks
+from gliderhpc.report.trim import trim_of
+from gliderhpc.studies.hull import MissionDives
+
+HULL = read_platform("petrel-l")
+
+
+def _facts(blocks):
+    found = {}
+    for block in blocks:
+        if isinstance(block, Facts):
+            found |= block.rows
+    return found
+
+
+@pytest.mark.compiled
+def test_the_page_begins_with_the_last_dive_and_the_mission(brief_store):
+    summary = describe(brief_store)
+    with open_for_reading(brief_store) as archive:
+        section, message = answers_section(archive, summary), surfacing_message(archive, 3)
+        table = MissionTable.of(archive)
+    facts = _facts(section.blocks)
+    for name, text in answers(message).items():
+        assert facts[f"{name} (dive 3)"] == text
+        assert text != "unknown"
+    north, east = (component.mean() for component in table.current)
+    assert facts["mean current"].startswith(f"{np.hypot(north, east):.3f} m/s")
+    assert "trend of the current" not in facts
+    assert f"{np.nanmedian(table.current_std):.3f} m/s" in facts["uncertainty"]
+    assert "the hull was not calibrated" in facts["uncertainty"]
+
+
+def test_a_trend_and_its_error_are_those_of_a_straight_line():
+    rng = np.random.default_rng(3)
+    days = np.arange(40) / 4.0
+    slopes = [module._trend(days, 0.1 + 0.02 * days + 0.05 * rng.standard_normal(40)) for _ in range(400)]
+    found, stated = np.array(slopes).T
+    assert found.mean() == pytest.approx(0.02, abs=3.0 * found.std() / 20.0)
+    assert np.sqrt(np.mean(stated**2)) == pytest.approx(found.std(), rel=0.1)
+
+
+@pytest.fixture
+def lighter(swift_store, monkeypatch):
+    """Archive whose dives' information is that of a hull with 60 cm3 more of neutral volume and a wrong pitch."""
+    volume, pitch = (next(p for p in PARAMETERS if p.key == key) for key in _MOVED)
+    courses = {
+        volume.key: np.full(8, 60.0 / volume.slope(HULL, 0.0)), pitch.key: np.full(8, 5.0),
+    }  # fmt: skip
+    every = dives(8, courses, seed=2, information=400.0)
+    monkeypatch.setattr(hull_news, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, every, ()))
+    with open_for_reading(swift_store) as archive:
+        yield archive
+
+
+_MOVED = ("buoyancy.neutral_volume", "sensors.pitch_offset")
+
+
+@pytest.mark.compiled
+def test_ballast_and_trim_are_those_of_the_dives(lighter):
+    found = {one.quantity: one for one in trim_of(lighter, 3)}
+    volume = found["neutral oil volume, last dive minus platform file"]
+    assert abs(volume.difference - 60.0) < 3.0 * volume.difference_std < 30.0
+    ballast = found["the same as ballast to add"]
+    assert ballast.unit == "g"
+    assert ballast.difference == pytest.approx(1e-3 * HULL.buoyancy.water_density * volume.difference)
+    assert found["offset of the pitch, last dive minus platform file"].steps == pytest.approx(5.0, abs=0.2)
+
+
+@pytest.mark.compiled
+def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(lighter):
+    message = surfacing_message(lighter, 3)
+    assert {one.parameter for one in message.trim} >= set(_MOVED)
+    (warning,) = (block for block in hull_blocks(message) if isinstance(block, Notice))
+    assert "sensors.pitch_offset" in warning.text
+    assert "do not ballast" in warning.text
+    near = message.model_copy(update={"trim": tuple(one for one in message.trim if abs(one.steps) < 3.0)})
+    assert not [block for block in hull_blocks(near) if isinstance(block, Notice)]
+    (one, *_) = near.trim
+    assert _facts(hull_blocks(near))[one.quantity] == (
+        f"{signed(one.difference, '.3g')} ± {one.difference_std:.2g} {one.unit}"
+    )
+
+
+def test_a_quantity_that_the_dives_do_not_determine_is_left_out(swift_store, monkeypatch):
+    vague = dives(4, {}, information=1e-3)
+    monkeypatch.setattr(hull_news, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
+    with open_for_reading(swift_store) as archive:
+        assert trim_of(archive, 3) == ()
+
+
+@pytest.mark.compiled
+def test_remarks_that_many_profiles_share_are_listed_once(brief_store):
+    summary = describe(brief_store)
+    messages = {
+        1: ("done", "12 s of gaps; only the first"), 2: ("done", "7.5 s of gaps; calm"), 3: ("failed", "12 s of gaps"),
+    }  # fmt: skip
+    object.__setattr__(summary, "messages", messages)
+    with open_for_reading(brief_store) as archive:
+        table = MissionTable.of(archive)
+        assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (numbers of the first)"]
+        (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+    assert "in 2 of 3 profiles" in " ".join(odd.texts)
+
+
+def test_every_field_of_a_trim_has_its_unit_in_the_schema():
+    assert all(field.description for field in Trim.model_fields.values())
+    assert (DOCS / "report.md").read_text("utf-8").count("ballast") >= 1
