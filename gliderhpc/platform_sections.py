@@ -81,8 +81,18 @@ class CalibrationErrors(Section):
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance (p, p) in the file's units."""
-        return np.asarray(np.outer(self.deviation, self.deviation) * self.correlation_matrix)
+        """Covariance (p, p) in the file's units; negative eigenvalues that come from rounding are left out."""
+        return np.asarray(np.outer(self.deviation, self.deviation) * _semidefinite(self.correlation_matrix))
+
+
+def _semidefinite(correlation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return correlations (p, p) with negative eigenvalues set to zero; unchanged if there are none."""
+    values, vectors = np.linalg.eigh(correlation)
+    if not len(values) or values[0] >= 0.0:
+        return correlation
+    matrix = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    scale = np.sqrt(np.diag(matrix))
+    return np.asarray(matrix / np.outer(scale, scale))
 
 
 class Uncertainty(Section):

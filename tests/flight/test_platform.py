@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.platform import ballast_masses, read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform_sections import CalibrationErrors
 
 PETREL = (Path(__file__).parents[2] / "gliderhpc" / "platforms" / "petrel-l.yaml").read_text("utf-8")
 
@@ -192,3 +193,21 @@ def test_ballast_masses_follow_model_1():
     m_b, m_m = ballast_masses(platform, volume)
     np.testing.assert_allclose(m_b, (870.0 - 1025.0) * volume)
     np.testing.assert_allclose(m_b + m_m, -1025.0 * (volume - 700e-6), atol=1e-12)
+
+
+def test_rounded_correlations_leave_no_negative_variance():
+    """Three numbers correlated by 1, rounded so that they contradict one another by less than a file's rounding."""
+    rounded = CalibrationErrors(
+        parameters=("a", "b", "c"), deviation=(1.0, 2.0, 0.5), correlation=((), (0.9999,), (0.9999, 0.9989))
+    )
+    assert np.linalg.eigvalsh(rounded.correlation_matrix)[0] < -1e-4
+    covariance = rounded.covariance
+    assert np.linalg.eigvalsh(covariance)[0] > -1e-12
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), rounded.deviation, rtol=1e-12)
+    np.testing.assert_allclose(covariance, np.outer(rounded.deviation, rounded.deviation), atol=2e-3)
+    np.linalg.cholesky(covariance + 1e-9 * np.eye(3))
+
+
+def test_correlations_that_are_sound_are_taken_as_they_are():
+    sound = CalibrationErrors(parameters=("a", "b"), deviation=(1.0, 2.0), correlation=((), (-0.3,)))
+    np.testing.assert_array_equal(sound.covariance, [[1.0, -0.6], [-0.6, 4.0]])
