@@ -111,6 +111,10 @@ class Uncertainty(Section):
         description="change with time by key, in the same units as the deviation, per square root of a day",
     )
 
+    def __hash__(self) -> int:
+        """Return a hash of the contents, whose dictionaries have none; studies keep what they compute for a hull."""
+        return hash(self.model_dump_json())
+
     @property
     def keys(self) -> dict[str, tuple[str, ...]]:
         """Keys of the platform file that each entry names."""

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.platform import ballast_masses, read_platform, shipped_platforms, with_overrides
-from gliderhpc.platform_sections import CalibrationErrors
+from gliderhpc.platform_sections import CalibrationErrors, Uncertainty
 
 PETREL = (Path(__file__).parents[2] / "gliderhpc" / "platforms" / "petrel-l.yaml").read_text("utf-8")
 
@@ -211,3 +211,15 @@ def test_rounded_correlations_leave_no_negative_variance():
 def test_correlations_that_are_sound_are_taken_as_they_are():
     sound = CalibrationErrors(parameters=("a", "b"), deviation=(1.0, 2.0), correlation=((), (-0.3,)))
     np.testing.assert_array_equal(sound.covariance, [[1.0, -0.6], [-0.6, 4.0]])
+
+
+@pytest.mark.parametrize("name", shipped_platforms())
+def test_equal_hulls_have_equal_hashes(name):
+    """A calibrated hull has dictionaries, and it is the key of what studies keep."""
+    hull = read_platform(name)
+    errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(0.5,), correlation=((),))
+    uncertain = Uncertainty(deviation={"viscous.K_L": 0.3}, covariance=errors)
+    calibrated, again = (hull.model_copy(update={"uncertainty": uncertain}) for _ in range(2))
+    assert hash(calibrated) == hash(again)
+    assert calibrated == again != hull
+    assert hash(calibrated) != hash(hull)
