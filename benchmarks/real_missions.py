@@ -383,7 +383,7 @@ AGAINST = [
 ]
 
 SPEEDS = [
-    "On SG249 the basestation's two speeds differ from each other by more than the adjoint's differs from either. Its flight model's",
+    "On SG249 ours differs from the speed of lift, drag and depth rate by half of what the basestation's two differ. Its flight model's",
     "depth rate hardly changes below the seasonal thermocline, while the measured one falls with depth in dives and rises with depth",
     "in climbs: the model's buoyancy does not increase with depth as the vehicle's does (its hull's compressibility), so its speed is",
     "steady. Ours follows the measured depth rate. The difference from the flight model is therefore neither drag nor a lag; with the",
