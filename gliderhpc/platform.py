@@ -368,6 +368,15 @@ _BOUNDS = {
 }
 
 
+_LIST = "a list of 3 numbers"
+_LISTS = {
+    "prior": "a list of 6 numbers",
+    "sensors.heading_deviation": "a list of 4 numbers",
+    "uncertainty": "a list, as `gliderhpc calibrate` writes it",
+}
+"""What the lists of some keys are; all others have three numbers."""
+
+
 def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:
     if kind in _BOUNDS:
         name, words = _BOUNDS[kind]
@@ -375,7 +384,7 @@ def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:
     if kind in {"float_type", "float_parsing", "finite_number"}:
         return "it must be a finite number"
     if kind in {"missing", "too_long", "too_short", "tuple_type"}:
-        return f"it must be a list of {6 if key.startswith('prior') else 3} numbers"
+        return f"it must be {next((text for start, text in _LISTS.items() if key.startswith(start)), _LIST)}"
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         return "it must hold `key: value` pairs, as in `gliderhpc platforms petrel-l --yaml`"
     if kind == "value_error":

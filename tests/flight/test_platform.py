@@ -100,6 +100,12 @@ def test_path_is_read_like_a_name(tmp_path):
         ("added_mass: [1.65,", "added_mass: [-1.65,", r"added_mass is -1\.65 .*at least 0"),
         ("inertia: [0.84, 26.8, 26.7]", "inertia: [0.84, 26.8]", r"inertia .* list of 3 numbers"),
         ("inertia: [0.84, 26.8, 26.7]", "inertia: 3.0", r"inertia .* list of 3 numbers"),
+        ("depth_noise: 0.03", "depth_noise: 0.03, heading_deviation: [1, 2]", r"deviation is .* list of 4 numbers"),
+        (
+            "name: petrel-l\n",
+            "name: petrel-l\nuncertainty: {covariance: {parameters: 1, deviation: [1], correlation: [[]]}}\n",
+            r"parameters is 1: it must be a list, as",
+        ),
         ("total: 88.09", "total: heavy", r"mass\.total is 'heavy' .*finite number"),
         ("total: 88.09", "total: .nan", r"mass\.total is nan .*finite number"),
         ("total: 88.09", "total: yes", r"mass\.total is True .*must be a number"),
