@@ -87,6 +87,8 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
     for preset, entries in results["profile"].items():
         times = ", ".join(f"{row['median']:.2f} s with engine {name}" for name, row in entries.items())
         yield f"- A whole profile of {results['profile_minutes']:.0f} minutes, preset `{preset}`: {times}."
+    if "smoother" in results:
+        yield _smoother(results["smoother"])
     for name, row in results["duration"].items():
         low, high = row["minutes"][0], row["minutes"][-1]
         yield (
@@ -100,6 +102,16 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
             f"- {last['workers']} workers are {last['speedup']:.2f} times as fast as one; a worker used at most "
             f"{memory:.0f} MiB (engine {name})."
         )
+
+
+def _smoother(row: Mapping[str, Any]) -> str:
+    return (
+        f"- The smoother takes {row['pass_us']:.1f} μs per step and pass (forwards {row['forward_us']['median']:.1f}, "
+        f"backwards {row['backward_us']['median']:.1f}), linearisation included, and {row['whole_us']['median']:.0f} μs per "
+        f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. A dense pass in NumPy over the "
+        f"same segments, whose linearisation is given, takes {row['dense_ratio']:.1f} times as long (largest difference of "
+        f"means in deviations and of relative variances {row['largest_difference']:.0e})."
+    )
 
 
 def _missions(missions: Mapping[str, Mapping[str, Any]]) -> str:

@@ -21,6 +21,7 @@ from benchmarks.peers.base import verify
 from benchmarks.readme import update_readme
 from benchmarks.results import QUICK, RESULTS, Results, read_results, terminal_table, write_results
 from benchmarks.scaling import duration_rows, worker_rows
+from benchmarks.smoother import smoother_rows
 from benchmarks.timing import one_core
 from benchmarks.windows import PLATFORM, STEPS, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
@@ -53,6 +54,8 @@ def measure(size: Size, console: Console) -> Results:
         results["peak_flops"] = fma_peak()
         results["operations_a_gradient"] = STEPS * operations_a_step()
         _measure_windows(results, size, console)
+        console.print("smoother")
+        results["smoother"] = smoother_rows(settings_of("recommended"), size.depth, size.solves)
         console.print("scaling with duration")
         results["duration"] = duration_rows("recommended", size.depths, max(2, size.profiles // 2))
     # The average lags by a minute: other work that began meanwhile shows at the end of this part, our own one process aside.

@@ -26,9 +26,9 @@ from gliderhpc.observations.landing import FileState, duplicates, folder_of, loo
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
+from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.report.surfacing_page import write_surfacing_page
 from gliderhpc.store_schema import is_archive, read_profiles
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.place import Place

@@ -29,9 +29,9 @@ from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.landing import FileState, look, older, settled, take
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.next_surfacing import displacement_scatter, predict_surfacing
+from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import error_ellipse, surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.report.surfacing_page import write_surfacing_page
 
 pytestmark = pytest.mark.compiled
 

@@ -23,6 +23,7 @@ from benchmarks.readme import README, SECTION, performance_section
 from benchmarks.results import RESULTS, read_results, write_results
 from benchmarks.scaling import worker_counts
 from benchmarks.sections import section_of, with_section
+from benchmarks.smoother import smoother_rows
 from benchmarks.timing import groups_of, growth_exponent, in_turns, one_core, ratios_to, spread_of
 from benchmarks.windows import PLATFORM, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
@@ -259,6 +260,14 @@ def test_a_profiles_time_is_shared_among_those_taken_at_a_time(series):
     )
     assert profile_rows({"four": engine}, Glider(load_platform(PLATFORM)), series, 3)["four"]["count"] == 3
     assert taken == [4] * 4
+
+
+def test_the_dense_pass_of_the_smoother_has_the_same_answer():
+    """Rauch, Tung and Striebel with whole matrices, over the same segments: they differ by rounding alone."""
+    row = smoother_rows(settings_of("recommended"), 15.0, 1)
+    assert row["largest_difference"] < 1e-4
+    assert row["pass_us"] > 0.0
+    assert row["dense_ratio"] == pytest.approx(row["dense_us"]["median"] / row["pass_us"])
 
 
 def test_a_missing_package_is_one_line():

@@ -14,9 +14,9 @@ from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.odd_profiles import common_remarks
+from gliderhpc.report.page.surfacing_page import answers, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import Trim
-from gliderhpc.report.surfacing_page import answers, hull_blocks
 from gliderhpc.report.trim import trim_of
 from gliderhpc.studies.hull import MissionDives
 

@@ -9,9 +9,9 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import hull_news as module
 from gliderhpc.report.hull_news import HullNews, hull_news
+from gliderhpc.report.page.surfacing_page import surfacing_page
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
-from gliderhpc.report.surfacing_page import surfacing_page
 from gliderhpc.studies.hull import MissionDives
 
 HULL = read_platform("petrel-l")

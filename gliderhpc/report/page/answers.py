@@ -12,8 +12,8 @@ from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.odd_profiles import common_remarks, odd_profiles
 from gliderhpc.report.page.reproduction import own_platform
+from gliderhpc.report.page.surfacing_page import answers, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_page import answers, hull_blocks
 
 Array = NDArray[np.float64]
 
