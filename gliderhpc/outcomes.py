@@ -33,5 +33,5 @@ _SENTENCES = {
     Outcome.ITERATION_LIMIT: "the iteration limit was reached before the optimality measure was met",
     Outcome.STALLED: "the line search found no further decrease before the optimality measure was met",
     Outcome.DIVERGED: "no flyable trajectory was found that tracks the record better than the prior, which is used",
-    Outcome.NO_DATA: "the window has no measured sample; the prior is used",
+    Outcome.NO_DATA: "the window has no measured sample, so the prior is used",
 }

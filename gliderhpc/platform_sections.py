@@ -113,7 +113,7 @@ class Uncertainty(Section):
 
     def __hash__(self) -> int:
         """Return a hash of the contents, whose dictionaries have none; studies keep what they compute for a hull."""
-        return hash(self.model_dump_json())
+        return hash((frozenset(self.deviation.items()), self.covariance, frozenset(self.walk.items())))
 
     @property
     def keys(self) -> dict[str, tuple[str, ...]]:

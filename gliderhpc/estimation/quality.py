@@ -83,14 +83,14 @@ def buoyancy_remarks(platform: Platform, series: ProfileSeries) -> list[str]:
     if platform.buoyancy.compressibility is None or by_density(platform, series):
         return []
     reason = series.without_seawater or "by the setting seawater"
-    return [f"buoyancy from the depth slope, not from density: {reason}; {SLOPE_BIAS}"]
+    return [f"buoyancy from the depth slope, not from density: {reason}, and {SLOPE_BIAS}"]
 
 
 def _remedy(platform: Platform) -> str:
     """Remedy against implausible self-motion."""
     if platform.calibration is None:
         return "calibrate the hull"
-    return "the hull flew differently when it was calibrated; calibrate it on profiles like this one"
+    return "the hull flew differently when it was calibrated, so calibrate it on profiles like this one"
 
 
 def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
@@ -103,8 +103,8 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
     named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
-        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality; the smoothed "
-        "estimate is better there"
+        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality, where the "
+        "smoothed estimate is better"
     ]
 
 
@@ -126,7 +126,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
-        lines.append(f"the usual disturbance prior could not follow this record; {freed} allowed to follow gusts")
+        lines.append(f"the usual disturbance prior could not follow this record, so {freed} allowed to follow gusts")
     run = longest_run(implausible_motion(estimate) & ~estimate.vibrating, series.step)
     if run >= STEADY_MINUTE:
         lines.append(

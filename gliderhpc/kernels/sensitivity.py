@@ -112,6 +112,8 @@ def linearise_with_constants(
 
     Parameters
     ----------
+    at : int
+        First row in the block, a multiple of `LANES`: the products are saved in group ``at // LANES``.
     tally, gradient : (14,), Gradient
         Scratch.
     sensitivity : Sensitivity
@@ -267,11 +269,11 @@ def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch,
         Path of linearisation. Its rows inside the segments are replaced by the model's run, and its X and Y by the
         displacement.
     scratch, checkpoints : Scratch, SensitivityRows
-        Memory; there are checkpoints only if rows are asked for.
+        Memory; checkpoints are written only if rows are asked for.
     information, again : Information
-        Result, to be filled, and memory of the same size for the backward sweep, which adds up everything again.
+        Result, to be filled, and memory for one assumption, in which the backward sweep adds up everything again.
     out : SmoothedSensitivity
-        Sensitivities in the rows asked for, to be filled.
+        Sensitivities in the rows asked for, and of the displacement, to be filled; nothing is filled without rows.
     """
     block, sensitivity, carried = scratch.block, scratch.sensitivity, scratch.carried
     rows = scratch.segments.rows.shape[0]

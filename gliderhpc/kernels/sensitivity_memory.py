@@ -119,7 +119,7 @@ class SensitivityRows(NamedTuple):
 
 
 class Information(NamedTuple):
-    """Information of a dive on ``eta``, under each of ``a`` assumptions.
+    """Information of a dive on ``eta``, under each of ``a`` assumptions; of a single one, without that axis.
 
     Attributes
     ----------

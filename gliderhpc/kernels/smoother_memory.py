@@ -16,7 +16,7 @@ from gliderhpc.kernels.jit import inner_kernel
 Array = Any
 
 BLOCK = 16
-"""Number of rows between checkpoints. A block (100 kB, with the segments of five steps 250 kB) fits into the
+"""Number of rows between checkpoints. A block (110 kB, with the segments of five steps 310 kB) fits into the
 second-level cache; twice as many rows or more were slower in measurements."""
 
 GROUPS = 16 // LANES

@@ -27,6 +27,7 @@ from gliderhpc.report.surfacing_message import (
     Water,
 )
 from gliderhpc.report.trim import trim_of
+from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
 
 Array = NDArray[np.float64]
@@ -104,8 +105,8 @@ def surfacing_message(
         ),
         odd=() if data is None else _odd(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
-        hull_changes=_hull_changes(archive, number) if smoothed else (),
-        trim=_trim(archive, number) if smoothed else (),
+        hull_changes=_hull_changes(archive, number) if done else (),
+        trim=_trim(archive, number) if done else (),
     )
 
 
@@ -232,8 +233,13 @@ def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
     return tuple(dict.fromkeys(remarks))
 
 
+def _has_hull_information(archive: Archive) -> bool:
+    """Return whether the archive has the dives' information on the hull; former versions have none, or part of it."""
+    return "hull" in archive.children and set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
+
+
 def _hull_changes(archive: Archive, number: int) -> tuple[HullChange, ...]:
-    if "hull" not in archive.children:
+    if not _has_hull_information(archive):
         return ()
     return tuple(
         HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH))
@@ -242,7 +248,7 @@ def _hull_changes(archive: Archive, number: int) -> tuple[HullChange, ...]:
 
 
 def _trim(archive: Archive, number: int) -> tuple[Trim, ...]:
-    if "hull" not in archive.children:
+    if not _has_hull_information(archive):
         return ()
     return tuple(Trim(**asdict(one)) for one in trim_of(archive, number))
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from threadpoolctl import threadpool_limits
+
 from gliderhpc.archive.reader import Archive
 from gliderhpc.platform import Platform
 from gliderhpc.report.hull_news import dives_so_far
@@ -27,7 +29,7 @@ class PilotUnit:
     quantity, unit : str
         Name of the quantity, and its unit.
     scale : float
-        Factor from the unit of the platform file.
+        Factor from the unit of the platform file; negative for ballast, as a hull of larger neutral volume is heavier.
     remark : str
         Condition under which the quantity applies; empty if there is none.
     """
@@ -67,7 +69,7 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     afloat = f"in water of {density:g} kg/m3, to float as the platform file states"
     return (
         PilotUnit("buoyancy.neutral_volume", f"neutral oil volume, {apart}", "cm3", 1.0),
-        PilotUnit("buoyancy.neutral_volume", "the same as ballast to add", "g", 1e-3 * density, afloat),
+        PilotUnit("buoyancy.neutral_volume", "the same as ballast to add", "g", -1e-3 * density, afloat),
         PilotUnit("position.battery", f"battery zero, {apart}", "mm", 1e3),
         PilotUnit("sensors.pitch_offset", f"offset of the pitch, {apart}", "degree", 1.0),
         PilotUnit("sensors.roll_offset", f"offset of the roll, {apart}", "degree", 1.0),
@@ -76,14 +78,15 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
 
 
 def trim_of(archive: Archive, number: int) -> tuple[Trim, ...]:
-    """Return what the dives up to a profile determine; empty if none of them has information on the hull."""
+    """Return what the latest dives up to a profile determine; empty if none has information on the hull."""
     mission = dives_so_far(archive, number)
     return tuple(_determined(mission)) if mission.dives else ()
 
 
 def _determined(mission: MissionDives) -> Iterator[Trim]:
-    """Yield the quantities whose deviation the dives have narrowed."""
-    last = solve_mission(mission.dives, mission.prior, robust=True).smoothed[-1]
+    """Yield the quantities whose deviation, after a calibration and the dives, is below `UNDETERMINED`."""
+    with threadpool_limits(limits=1):
+        last = solve_mission(mission.dives, mission.prior, robust=True).smoothed[-1]
     place = {p.key: i for i, p in enumerate(mission.parameters)}
     for one in pilot_units(mission.platform):
         i = place.get(one.parameter)
@@ -92,4 +95,4 @@ def _determined(mission: MissionDives) -> Iterator[Trim]:
         p, steps = mission.parameters[i], float(last.mean[i])
         moved = p.moved(mission.platform, steps) - p.value(mission.platform)
         std = float(last.std[i]) * abs(p.slope(mission.platform, steps))
-        yield Trim(p.key, one.quantity, one.unit, one.scale * moved, one.scale * std, steps)
+        yield Trim(p.key, one.quantity, one.unit, one.scale * moved, abs(one.scale) * std, steps)

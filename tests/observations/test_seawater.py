@@ -359,7 +359,7 @@ def test_a_profile_that_fell_back_to_the_depth_slope_is_warned_of(ocean_mission,
     assert caplog.messages == []
     series = profile_series(ocean_mission / "twin.nc", 1, EstimationSettings(seawater="depth_slope"))
     assert buoyancy_remarks(SOFT, series) == [
-        f"buoyancy from the depth slope, not from density: by the setting seawater; {SLOPE_BIAS}"
+        f"buoyancy from the depth slope, not from density: by the setting seawater, and {SLOPE_BIAS}"
     ]
     assert buoyancy_remarks(read_platform("petrel-l"), series) == []
 
@@ -372,7 +372,7 @@ def test_the_archive_says_what_was_used(ocean_mission, ocean_store):
         assert table["buoyancy"].attrs["flag_meanings"] == "depth_slope density"
         assert str(table["message"].values[0]) == ""
         assert str(table["message"].values[1]) == (
-            f"buoyancy from the depth slope, not from density: no practical_salinity; {SLOPE_BIAS}"
+            f"buoyancy from the depth slope, not from density: no practical_salinity, and {SLOPE_BIAS}"
         )
         assert np.isnan(observed["water_density"].sel(profile=2)).all()
         assert archive.attrs["settings"]["seawater"] == "auto"

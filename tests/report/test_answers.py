@@ -58,7 +58,7 @@ def test_a_trend_and_its_error_are_those_of_a_straight_line():
 
 
 @pytest.fixture
-def lighter(swift_store, monkeypatch):
+def heavier(swift_store, monkeypatch):
     """Archive whose dives' information is that of a hull with 60 cm3 more of neutral volume and a wrong pitch."""
     volume, pitch = (next(p for p in PARAMETERS if p.key == key) for key in _MOVED)
     courses = {
@@ -74,19 +74,20 @@ _MOVED = ("buoyancy.neutral_volume", "sensors.pitch_offset")
 
 
 @pytest.mark.compiled
-def test_ballast_and_trim_are_those_of_the_dives(lighter):
-    found = {one.quantity: one for one in trim_of(lighter, 3)}
+def test_ballast_and_trim_are_those_of_the_dives(heavier):
+    found = {one.quantity: one for one in trim_of(heavier, 3)}
     volume = found["neutral oil volume, last dive minus platform file"]
     assert abs(volume.difference - 60.0) < 3.0 * volume.difference_std < 30.0
     ballast = found["the same as ballast to add"]
     assert ballast.unit == "g"
-    assert ballast.difference == pytest.approx(1e-3 * HULL.buoyancy.water_density * volume.difference)
+    assert ballast.difference == pytest.approx(-1e-3 * HULL.buoyancy.water_density * volume.difference)
+    assert ballast.difference_std > 0.0
     assert found["offset of the pitch, last dive minus platform file"].steps == pytest.approx(5.0, abs=0.2)
 
 
 @pytest.mark.compiled
-def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(lighter):
-    message = surfacing_message(lighter, 3)
+def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
+    message = surfacing_message(heavier, 3)
     assert {one.parameter for one in message.trim} >= set(_MOVED)
     (warning,) = (block for block in hull_blocks(message) if isinstance(block, Notice))
     assert "sensors.pitch_offset" in warning.text

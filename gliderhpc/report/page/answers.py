@@ -9,10 +9,10 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
-from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
 from gliderhpc.report.page.odd_profiles import common_remarks, odd_profiles
 from gliderhpc.report.page.reproduction import own_platform
-from gliderhpc.report.page.surfacing_page import answers, hull_blocks
+from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 
 Array = NDArray[np.float64]
@@ -31,8 +31,16 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
         return Section("answers", "In short", (Notice("no profile is done yet"), *remarks))
     message = surfacing_message(archive, int(done[-1]))
     last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
+    if message.current is None:
+        last |= _last_known_current(table)
     facts = {**last, **_current_of_the_mission(table), "uncertainty": "; ".join(_worth(archive, table))}
     return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *remarks))
+
+
+def _last_known_current(table: MissionTable) -> dict[str, str]:
+    """Return the current of the last dive that has one; empty without any."""
+    number, current = last_current(table)
+    return {} if current is None else {f"last known current (dive {number})": current_text(current)}
 
 
 def _current_of_the_mission(table: MissionTable) -> dict[str, str]:
@@ -45,7 +53,7 @@ def _current_of_the_mission(table: MissionTable) -> dict[str, str]:
     days = table.days[known]
     if known.sum() >= _FEWEST and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
-        texts = [f"{signed(slope)} ± {error:.3f}" for slope, error in slopes]
+        texts = [f"{signed(slope, '.2g')} ± {error:.2g}" for slope, error in slopes]
         found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, by the dives' scatter"
     return found
 
@@ -61,14 +69,11 @@ def _trend(days: Array, values: Array) -> tuple[float, float]:
 
 def _worth(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield sentences on the uncertainty of the results."""
-    if table.with_current.any():
-        deviation = float(np.nanmedian(table.current_std))
+    deviation, converged = median(table.current_std), median(table.converged[table.done])
+    if np.isfinite(deviation):
         yield f"median standard deviation of a current's component {deviation:.3f} m/s ({table.adopted.label})"
-    yield f"{np.nanmedian(table.converged[table.done]):.0%} of the windows of a profile converged (median)"
+    if np.isfinite(converged):
+        yield f"{converged:.0%} of the windows of a profile converged (median)"
     platform = own_platform(archive)
-    calibrated = platform is not None and platform.calibration is not None
-    yield (
-        "the hull was calibrated, and the errors that remain are included"
-        if calibrated
-        else "the hull was not calibrated: its plausible errors are included"
-    )
+    if platform is not None:
+        yield "the hull was calibrated" if platform.calibration else "the hull was not calibrated (gliderhpc calibrate)"

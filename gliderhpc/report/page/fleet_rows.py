@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import xarray as xr
 
 from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
 from gliderhpc.archive.reader import Archive
@@ -15,11 +14,11 @@ from gliderhpc.observations.fixes import midpoint
 from gliderhpc.report.facts import iso_instant, platform_name, polar
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, Track
-from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.odd_profiles import odd_profiles
 from gliderhpc.report.studies import SHOWN, studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
-from gliderhpc.report.surfacing import current_of_dive, has_smoothed, water_of_dive
+from gliderhpc.report.surfacing import has_smoothed, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
 
@@ -184,7 +183,7 @@ def read_state(place: Place) -> MissionState:
     summary = describe(place)
     with reading(place), open_for_reading(place) as archive:
         table = MissionTable.of(archive)
-        current_of, current = _last_current(table)
+        current_of, current = last_current(table)
         done = table.number[table.done].tolist()
         water_of = int(done[-1]) if done else 0
         smoothed = bool(done) and has_smoothed(archive, water_of)
@@ -198,14 +197,6 @@ def read_state(place: Place) -> MissionState:
             stored_changes(archive),
             tuple(_odd(archive, summary, table)),
         )
-
-
-def _last_current(table: MissionTable) -> tuple[int, Current | None]:
-    known = np.flatnonzero(table.with_current)
-    if not known.size:
-        return 0, None
-    row: xr.Dataset = table.dataset.isel(profile=int(known[-1]))
-    return int(table.number[known[-1]]), current_of_dive(row)
 
 
 def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:

@@ -28,6 +28,8 @@ from gliderhpc.findings.drawing import (
     panels,
 )
 from gliderhpc.report.page.content import Row, heading
+from gliderhpc.report.surfacing import current_of_dive
+from gliderhpc.report.surfacing_message import Current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +53,20 @@ CURRENT = (
 
 SHOWN = len(LEADING_COLUMNS) + len(CURRENT) + 2
 """Number of columns on the page, including the profile number and the message."""
+
+
+def last_current(table: MissionTable) -> tuple[int, Current | None]:
+    """Return the number of the last profile with a current, and that current; 0 and None if there is none."""
+    known = np.flatnonzero(table.with_current)
+    if not known.size:
+        return 0, None
+    return int(table.number[known[-1]]), current_of_dive(table.dataset.isel(profile=int(known[-1])))
+
+
+def median(values: Array) -> float:
+    """Return the median of the finite values, NaN if there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,9 @@ def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
     found: dict[str, list[str]] = {}
     for status, text in summary.messages.values():
         if status == "done":
-            for remark in filter(None, text.split("; ")):
-                found.setdefault(_NUMBER.sub("N", remark), []).append(remark)
+            own = {_NUMBER.sub("N", remark): remark for remark in filter(None, text.split("; "))}
+            for pattern, remark in own.items():
+                found.setdefault(pattern, []).append(remark)
     done = int(table.done.sum())
     common = sorted(found.values(), key=len, reverse=True)
     for remarks in common[:_LISTED]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, Remarks, Section, Words
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing_message import Ellipse, SurfacingMessage
+from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
 from gliderhpc.report.trim import IMPLAUSIBLE
 
 _DETERMINED = 0.7
@@ -51,7 +51,7 @@ def surfacing_page(message: SurfacingMessage) -> Page:
 def answers(message: SurfacingMessage) -> dict[str, str]:
     """Return current, next surfacing and motion through the water, by name."""
     return {
-        "current": _current(message),
+        "current": current_text(message.current),
         "next surfacing": _next_surfacing(message),
         "through the water": _water(message),
     }
@@ -69,8 +69,8 @@ def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
     )
 
 
-def _current(message: SurfacingMessage) -> str:
-    current = message.current
+def current_text(current: Current | None) -> str:
+    """Return a current with its error ellipse as text."""
     if current is None:
         return "unknown"
     components = f"north {signed(current.north)}, east {signed(current.east)} m/s"
@@ -112,13 +112,13 @@ def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.hull_changes:
-        return (Words("Estimated from the fourth dive on: changes since the first."),)
+        return (Words("No change of the hull can be stated: this needs at least four dives with information on it."),)
     rows = {
         one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
         f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
         for one in message.hull_changes
     }
-    return Words(f"Changes over the last {message.hull_changes[0].dives} dives."), Facts(rows)
+    return Words(f"Changes of the hull over the last {message.hull_changes[0].dives} dives."), Facts(rows)
 
 
 def _trim(message: SurfacingMessage) -> tuple[Block, ...]:

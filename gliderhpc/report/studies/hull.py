@@ -178,7 +178,7 @@ def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
 def _pilot_row(history: HullHistory, one: PilotUnit) -> Comparison:
     p = next(p for p in history.parameters if p.key == one.parameter)
     value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
-    apart, half = one.scale * (value - p.value(history.platform)), _NORMAL_95 * one.scale * std
+    apart, half = one.scale * (value - p.value(history.platform)), _NORMAL_95 * abs(one.scale) * std
     interval = "spread: 95 % interval"
     return Comparison(
         one.quantity,
