@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.studies.hull import HullSettings, MissionDives, change_in_units, read_dives, sum_up
+from gliderhpc.tuning.hull_changes import HullChange
+from gliderhpc.tuning.mission_hull import MissionHull
 
 _DIVES = 100
 """Largest number of dives that are combined; without a limit, the computing time would grow with the mission."""
@@ -47,19 +49,26 @@ class HullNews:
         return self.probability * 0.5 * math.erfc(-beyond / math.sqrt(2.0))
 
 
-def dives_so_far(archive: Archive, number: int) -> MissionDives:
-    """Read the hull information of the latest dives up to a profile."""
-    return read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
+@dataclass(frozen=True, eq=False)
+class HullSoFar:
+    """Hull from the latest dives up to one: their information, its sum, and each suspect's change by its position."""
+
+    mission: MissionDives
+    found: MissionHull
+    changes: dict[int, HullChange | None]
 
 
-def hull_news(archive: Archive, number: int) -> tuple[HullNews, ...]:
-    """Return the changes shown by the dives up to a profile; empty if they are too few to show a change."""
-    mission = dives_so_far(archive, number)
-    if not mission.dives:
-        return ()
-    found, changes = sum_up(mission, HullSettings())
+def hull_so_far(archive: Archive, number: int) -> HullSoFar | None:
+    """Sum up the latest dives up to a profile; None if none of them has information on the hull."""
+    mission = read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
+    return HullSoFar(mission, *sum_up(mission, HullSettings())) if mission.dives else None
+
+
+def hull_news(hull: HullSoFar) -> tuple[HullNews, ...]:
+    """Return the changes shown by the dives; empty if they are too few to show a change."""
+    mission, found = hull.mission, hull.found
     news = []
-    for i, change in changes.items():
+    for i, change in hull.changes.items():
         if change is None:
             continue
         one, values = mission.parameters[i], change_in_units(mission, found, i, change)

@@ -11,7 +11,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
-from gliderhpc.report.hull_news import hull_news
+from gliderhpc.report.hull_news import HullSoFar, hull_news, hull_so_far
 from gliderhpc.report.next_surfacing import predict_surfacing
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
@@ -79,6 +79,7 @@ def surfacing_message(
     done = str(row["status"].values) == "done"
     data = read_profile_data(archive, number) if done else None
     smoothed = done and has_smoothed(archive, number)
+    hull = hull_so_far(archive, number) if done and _has_hull_information(archive) else None
     return SurfacingMessage(
         version=MESSAGE_VERSION,
         mission=str(archive.attrs.get("mission") or ""),
@@ -105,8 +106,8 @@ def surfacing_message(
         ),
         odd=() if data is None else _odd(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
-        hull_changes=_hull_changes(archive, number) if done else (),
-        trim=_trim(archive, number) if done else (),
+        hull_changes=() if hull is None else _hull_changes(hull),
+        trim=() if hull is None else tuple(Trim(**asdict(one)) for one in trim_of(hull)),
     )
 
 
@@ -238,19 +239,10 @@ def _has_hull_information(archive: Archive) -> bool:
     return "hull" in archive.children and set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
 
 
-def _hull_changes(archive: Archive, number: int) -> tuple[HullChange, ...]:
-    if not _has_hull_information(archive):
-        return ()
+def _hull_changes(hull: HullSoFar) -> tuple[HullChange, ...]:
     return tuple(
-        HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH))
-        for news in hull_news(archive, number)
+        HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH)) for news in hull_news(hull)
     )
-
-
-def _trim(archive: Archive, number: int) -> tuple[Trim, ...]:
-    if not _has_hull_information(archive):
-        return ()
-    return tuple(Trim(**asdict(one)) for one in trim_of(archive, number))
 
 
 def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:

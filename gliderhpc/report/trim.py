@@ -3,13 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from threadpoolctl import threadpool_limits
-
-from gliderhpc.archive.reader import Archive
 from gliderhpc.platform import Platform
-from gliderhpc.report.hull_news import dives_so_far
-from gliderhpc.studies.hull import MissionDives
-from gliderhpc.tuning.mission_hull import solve_mission
+from gliderhpc.report.hull_news import HullSoFar
 
 IMPLAUSIBLE = 3.0
 """Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
@@ -77,16 +72,9 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     )
 
 
-def trim_of(archive: Archive, number: int) -> tuple[Trim, ...]:
-    """Return what the latest dives up to a profile determine; empty if none has information on the hull."""
-    mission = dives_so_far(archive, number)
-    return tuple(_determined(mission)) if mission.dives else ()
-
-
-def _determined(mission: MissionDives) -> Iterator[Trim]:
+def trim_of(hull: HullSoFar) -> Iterator[Trim]:
     """Yield the quantities whose deviation, after a calibration and the dives, is below `UNDETERMINED`."""
-    with threadpool_limits(limits=1):
-        last = solve_mission(mission.dives, mission.prior, robust=True).smoothed[-1]
+    mission, last = hull.mission, hull.found.smoothed[-1]
     place = {p.key: i for i, p in enumerate(mission.parameters)}
     for one in pilot_units(mission.platform):
         i = place.get(one.parameter)

@@ -9,6 +9,7 @@ from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import hull_news
 from gliderhpc.report.facts import signed
+from gliderhpc.report.hull_news import hull_so_far
 from gliderhpc.report.page import answers as module
 from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
@@ -75,7 +76,7 @@ _MOVED = ("buoyancy.neutral_volume", "sensors.pitch_offset")
 
 @pytest.mark.compiled
 def test_ballast_and_trim_are_those_of_the_dives(heavier):
-    found = {one.quantity: one for one in trim_of(heavier, 3)}
+    found = {one.quantity: one for one in trim_of(hull_so_far(heavier, 3))}
     volume = found["neutral oil volume, last dive minus platform file"]
     assert abs(volume.difference - 60.0) < 3.0 * volume.difference_std < 30.0
     ballast = found["the same as ballast to add"]
@@ -104,7 +105,7 @@ def test_a_quantity_that_the_dives_do_not_determine_is_left_out(swift_store, mon
     vague = dives(4, {}, information=1e-3)
     monkeypatch.setattr(hull_news, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
     with open_for_reading(swift_store) as archive:
-        assert trim_of(archive, 3) == ()
+        assert list(trim_of(hull_so_far(archive, 3))) == []
 
 
 @pytest.mark.compiled

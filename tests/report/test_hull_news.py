@@ -8,7 +8,7 @@ from gliderhpc.api.alerts import Rules
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import hull_news as module
-from gliderhpc.report.hull_news import HullNews, hull_news
+from gliderhpc.report.hull_news import HullNews, hull_news, hull_so_far
 from gliderhpc.report.page.surfacing_page import surfacing_page
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
@@ -28,7 +28,7 @@ def _news_at(swift_store, monkeypatch, number, course):
     monkeypatch.setattr(module, "read_dives", read)
     monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
     with open_for_reading(swift_store) as archive:
-        return {news.parameter: news for news in hull_news(archive, number)}
+        return {news.parameter: news for news in hull_news(hull_so_far(archive, number))}
 
 
 @pytest.mark.compiled
