@@ -27,6 +27,7 @@ from gliderhpc.report.surfacing_message import (
     Water,
 )
 from gliderhpc.report.trim import trim_of
+from gliderhpc.studies.archived import own_platform
 from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
 
@@ -235,8 +236,13 @@ def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
 
 
 def _has_hull_information(archive: Archive) -> bool:
-    """Return whether the archive has the dives' information on the hull; former versions have none, or part of it."""
-    return "hull" in archive.children and set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
+    """Return whether the archive has the dives' information on a hull that this program can read.
+
+    Archives of former versions have none, or a part of it.
+    """
+    if "hull" not in archive.children or own_platform(archive) is None:
+        return False
+    return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
 
 
 def _hull_changes(hull: HullSoFar) -> tuple[HullChange, ...]:

@@ -19,9 +19,10 @@ from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.page.reproduction import PLATFORM_FILE, own_platform, platform_option, provenance_section
+from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
 from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
 from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.studies.archived import own_platform
 from gliderhpc.version import __version__
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]

@@ -11,9 +11,9 @@ from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
 from gliderhpc.report.page.odd_profiles import common_remarks, odd_profiles
-from gliderhpc.report.page.reproduction import own_platform
 from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
+from gliderhpc.studies.archived import own_platform
 
 Array = NDArray[np.float64]
 

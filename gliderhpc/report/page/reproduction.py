@@ -13,11 +13,12 @@ from pydantic import ValidationError
 from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.platform import Platform, read_platform, shipped_platforms
+from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flattened
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
 from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.archived import own_platform
 from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
@@ -89,14 +90,6 @@ def platform_option(archive: Archive) -> str:
         return PLATFORM_FILE
     shipped = platform.name in shipped_platforms() and read_platform(platform.name) == platform
     return platform.name if shipped else PLATFORM_FILE
-
-
-def own_platform(archive: Archive) -> Platform | None:
-    """Return the platform used for an archive, None if this version cannot read it."""
-    try:
-        return Platform.model_validate(archive.attrs.get("platform"))
-    except ValidationError:
-        return None
 
 
 def observations_of(attributes: Mapping[Any, Any]) -> str:
