@@ -87,8 +87,7 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
     for preset, entries in results["profile"].items():
         times = ", ".join(f"{row['median']:.2f} s with engine {name}" for name, row in entries.items())
         yield f"- A whole profile of {results['profile_minutes']:.0f} minutes, preset `{preset}`: {times}."
-    if "smoother" in results:
-        yield _smoother(results["smoother"])
+    yield _smoother(results["smoother"])
     for name, row in results["duration"].items():
         low, high = row["minutes"][0], row["minutes"][-1]
         yield (

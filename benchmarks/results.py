@@ -40,10 +40,9 @@ def terminal_table(results: Results) -> Table:
         for name, row in entries.items():
             label = results["contenders"][name]["label"]
             table.add_row(f"profile of {results['profile_minutes']:.0f} min, {preset}: {label}", *_cells(row), "", "")
-    if "smoother" in results:
-        row = results["smoother"]
-        remark = f"one pass; a dense one in NumPy takes {row['dense_ratio']:.1f} times as long"
-        table.add_row("smoother", f"{row['pass_us']:.2f} us a step", "", "", remark)
+    row = results["smoother"]
+    remark = f"one pass; a dense one in NumPy takes {row['dense_ratio']:.1f} times as long"
+    table.add_row("smoother", f"{row['pass_us']:.2f} us a step", "", "", remark)
     for name, row in results["duration"].items():
         table.add_row(f"growth with duration: {name}", f"exponent {row['exponent']:.2f}", "", "", "1: in proportion")
     for name, rows in results["workers"].items():

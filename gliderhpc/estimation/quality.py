@@ -103,8 +103,8 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
     named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
-        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality, where the "
-        "smoothed estimate is better"
+        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality, and the "
+        "smoothed estimate is better there"
     ]
 
 
