@@ -14,7 +14,8 @@ from benchmarks.peers.quasi_newton import options_of
 from benchmarks.timing import groups_of
 from benchmarks.windows import Window
 from gliderhpc import Glider, __version__
-from gliderhpc.estimation.engines import FortranRun, LaneBatch, Run, WindowProblem, solve_window
+from gliderhpc.estimation.engines import FortranRun, WindowProblem, solve_window
+from gliderhpc.estimation.lanes import LaneBatch, Run
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings

@@ -51,7 +51,8 @@ BUSY = 0.5
 _FIRST_WINDOWS = """
 import pickle, sys
 import gliderhpc
-from gliderhpc.estimation.engines import FortranRun, LaneBatch
+from gliderhpc.estimation.engines import FortranRun
+from gliderhpc.estimation.lanes import LaneBatch
 from gliderhpc.kernels.quasi_newton import run_until_done
 engine, path = sys.argv[1:]
 with open(path, "rb") as file:

@@ -9,7 +9,8 @@ from gliderhpc import Glider, load_platform
 from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
-from gliderhpc.estimation.windows import WindowData, starting_disturbance, transform_scale
+from gliderhpc.estimation.window_plan import transform_scale
+from gliderhpc.estimation.windows import WindowData, starting_disturbance
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.simulator import Scenario, simulate_profile

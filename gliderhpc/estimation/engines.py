@@ -1,16 +1,13 @@
 """Engines that solve windows: scipy one at a time, lanes side by side, Fortran kernels in the lanes.
 
-The lanes engine solves windows of several dives at a time, one in each lane of the processor's vector registers. The
-windows of one dive depend on each other, but dives are independent: a lane solves the windows of one dive in turn and
-then takes the next dive. All lanes are busy until no dive is left to start. The Fortran engine is the lanes engine with
-cost and gradient from the library that ``make fortran`` builds.
+The lanes engine (`gliderhpc.estimation.lanes`) solves several windows at a time, one in each lane of the processor's
+vector registers. The Fortran engine is the lanes engine with cost and gradient from the library that ``make fortran``
+builds.
 """
 
-import time
-from collections.abc import Callable, Generator, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy
@@ -19,6 +16,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.joining import flyable
+from gliderhpc.estimation.lanes import Key, solve_in_lanes
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import (
@@ -27,25 +25,13 @@ from gliderhpc.estimation.windows import (
     StartingPath,
     WindowData,
     WindowSolution,
-    WindowTask,
+    ended_as,
     pose_windows,
     solve_dive,
-    window_sequence,
 )
 from gliderhpc.kernels import window as kernel
-from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
-from gliderhpc.kernels.lane_memory import (
-    ENDED,
-    IDLE,
-    UNFLYABLE,
-    Descent,
-    Problem,
-    Progress,
-    allocate,
-    load_window,
-    read_window,
-)
+from gliderhpc.kernels.lane_memory import Descent, Problem, Progress
 from gliderhpc.kernels.quasi_newton import proceed, run_until_done
 from gliderhpc.outcomes import Outcome
 
@@ -146,83 +132,8 @@ def _solution(problem: WindowProblem, x: Array, iterations: int, settings: Estim
     cost, _ = problem.evaluate(x)
     norm = problem.gradient_norm
     sound = np.isfinite(cost) and problem.flyable()
-    outcome = _ended(norm, iterations, settings) if sound else Outcome.DIVERGED
+    outcome = ended_as(norm, iterations, settings) if sound else Outcome.DIVERGED
     return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
-
-
-def _ended(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
-    """Outcome of a solution that can be flown."""
-    if norm <= settings.tolerance:
-        return Outcome.CONVERGED
-    return Outcome.ITERATION_LIMIT if iterations >= settings.optimizer.max_iterations else Outcome.STALLED
-
-
-Key = TypeVar("Key")
-Run = Callable[[Problem, Descent, Progress, int], None]
-"""Function that evaluates and decides, within an iteration limit, until a lane is done, such as `run_until_done`."""
-
-
-class LaneBatch:
-    """`LANES` windows solved in step, with the tolerance, iteration limit and history of the settings."""
-
-    def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
-        self._run, self._settings = run, settings
-        self._problem, self._descent, self._progress = allocate(1, settings.optimizer.history)
-        self._tasks: list[WindowTask | None] = [None] * LANES
-
-    def put(self, lane: int, task: WindowTask) -> None:
-        """Put a window into a lane; `run` solves it."""
-        data, start = task
-        self._tasks[lane] = task
-        self._make_room(len(data.bodies))
-        load_window(
-            self._problem, self._descent, self._progress, lane, data.hull, data.bodies,
-            # Always contiguous: for a column of a matrix the kernel would be compiled again.
-            np.ascontiguousarray(data.state0), data.measurements, data.weights, data.step, data.scale, start,
-            self._settings.tolerance * data.step,
-        )  # fmt: skip
-
-    def _make_room(self, steps: int) -> None:
-        """Grow the memory for a longer window; windows under way continue, with added steps of no duration."""
-        if steps <= len(self._problem.bodies):
-            return
-        problem, descent, _ = allocate(steps, self._settings.optimizer.history)
-        for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
-            new[tuple(slice(0, length) for length in old.shape)] = old
-        self._problem, self._descent = problem, descent
-
-    def run(self) -> list[tuple[int, WindowSolution]]:
-        """Continue until a window is solved; return finished lanes with their solutions, and leave them idle."""
-        self._run(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
-        return [
-            (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
-        ]
-
-    def _take(self, lane: int) -> WindowSolution:
-        task, progress = self._tasks[lane], self._progress
-        assert task is not None
-        data, start = task
-        evaluations = int(progress.evaluations[lane])
-        unflyable = progress.status[lane] == UNFLYABLE
-        progress.status[lane] = IDLE
-        self._tasks[lane] = None
-        if unflyable:
-            nowhere = np.empty((0, 10))
-            return WindowSolution(start, nowhere, float("nan"), float("nan"), 0, evaluations, Outcome.DIVERGED)
-        disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
-        read_window(self._problem, lane, disturbances, states)
-        norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
-        outcome = _ended(norm, iterations, self._settings)
-        return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
-
-
-@dataclass
-class _UnderWay:
-    """A dive in a lane: its remaining windows, and the computing time used so far."""
-
-    key: Any
-    sequence: Generator[WindowTask, WindowSolution, DiveSolution]
-    seconds: float = 0.0
 
 
 def solve_dives(
@@ -254,50 +165,6 @@ def invert_windows(
     """Solve the windows of one filtered profile (section 4.3), from a path if one is given."""
     ((_, solution),) = solve_dives([(None, pose_windows(profile, filtered, settings, start))], settings)
     return solution
-
-
-def solve_in_lanes(
-    dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings, run: Run = run_until_done
-) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve dives side by side, one in each lane, with the kernels of ``run``; yield each solution when complete."""
-    batch, waiting = LaneBatch(settings, run), iter(dives)
-    under_way: dict[int, _UnderWay] = {}
-    while True:
-        for lane in range(LANES):
-            while lane not in under_way and (posed := next(waiting, None)) is not None:
-                key, problem = posed
-                under_way[lane] = _UnderWay(key, window_sequence(problem))
-                ended = _advance(batch, lane, under_way[lane].sequence, None)
-                if ended is not None:
-                    del under_way[lane]
-                    yield key, ended
-        if not under_way:
-            return
-        began = time.perf_counter()
-        solved = batch.run()
-        share = (time.perf_counter() - began) / len(under_way)
-        for dive in under_way.values():
-            dive.seconds += share
-        for lane, solution in solved:
-            ended = _advance(batch, lane, under_way[lane].sequence, solution)
-            if ended is not None:
-                dive = under_way.pop(lane)
-                yield dive.key, replace(ended, seconds=dive.seconds)
-
-
-def _advance(
-    batch: LaneBatch,
-    lane: int,
-    sequence: Generator[WindowTask, WindowSolution, DiveSolution],
-    solution: WindowSolution | None,
-) -> DiveSolution | None:
-    """Send a solution and put the next window into the lane; return the dive's solution if no window is left."""
-    try:
-        batch.put(lane, next(sequence) if solution is None else sequence.send(solution))
-    except StopIteration as stop:
-        ended: DiveSolution = stop.value
-        return ended
-    return None
 
 
 def check_engine(settings: EstimationSettings) -> None:

@@ -1,7 +1,7 @@
-"""Windows of a dive: lengths, start and handover (section 4.3, eq. 38, Algorithm 1)."""
+"""Windows of a dive: start and handover (section 4.3, Algorithm 1)."""
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,22 +12,16 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.joining import JoinedWindows
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import USUAL_WINDOW, EstimationSettings
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_plan import WindowLength, WindowPlan, plan_windows
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
-from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
 LATERAL = np.array([1, 3, 5])
 """Indices of sway, roll and yaw among the six channels."""
-
-_SPLIT = 1.25
-"""Length, in usual windows, beyond which windows that do not converge are halved."""
-
-_LONGEST_WAIT = 64
-"""Largest number of windows that must converge before a longer one is tried again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +88,14 @@ WindowTask = tuple[WindowData, Array]
 """A window and the disturbance ``(n, 6)`` to start from."""
 Solver = Callable[[WindowData, Array], WindowSolution]
 
+
+def ended_as(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
+    """Return the outcome of a solution that can be flown, with its optimality measure and number of iterations."""
+    if norm <= settings.tolerance:
+        return Outcome.CONVERGED
+    return Outcome.ITERATION_LIMIT if iterations >= settings.optimizer.max_iterations else Outcome.STALLED
+
+
 _NO_DATA = WindowSolution(
     np.empty((0, 6)),
     np.empty((0, 10)),
@@ -110,69 +112,6 @@ def misfit(states: Array, measurements: Array) -> Array:
     errors = states[:, [0, 1, 2, 5]] - measurements
     errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))
     return np.asarray(errors)
-
-
-@dataclass(frozen=True)
-class WindowPlan:
-    """Lengths and thresholds of the windows.
-
-    Attributes
-    ----------
-    length, margin : int
-        Window length and margin, steps.
-    cost_threshold : float
-        Cost (rad2 s) from which on a window hands over without retraction.
-    scale : tuple of 6 floats
-        Scale s of the control-variable transform ``b = s x`` for this length, N and N m.
-    shorter : WindowPlan, optional
-        Plan with which a window that does not converge is solved again.
-    """
-
-    length: int
-    margin: int
-    cost_threshold: float
-    scale: tuple[float, ...] = (1.0,) * 6
-    shorter: "WindowPlan | None" = None
-
-    def most_windows(self, steps: int) -> int:
-        """Count the windows of a profile in which every one is retracted."""
-        return -(-steps // (self.length - self.margin)) + 1
-
-
-def plan_windows(settings: EstimationSettings, interval: float, prior: DisturbancePrior | None = None) -> WindowPlan:
-    """Plan the windows of a record with a sample interval (s).
-
-    The disturbance prior scales the unknowns. Without a prior there is neither a scale nor a shorter window. If the
-    length is not set, windows of slow sensors may be halved until they are as short as those of fast ones.
-    """
-    lengths = [settings.window_length(interval)]
-    while prior is not None and settings.window.length is None and lengths[-1] > _SPLIT * USUAL_WINDOW:
-        lengths.append(max(0.5 * lengths[-1], USUAL_WINDOW))
-    plan: WindowPlan | None = None
-    for length in reversed(lengths):
-        share = length / lengths[0]
-        steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
-        scale = np.ones(6) if prior is None else transform_scale(prior, length, settings)
-        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), tuple(scale.tolist()), plan)
-    assert plan is not None
-    return plan
-
-
-def _whole_records(length: float, margin: float, settings: EstimationSettings) -> tuple[int, int]:
-    """Length and margin (s) in steps, as whole output intervals, which makes windows start at stored records."""
-    records = settings.steps_per_record
-    steps = max(records, max(1, round(length / settings.step)) // records * records)
-    return steps, min(round(margin / settings.step) // records * records, steps - records)
-
-
-def transform_scale(prior: DisturbancePrior, length: float, settings: EstimationSettings) -> Array:
-    """Scale ``s (6,)`` of the control-variable transform for a window length (s): set, from the prior, or ones."""
-    if settings.optimizer.scale is not None:
-        return np.array(settings.optimizer.scale)
-    if not settings.transformed:
-        return np.ones(6)
-    share = np.minimum(1.0, 2.0 * length / np.array(prior.correlation_time))
-    return np.array(prior.deviation) * np.sqrt(share)
 
 
 def starting_disturbance(filtered: FilterEstimate, series: ProfileSeries, settings: EstimationSettings) -> Array:
@@ -273,56 +212,38 @@ class DiveSolution:
     from_path: bool = False
 
 
-class _WindowLength:
-    """Plan of the next window: shorter after one that does not converge, longer again after some that do.
+@dataclass(frozen=True, eq=False)
+class PosedWindow:
+    """A window of a dive, to be solved: first step, plan, data and start."""
 
-    The longer plan is tried again after one window that converges, and after twice as many with every failure. A record
-    on which long windows never converge therefore takes little more time than short windows alone.
-    """
+    begin: int
+    plan: WindowPlan
+    task: WindowTask
 
-    def __init__(self, plan: WindowPlan) -> None:
-        self.plan = plan
-        self._longer: list[WindowPlan] = []
-        self._wait, self._next_wait = 0, 1
-
-    def shorten(self) -> bool:
-        """Switch to the shorter plan; return whether there is one."""
-        if self.plan.shorter is None:
-            return False
-        self._longer.append(self.plan)
-        self.plan = self.plan.shorter
-        self._wait, self._next_wait = self._next_wait, min(2 * self._next_wait, _LONGEST_WAIT)
-        return True
-
-    def count_converged(self) -> None:
-        """Count a window that converged, and switch to the longer plan after enough of them."""
-        if not self._longer:
-            self._next_wait = 1
-            return
-        self._wait -= 1
-        if self._wait <= 0:
-            self.plan = self._longer.pop()
+    @property
+    def place(self) -> tuple[int, int]:
+        """First step and planned length: windows of one path that have these in common are the same."""
+        return self.begin, self.plan.length
 
 
-def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolution, DiveSolution]:
+def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSolution, DiveSolution]:
     """Pose every window in turn and join the solutions that are sent back (Algorithm 1).
 
     A window is retracted if its cost is below the threshold and its end lies outside the vibration set: the next one
     starts a margin earlier, from the state there, and replaces the overlap (`JoinedWindows`). A window that does not
-    converge is solved again with the shorter plan, if there is one (`_WindowLength`). The effect of a force on depth
+    converge is solved again with the shorter plan, if there is one (`WindowLength`). The effect of a force on depth
     grows with the square of the time, and a long window is therefore worse conditioned. If a window fails, the filter's
     disturbance is used over its span, and the next window starts from the filter's state. Windows of a path start from
     the path's states instead.
     """
-    profile, joined = problem.profile, JoinedWindows(problem.profile, problem.filtered, problem.path)
-    n = len(profile.bodies)
+    joined, n = JoinedWindows(problem.profile, problem.filtered, problem.path), len(problem.profile.bodies)
     records: list[WindowRecord] = []
-    begin, length = 0, _WindowLength(problem.plan)
+    begin, length = 0, WindowLength(problem.plan)
     while begin < n:
         plan = length.plan
         end = min(begin + plan.length, n)
-        if profile.series.weights[begin + 1 : end + 1].any():
-            solution = yield _task(problem, plan, joined.state_at(begin), begin, end)
+        if _has_data(problem, begin, end):
+            solution = yield PosedWindow(begin, plan, _task(problem, plan, joined.state_at(begin), begin, end))
         else:
             solution = _NO_DATA
         if solution.outcome.unfinished and length.shorten():
@@ -334,13 +255,7 @@ def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolutio
             joined.put(begin, len(records), solution.disturbances, solution.states)
         else:
             joined.put_filter(begin, end, len(records))
-        retracted = bool(
-            end < n
-            and usable
-            and solution.cost < plan.cost_threshold
-            and not profile.vibrating[end]
-            and plan.margin > 0
-        )
+        retracted = usable and solution.cost < plan.cost_threshold and _may_retract(problem, plan, end)
         records.append(
             WindowRecord(
                 begin, end, solution.cost, solution.iterations, solution.evaluations, solution.gradient_norm, retracted,
@@ -354,14 +269,40 @@ def window_sequence(problem: DiveProblem) -> Generator[WindowTask, WindowSolutio
     return DiveSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
 
 
+def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below: bool) -> Iterator[PosedWindow]:
+    """Yield the windows that follow one if all converge, and if their cost is below the threshold or none is.
+
+    There are none if windows start from the end of the previous one.
+    """
+    if problem.path is None:
+        return
+    n, plan, begin = len(problem.profile.bodies), window.plan, window.begin
+    while (end := min(begin + plan.length, n)) < n:
+        begin = (
+            end - plan.margin if below and _has_data(problem, begin, end) and _may_retract(problem, plan, end) else end
+        )
+        end = min(begin + plan.length, n)
+        if _has_data(problem, begin, end):
+            yield PosedWindow(begin, plan, _task(problem, plan, problem.path[begin], begin, end))
+
+
+def _has_data(problem: DiveProblem, begin: int, end: int) -> bool:
+    return bool(problem.profile.series.weights[begin + 1 : end + 1].any())
+
+
+def _may_retract(problem: DiveProblem, plan: WindowPlan, end: int) -> bool:
+    """Return whether a window that ends at this step is retracted if it is usable and its cost is small."""
+    return bool(end < len(problem.profile.bodies) and not problem.profile.vibrating[end] and plan.margin > 0)
+
+
 def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
     """Solve the windows of one dive, one after the other."""
     began = time.perf_counter()
     sequence = window_sequence(problem)
     try:
-        task = next(sequence)
+        window = next(sequence)
         while True:
-            task = sequence.send(solve(*task))
+            window = sequence.send(solve(*window.task))
     except StopIteration as stop:
         solution: DiveSolution = stop.value
         return replace(solution, seconds=time.perf_counter() - began)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import MIN_CYCLE
-from gliderhpc.estimation.windows import plan_windows
+from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations

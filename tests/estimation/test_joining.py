@@ -9,7 +9,8 @@ from test_windows import Scripted, dive_problem, spans
 
 from gliderhpc.estimation import joining
 from gliderhpc.estimation.joining import fading
-from gliderhpc.estimation.windows import WindowPlan, solve_dive
+from gliderhpc.estimation.window_plan import WindowPlan
+from gliderhpc.estimation.windows import solve_dive
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.follow import follow
 from gliderhpc.outcomes import Outcome

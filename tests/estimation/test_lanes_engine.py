@@ -20,12 +20,14 @@ from support.posed_windows import (
 )
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.engines import FortranRun, LaneBatch, WindowProblem, solve_in_lanes, solve_window
+from gliderhpc.estimation.engines import FortranRun, WindowProblem, solve_window
+from gliderhpc.estimation.lanes import LaneBatch, solve_in_lanes
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.windows import WindowPlan, solve_dive
-from gliderhpc.flight.glider import Glider
+from gliderhpc.estimation.settings import EstimationSettings, OptimizerSettings
+from gliderhpc.estimation.window_plan import WindowPlan
+from gliderhpc.estimation.windows import solve_dive
+from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.outcomes import Outcome
@@ -111,6 +113,62 @@ def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
             (w.start, w.stop, w.outcome) for w in expected.windows
         ]
         assert ours.windows[0].outcome is Outcome.CONVERGED
+
+
+def from_path(problem, **plan):
+    """Pose a dive so that its windows start from the filter's states, and change its plan."""
+    return replace(problem, path=problem.filtered.states[:, SENSED], plan=replace(problem.plan, **plan))
+
+
+def one_at_a_time(problem, run, settings):
+    """Solve the windows of a dive in turn, in the same lane."""
+    batch = LaneBatch(settings, run)
+
+    def solve(data, start):
+        batch.put(3, (data, start))
+        ((_, solution),) = batch.run()
+        return solution
+
+    return solve_dive(problem, solve)
+
+
+SHORT = WindowPlan(length=30, margin=10, cost_threshold=0.2, scale=tuple(SCALE.tolist()))
+HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=3))
+
+
+@pytest.mark.parametrize(
+    ("plan", "settings", "retracted", "lengths"),
+    [
+        ({"cost_threshold": np.inf}, SETTINGS, {True}, 1),
+        ({"cost_threshold": 0.0}, SETTINGS, {False}, 1),
+        ({"cost_threshold": 0.0055}, SETTINGS, {True, False}, 1),
+        ({"shorter": SHORT}, HASTY, {True}, 2),
+    ],
+    ids=["all retracted", "none retracted", "some retracted", "some again with a shorter plan"],
+)
+def test_windows_solved_ahead_change_nothing(dives, run, plan, settings, retracted, lengths):
+    """Whether or not a window begins where it was expected, each is solved as if it were alone in the lanes."""
+    posed = {number: from_path(dives[number], **plan) for number in (6, 7, 9)}
+    found = dict(solve_in_lanes(posed.items(), settings, run))
+    for number, solution in found.items():
+        assert_same_bits(solution, one_at_a_time(posed[number], run, settings))
+    windows = found[6].windows[:-1]
+    assert {window.retracted for window in windows} == retracted
+    assert len({window.stop - window.start for window in windows}) == lengths
+
+
+def test_dives_are_posed_when_the_lanes_have_room_for_them(dives, run):
+    """Windows ahead of one dive fill the lanes until it is nearly solved; a posed dive occupies memory."""
+    taken = []
+
+    def posed():
+        for number in (6, 7, 9, 6, 7, 9):
+            taken.append(number)
+            yield number, from_path(dives[number])
+
+    first, _ = next(solve_in_lanes(posed(), SETTINGS, run))
+    assert first == 6
+    assert len(taken) <= 3
 
 
 def test_every_kind_of_window_occurs(alone):

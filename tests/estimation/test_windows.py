@@ -13,14 +13,8 @@ from gliderhpc.estimation.engines import WindowProblem, solve_window
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
-from gliderhpc.estimation.windows import (
-    WindowPlan,
-    WindowSolution,
-    plan_windows,
-    solve_dive,
-    starting_disturbance,
-    transform_scale,
-)
+from gliderhpc.estimation.window_plan import WindowPlan, plan_windows, transform_scale
+from gliderhpc.estimation.windows import WindowSolution, solve_dive, starting_disturbance
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior

@@ -26,7 +26,7 @@ from gliderhpc.estimation import engines
 from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import surface_drift
-from gliderhpc.estimation.engines import LaneBatch
+from gliderhpc.estimation.lanes import LaneBatch
 from gliderhpc.estimation.preparation import prepare_profile, vibration_set
 from gliderhpc.estimation.quality import implausible_motion, longest_run, quality_flags, remarks
 from gliderhpc.estimation.settings import EstimationSettings

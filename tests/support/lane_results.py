@@ -6,7 +6,7 @@ Writes, as JSON, the lane count, cost, gradient and solution of one window, and 
 import json
 import sys
 
-from gliderhpc.estimation.engines import LaneBatch
+from gliderhpc.estimation.lanes import LaneBatch
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels.elementwise import LANES
 from support.machine_code import arithmetic, compiled_kernels

@@ -4,11 +4,12 @@ from functools import cache
 
 import numpy as np
 
-from gliderhpc.estimation.engines import LaneBatch, Run
 from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.lanes import LaneBatch, Run
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
-from gliderhpc.estimation.windows import DiveProblem, WindowData, WindowPlan, WindowSolution, WindowTask
+from gliderhpc.estimation.window_plan import WindowPlan
+from gliderhpc.estimation.windows import DiveProblem, WindowData, WindowSolution, WindowTask
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import SteadyGlide, steady_glide
 from gliderhpc.kernels.quasi_newton import run_until_done
