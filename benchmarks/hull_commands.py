@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import gliderhpc as gh
 from gliderhpc import Glider
+from gliderhpc.api.found_hulls import CalibratedHull
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.findings.findings import markdown
@@ -90,16 +91,16 @@ class MissionScore:
     seconds: float
 
 
-def scenario_of(kind: str, hull: Platform, dives: int) -> Scenario:
-    """Scenario of a kind of disturbances."""
+def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> Scenario:
+    """Scenario of a kind of disturbances; `depth` in m."""
     if kind == "drawn":
         # Net masses with which a heave force drawn from the prior hardly ever holds the glider down.
         drawn = {
             "disturbances": drawn_from(default_prior(hull)).model_dump(),
             "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
         }
-        return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": DEPTH, **drawn})
-    return load_scenario(kind).replaced({"profiles": dives, "depth": DEPTH})
+        return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": depth, **drawn})
+    return load_scenario(kind).replaced({"profiles": dives, "depth": depth})
 
 
 def believed_hull(true: Platform, seed: int) -> Platform:
@@ -111,52 +112,79 @@ def believed_hull(true: Platform, seed: int) -> Platform:
             return hull
 
 
-def run_commands(records: Path, hull: Path, folder: Path, rounds: int) -> xr.DataTree:
+def run_commands(
+    records: Path, hull: Path, folder: Path, rounds: int, workers: int = WORKERS
+) -> tuple[CalibratedHull, xr.DataTree]:
     """Calibrate, and invert the mission with what came of it."""
     store, calibrated = folder / "mission.zarr", folder / "calibrated.yaml"
-    gh.calibrate(records, hull, workers=WORKERS, rounds={"most": rounds}).save(calibrated, overwrite=True)
-    return gh.run_mission(records, calibrated, store, workers=WORKERS, overwrite=store.exists())
+    found = gh.calibrate(records, hull, workers=workers, rounds={"most": rounds})
+    found.save(calibrated, overwrite=True)
+    return found, gh.run_mission(records, calibrated, store, workers=workers, overwrite=store.exists())
 
 
-def score_mission(tree: xr.DataTree, folder: Path, true: Platform) -> dict[str, object]:
+@dataclass(frozen=True)
+class DiveErrors:
+    """Errors of one dive and what is stated of them.
+
+    Attributes
+    ----------
+    smoothed, deviation : (m, 9)
+        Errors of the quantities of the smoother at the steady records, and their stated deviations.
+    current, covariance : (2,), (2, 2)
+        Error of the depth-averaged current to the north and to the east, m/s, and its stated covariance.
+    """
+
+    smoothed: Array
+    deviation: Array
+    current: Array
+    covariance: Array
+
+
+def done_profiles(tree: xr.DataTree) -> list[int]:
+    """Return the numbers of the profiles that were inverted."""
+    return [int(number) for number in tree["profile"].values[(tree["status"] == "done").values]]
+
+
+def dive_errors(tree: xr.DataTree, records: Path, number: int) -> DiveErrors:
+    """Compare a dive of an archive with its truth."""
+    data = read_profile_data(tree, number, SMOOTHED)
+    truth = read_profile_truth(truth_path(records), number)
+    smoothed = tree["smoothed"].ds.sel(profile=number).load()
+    at = np.searchsorted(data.time, data.record_time)
+    rows = np.flatnonzero(data.steady_records & (at < len(data.time)))
+    disturbances = truth_on_samples(data, truth)[at[rows]]
+    instants = (truth["time"].values - data.epoch) / np.timedelta64(1, "s")
+    velocity = np.column_stack([np.interp(data.record_time[rows], instants, truth[name].values) for name in VELOCITY])
+    true_values = np.hstack([disturbances, velocity])
+    known = np.isfinite(smoothed["u"].values)
+    found = np.column_stack([smoothed[name].values[known][rows] for name in QUANTITIES])
+    stated = np.column_stack([smoothed[f"{name}_std"].values[known][rows] for name in QUANTITIES])
+    whole = np.isfinite(np.hstack([true_values, found, stated])).all(axis=1)
+    row = tree.ds.sel(profile=number)
+    current = np.array([float(row[f"dac_{way}"] - truth[f"current_{way}"]) for way in ("north", "east")])
+    covariance = np.diag([float(row[f"dac_{way}_std"]) ** 2 for way in ("north", "east")])
+    covariance[0, 1] = covariance[1, 0] = float(row["dac_covariance"])
+    return DiveErrors((found - true_values)[whole], stated[whole], current, covariance)
+
+
+def distance(dive: DiveErrors) -> float:
+    """Return the squared distance of a dive's current from the truth, by its covariance."""
+    return float(dive.current @ np.linalg.solve(dive.covariance, dive.current))
+
+
+def score_mission(tree: xr.DataTree, records: Path) -> dict[str, object]:
     """Compare an archive with its truth."""
-    done = [
-        int(number) for number in tree["profile"].values if str(tree["status"].sel(profile=number).values) == "done"
-    ]
-    errors, deviations, currents, covariances = [], [], [], []
-    for number in done:
-        data = read_profile_data(tree, number, SMOOTHED)
-        truth = read_profile_truth(truth_path(folder / "mission.nc"), number)
-        smoothed = tree["smoothed"].ds.sel(profile=number).load()
-        at = np.searchsorted(data.time, data.record_time)
-        rows = np.flatnonzero(data.steady_records & (at < len(data.time)))
-        disturbances = truth_on_samples(data, truth)[at[rows]]
-        instants = (truth["time"].values - data.epoch) / np.timedelta64(1, "s")
-        velocity = np.column_stack(
-            [np.interp(data.record_time[rows], instants, truth[name].values) for name in VELOCITY]
-        )
-        true_values = np.hstack([disturbances, velocity])
-        known = np.isfinite(smoothed["u"].values)
-        found = np.column_stack([smoothed[name].values[known][rows] for name in QUANTITIES])
-        stated = np.column_stack([smoothed[f"{name}_std"].values[known][rows] for name in QUANTITIES])
-        whole = np.isfinite(np.hstack([true_values, found, stated])).all(axis=1)
-        errors.append((found - true_values)[whole])
-        deviations.append(stated[whole])
-        row = tree.ds.sel(profile=number)
-        currents.append([float(row[f"dac_{way}"] - truth[f"current_{way}"]) for way in ("north", "east")])
-        variances = [float(row[f"dac_{way}_std"]) ** 2 for way in ("north", "east")]
-        between = float(row["dac_covariance"])
-        covariances.append([[variances[0], between], [between, variances[1]]])
-    error, deviation = np.vstack(errors), np.vstack(deviations)
-    current, covariance = np.array(currents), np.array(covariances)
+    dives = [dive_errors(tree, records, number) for number in done_profiles(tree)]
+    error, deviation = np.vstack([dive.smoothed for dive in dives]), np.vstack([dive.deviation for dive in dives])
+    current, covariance = np.array([dive.current for dive in dives]), np.array([dive.covariance for dive in dives])
     shares = {level: np.mean(np.abs(error) <= width * deviation, axis=0) for level, width in NORMAL.items()}
     return {
         "inside": {name: [float(shares[level][i]) for level in NORMAL] for i, name in enumerate(QUANTITIES)},
         "rmse": dict(zip(QUANTITIES, np.sqrt(np.mean(error**2, axis=0)).tolist(), strict=True)),
-        "distances": np.einsum("ni,nij,nj->n", current, np.linalg.inv(covariance), current).tolist(),
+        "distances": [distance(dive) for dive in dives],
         "current_rmse": float(np.sqrt(np.mean(current**2))),
         "current_deviation": float(np.median(np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0))),
-        "failed": len(tree["profile"]) - len(done),
+        "failed": len(tree["profile"]) - len(dives),
     }
 
 
@@ -182,10 +210,10 @@ def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int) -> 
         simulate_mission(true, records, scenario=scenario_of(kind, true, dives), seed=seed)
     hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
     began = time.monotonic()
-    tree = run_commands(records, hull, folder, rounds)
+    _, tree = run_commands(records, hull, folder, rounds)
     seconds = time.monotonic() - began
     errors = parameter_errors(gh.load_platform(folder / "calibrated.yaml"), true)
-    return MissionScore(kind, seed, parameters=errors, seconds=seconds, **score_mission(tree, folder, true))  # type: ignore[arg-type]
+    return MissionScore(kind, seed, parameters=errors, seconds=seconds, **score_mission(tree, records))  # type: ignore[arg-type]
 
 
 def scored_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int, *, reuse: bool) -> MissionScore:
