@@ -40,6 +40,7 @@ TITLES = {
     "calm": "Calm water",
     "fouling": "A hull that fouls",
     "paper": "Shear and lateral gusts",
+    "demo": "Shear, gusts, yaw impulses, and a hull that fouls",
 }
 WAYS = {0: "steady glides", 4: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
@@ -100,7 +101,8 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
             "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
         }
         return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": depth, **drawn})
-    return load_scenario(kind).replaced({"profiles": dives, "depth": depth})
+    known_hull = {"coefficients": {"spread": 0.0}}
+    return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **known_hull})
 
 
 def believed_hull(true: Platform, seed: int) -> Platform:

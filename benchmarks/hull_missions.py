@@ -26,7 +26,7 @@ from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, solve_mission
 from gliderhpc.twins.cases import course_of, drawn_from, with_white_errors, world
 
 DEPTH, DIVES = 150.0, 8
-SHIPPED = ("calm", "impulses", "fouling")
+SHIPPED = ("calm", "paper", "demo", "impulses", "fouling")
 DRAWN = "drawn from the prior"
 WHITE = "calm, white errors of the angles"
 

@@ -1,9 +1,9 @@
 """Information of a dive on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
-from a filter about its own path, or about a run of the model in quiet water (`quiet_path`). The sensitivities of the
-smoothed estimate come from a filter and a smoother about the smoothed path (docs/smoother.md). Both use the smoother's
-final variances and noise.
+from a filter about its own path, or about a run of the model where the water hardly turns the glider (`steered_run`).
+The sensitivities of the smoothed estimate come from a filter and a smoother about the smoothed path (docs/smoother.md).
+Both use the smoother's final variances and noise.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
-from gliderhpc.estimation.smoother.quiet_path import quiet_path
+from gliderhpc.estimation.smoother.steered_run import steered_run
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -149,8 +149,9 @@ def dive_information(
     At the true ``eta`` an innovation has zero expectation given the past. The score ``sum h' e / S`` is therefore
     unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
     the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
-    computed about the path of a filter that is linearised about the smoothed one, or in quiet water about a run of the
-    model (`gliderhpc.estimation.smoother.quiet_path.quiet_path`).
+    computed about the path of a filter that is linearised about the smoothed one. Where the water hardly turns the
+    glider, a run of the model takes its place, which no assumption of the noise biases
+    (`gliderhpc.estimation.smoother.steered_run.steered_run`).
     """
     platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
@@ -158,7 +159,7 @@ def dive_information(
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
     between = segment_rows(dive, rows.tolist())
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, between, rows)
-    path = quiet_path(profile, smoothed) or moved(hull, dive, smoothed, between, flyable(about_smoothed.filtered))
+    path = steered_run(profile, smoothed) or moved(hull, dive, smoothed, between, flyable(about_smoothed.filtered))
     at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])

@@ -1,4 +1,4 @@
-"""Path of linearisation in quiet water: a run of the model without the sensors' noise, and the bias that it removes."""
+"""Path of linearisation without the sensors' noise: a run of the model, and the bias that it removes."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from gliderhpc.estimation.smoother import information
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.problem import Trajectory
-from gliderhpc.estimation.smoother.quiet_path import quiet_path
+from gliderhpc.estimation.smoother.steered_run import steered_run
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
@@ -39,7 +39,7 @@ def calm():
 
 def test_the_run_is_a_trajectory_near_the_smoothed_path(calm):
     profile, _, path = calm
-    run = quiet_path(profile, path)
+    run = steered_run(profile, path)
     controls = controls_of(HULL, profile.series)[:, :4]
     again = profile.glider.simulate(run.states[0], controls, run.disturbances[:-1], profile.series.step)
     np.testing.assert_allclose(again[:, SENSED], run.states[:, SENSED], atol=1e-6)
@@ -51,7 +51,7 @@ def test_the_run_is_a_trajectory_near_the_smoothed_path(calm):
 
 def test_the_run_has_less_noise_than_the_smoothed_path(calm):
     profile, _, path = calm
-    run = quiet_path(profile, path)
+    run = steered_run(profile, path)
     steady = ~profile.vibrating[1:-1]
     rough, smooth = (np.std(np.diff(each.states[:, 11], 2)[steady]) for each in (path, run))
     assert smooth < 0.2 * rough
@@ -59,20 +59,34 @@ def test_the_run_has_less_noise_than_the_smoothed_path(calm):
 
 def test_water_that_turns_the_glider_has_none():
     profile, _, path = smoothed_dive(load_scenario("impulses"))
-    assert quiet_path(profile, path) is None
+    assert steered_run(profile, path) is None
+
+
+def errors_about(path, profile, smoothed, monkeypatch):
+    """Errors of a dive's estimate of its true hull over their deviations, about the run or the filter's path."""
+    with monkeypatch.context() as patch:
+        if path == "filter":
+            patch.setattr(information, "steered_run", lambda *_: None)
+        found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
+    posterior = np.eye(len(found.score)) + found.information
+    errors = np.linalg.solve(posterior, found.score) / np.sqrt(np.diag(np.linalg.inv(posterior)))
+    return dict(zip(found.names, errors, strict=True))
 
 
 def test_damping_is_not_biased_by_the_noise_of_the_sensors(calm, monkeypatch):
     """About the filter's path, yaw damping seems wrong by many of its deviations; about the run it does not."""
     profile, smoothed, _ = calm
-    place = [p.key for p in information.hull_parameters(HULL)].index("viscous.K_r")
+    assert errors_about("filter", profile, smoothed, monkeypatch)["viscous.K_r"] > 3.0
+    assert abs(errors_about("run", profile, smoothed, monkeypatch)["viscous.K_r"]) < 2.0
 
-    def error(found):
-        posterior = np.eye(len(found.score)) + found.information
-        return np.linalg.solve(posterior, found.score)[place] / np.sqrt(np.linalg.inv(posterior)[place, place])
 
-    with_run = error(smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS))
-    monkeypatch.setattr(information, "quiet_path", lambda *_: None)
-    without = error(smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS))
-    assert without > 3.0
-    assert abs(with_run) < 2.0
+def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
+    """They roll the glider as no noise of the disturbances does; the run's derivatives do not contain them."""
+    profile, smoothed, path = smoothed_dive(load_scenario("paper").replaced({"depth_spread": 5.0}))
+    assert steered_run(profile, path) is not None
+    about_filter, about_run = (
+        np.array(list(errors_about(way, profile, smoothed, monkeypatch).values())) for way in ("filter", "run")
+    )
+    assert np.abs(about_filter).max() > 3.0
+    assert np.abs(about_run).max() < 2.0
+    assert np.sqrt(np.mean(about_run**2)) < 0.3 * np.sqrt(np.mean(about_filter**2))
