@@ -101,8 +101,9 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
             "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
         }
         return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": depth, **drawn})
-    known_hull = {"coefficients": {"spread": 0.0}}
-    return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **known_hull})
+    # All dives are of one depth, and the hull that flies is `HULL` itself, whose numbers are the truth of the parameters.
+    same = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
+    return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **same})
 
 
 def believed_hull(true: Platform, seed: int) -> Platform:

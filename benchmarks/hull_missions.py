@@ -51,7 +51,9 @@ class Values:
 
 def scenarios(hull: Platform) -> dict[str, Scenario]:
     """Scenarios by the name of their disturbances."""
-    found = {name: load_scenario(name).replaced({"depth": DEPTH}) for name in SHIPPED}
+    # The hull that flies is the platform file's in every dive.
+    same = {"depth": DEPTH, "depth_spread": 0.0, "coefficients": {"spread": 0.0}}
+    found = {name: load_scenario(name).replaced(same) for name in SHIPPED}
     found[WHITE] = with_white_errors(found["calm"])
     found[DRAWN] = world(DEPTH, disturbances=drawn_from(default_prior(hull)))
     return found

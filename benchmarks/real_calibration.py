@@ -11,7 +11,6 @@ from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
 from gliderhpc.tuning.likelihood import spread_over
-from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import steady_segments
 from gliderhpc.vocabulary import QUALITY
 
@@ -43,7 +42,6 @@ def calibrated(
             steady_segments(observations, platform, numbers, settings, settings.steady)
             for numbers in (fitted, inverted)
         ]
-        platform, *parts = choose_buoyancy(platform, *parts, settings.seawater)
         return calibrate(platform, *parts, settings.calibration)
     except InputError as error:
         print(f"{observations.path.name} is not calibrated: {error}")

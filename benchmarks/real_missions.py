@@ -358,8 +358,7 @@ PREAMBLE = [
     + " is inverted, so that the page is made within an hour;",
     f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
     "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
-    "With the calibrated hulls buoyancy follows the measured density where there is one, as `gliderhpc calibrate` chooses, and with",
-    "the shipped hulls the depth slope, since these state no compressibility ([seawater.md](seawater.md)).",
+    "Buoyancy follows the depth slope here; [seawater.md](seawater.md) compares it with the measured density.",
     "",
 ]
 

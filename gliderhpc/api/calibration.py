@@ -132,8 +132,8 @@ def _check_plausible(found: HullRounds) -> None:
     Raises
     ------
     CalibrationError
-        By chance such a distance would be found less than once in a hundred missions. Water motion that acts like an
-        error of the hull (gusts, shear) has led to it on twins.
+        By chance such a distance would be found less than once in a hundred missions. Strong yaw impulses and gusts
+        can act like errors of the hull.
     """
     distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
     if probability < _PROBABLE:
@@ -141,8 +141,8 @@ def _check_plausible(found: HullRounds) -> None:
         raise CalibrationError(
             f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
             f"deviations allow ({found.parameters[farthest].key} by {found.eta[farthest]:+.1f} of them; chi-square "
-            f"{distance:.0f}, expected {expected:.0f}): gusts and shear can act like errors of the hull; if the hull "
-            "does differ that much, give larger uncertainty.deviation in the platform file"
+            f"{distance:.0f}, expected {expected:.0f}): motion of the water can act like errors of the hull; if the "
+            "hull does differ that much, give larger uncertainty.deviation in the platform file"
         )
 
 

@@ -41,7 +41,7 @@ _SHOWN_FAULTS = 10
     type=click.Choice(["lanes", "scipy", "fortran"]),
     default="lanes",
     show_default=True,
-    help="Window solver: lanes (several profiles at a time per core), scipy (one at a time), fortran (as lanes).",
+    help="Window solver: lanes (several windows at a time per core), scipy (one at a time), fortran (as lanes).",
 )
 @options.start
 @options.assignments

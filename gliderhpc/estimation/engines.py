@@ -25,7 +25,7 @@ from gliderhpc.estimation.windows import (
     StartingPath,
     WindowData,
     WindowSolution,
-    ended_as,
+    outcome_of,
     pose_windows,
     solve_dive,
 )
@@ -132,7 +132,7 @@ def _solution(problem: WindowProblem, x: Array, iterations: int, settings: Estim
     cost, _ = problem.evaluate(x)
     norm = problem.gradient_norm
     sound = np.isfinite(cost) and problem.flyable()
-    outcome = ended_as(norm, iterations, settings) if sound else Outcome.DIVERGED
+    outcome = outcome_of(norm, iterations, settings) if sound else Outcome.DIVERGED
     return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
 
 

@@ -1,27 +1,29 @@
 """Windows side by side, one in each lane of the processor's vector registers.
 
-Dives are independent of each other. The windows of one dive are solved in turn, since where a window begins depends on
-the previous one's outcome. If windows start from a given path, nothing else depends on it: the lanes then take the
-windows that will probably follow as well, and another dive only when these do not fill them. A window that turns out to
-begin elsewhere is dropped. A solution does not depend on its lane, its neighbours, or when it was found.
+Dives are independent of each other. The windows of one dive are solved in turn, since the previous window's outcome
+determines where a window begins and how long it is. If windows start from a given path, nothing else depends on it: the
+lanes then take the windows that will probably follow as well, and another dive only when these do not fill them. A
+window that turns out to be another one is dropped. A solution does not depend on its lane, its neighbours, or when it
+was found.
 """
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, zip_longest
+from itertools import chain, islice
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.window_plan import WindowPlan
 from gliderhpc.estimation.windows import (
     DiveProblem,
     DiveSolution,
     PosedWindow,
     WindowSolution,
     WindowTask,
-    ended_as,
+    outcome_of,
     window_sequence,
     windows_ahead,
 )
@@ -45,8 +47,8 @@ Run = Callable[[Problem, Descent, Progress, int], None]
 """Function that evaluates and decides, within an iteration limit, until a lane is done, such as `run_until_done`."""
 
 
-FARTHEST = 2 * LANES
-"""Number of windows after the next one that are considered for lanes that are free."""
+MAX_WINDOWS_AHEAD = 2 * LANES
+"""Largest number of windows considered after the next one of a dive."""
 
 
 class LaneBatch:
@@ -103,7 +105,7 @@ class LaneBatch:
         disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
         read_window(self._problem, lane, disturbances, states)
         norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
-        outcome = ended_as(norm, iterations, self._settings)
+        outcome = outcome_of(norm, iterations, self._settings)
         return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
 
 
@@ -117,12 +119,12 @@ class _DiveUnderWay(Generic[Key]):
         The caller's name of the dive.
     problem, sequence : DiveProblem, generator
         The dive and its windows in turn.
-    window : PosedWindow or None
-        Window that comes next; None at the end.
+    wanted : list of PosedWindow
+        The next window and those expected after it, without those solved; empty at the end.
     solved : dict
-        Solutions of windows that come later, if they come, by the window's `PosedWindow.place`.
-    below : bool
-        Whether the last window was below the threshold of its cost, as the next ones will be expected to be.
+        Solutions found ahead, by `PosedWindow.identity`.
+    below_threshold : bool
+        Whether the cost of the last window was below its threshold; the same is expected of the next ones.
     seconds : float
         Computing time so far.
     solution : DiveSolution, optional
@@ -132,40 +134,45 @@ class _DiveUnderWay(Generic[Key]):
     key: Key
     problem: DiveProblem
     sequence: Generator[PosedWindow, WindowSolution, DiveSolution] = field(init=False)
-    window: PosedWindow | None = None
-    solved: dict[tuple[int, int], WindowSolution] = field(default_factory=dict)
-    below: bool = True
+    wanted: list[PosedWindow] = field(default_factory=list)
+    solved: dict[tuple[int, WindowPlan], WindowSolution] = field(default_factory=dict)
+    below_threshold: bool = True
     seconds: float = 0.0
     solution: DiveSolution | None = None
 
     def __post_init__(self) -> None:
         self.sequence = window_sequence(self.problem)
-        self._continue(None)
+        self._expect(self._next(None))
 
-    def advance(self) -> None:
-        """Join windows to the dive as long as they are solved."""
-        while self.window is not None and self.window.place in self.solved:
-            solution = self.solved.pop(self.window.place)
-            self.below = bool(solution.cost < self.window.plan.cost_threshold)
-            self._continue(solution)
-        if self.window is not None:
-            begin = self.window.begin
-            self.solved = {place: solution for place, solution in self.solved.items() if place[0] >= begin}
+    def add(self, window: PosedWindow, solution: WindowSolution) -> None:
+        """Add a window's solution, and join windows to the dive as long as they are solved."""
+        self.solved[window.identity] = solution
+        following = self.wanted[0] if self.wanted else None
+        while following is not None and following.identity in self.solved:
+            found = self.solved.pop(following.identity)
+            self.below_threshold = bool(found.cost < following.plan.cost_threshold)
+            following = self._next(found)
+        self._expect(following)
 
-    def _continue(self, solution: WindowSolution | None) -> None:
+    def _next(self, solution: WindowSolution | None) -> PosedWindow | None:
         try:
-            self.window = next(self.sequence) if solution is None else self.sequence.send(solution)
+            return next(self.sequence) if solution is None else self.sequence.send(solution)
         except StopIteration as stop:
-            self.window, self.solution = None, replace(stop.value, seconds=self.seconds)
+            self.solution = replace(stop.value, seconds=self.seconds)
+            return None
 
-    def unsolved(self) -> Iterator[PosedWindow]:
-        """Yield the next window, and those that will probably follow; none of them is solved."""
-        if self.window is None:
+    def _expect(self, window: PosedWindow | None) -> None:
+        """Note the next window and those expected after it, and forget solutions of windows before it."""
+        self.wanted = []
+        if window is None:
             return
-        ahead = windows_ahead(self.problem, self.window, below=self.below)
-        for window in chain([self.window], islice(ahead, FARTHEST)):
-            if window.place not in self.solved:
-                yield window
+        self.solved = {of: solution for of, solution in self.solved.items() if of[0] >= window.begin}
+        ahead = windows_ahead(self.problem, window, below_threshold=self.below_threshold)
+        expected = chain([window], islice(ahead, MAX_WINDOWS_AHEAD))
+        self.wanted = [each for each in expected if each.identity not in self.solved]
+
+
+_Lanes = dict[int, tuple[_DiveUnderWay[Key], PosedWindow]]
 
 
 def solve_in_lanes(
@@ -173,51 +180,51 @@ def solve_in_lanes(
 ) -> Iterator[tuple[Key, DiveSolution]]:
     """Solve dives side by side with the kernels of ``run``; yield each solution when it is complete."""
     batch, waiting = LaneBatch(settings, run), iter(dives)
-    at_work: list[_DiveUnderWay[Key]] = []
-    lanes: dict[int, tuple[_DiveUnderWay[Key], PosedWindow]] = {}
+    active: list[_DiveUnderWay[Key]] = []
+    lanes: _Lanes[Key] = {}
     while True:
-        for dive in [dive for dive in at_work if dive.solution is not None]:
-            assert dive.solution is not None
-            at_work.remove(dive)
-            yield dive.key, dive.solution
-        # As few dives as fill the lanes: each of them occupies memory.
-        while _windows_at_hand(at_work) < LANES and (posed := next(waiting, None)) is not None:
-            at_work.append(_DiveUnderWay(*posed))
-        if not at_work:
+        _take_dives(active, waiting)
+        _occupy(batch, lanes, active)
+        if lanes:
+            _run(batch, lanes)
+        # Only the results of a dive that has ended are kept while the next one is posed.
+        ended = [(dive.key, dive.solution) for dive in active if dive.solution is not None]
+        active = [dive for dive in active if dive.solution is None]
+        _occupy(batch, lanes, active)
+        yield from ended
+        if not active and not ended:
             return
-        _occupy(batch, lanes, at_work)
-        began = time.perf_counter()
-        solved = batch.run()
-        share = (time.perf_counter() - began) / len(at_work)
-        for dive in at_work:
-            dive.seconds += share
-        for lane, solution in solved:
-            dive, window = lanes.pop(lane)
-            dive.solved[window.place] = solution
-        for dive in at_work:
-            dive.advance()
 
 
-def _windows_at_hand(dives: list[_DiveUnderWay[Key]]) -> int:
-    """Count the windows that dives can put into lanes now, `LANES` of each at most."""
-    return sum(1 for dive in dives for _ in islice(dive.unsolved(), LANES))
+def _take_dives(active: list[_DiveUnderWay[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
+    """Take dives until their windows fill the lanes; each of them occupies memory."""
+    while sum(len(dive.wanted) for dive in active) < LANES and (posed := next(waiting, None)) is not None:
+        active.append(_DiveUnderWay(*posed))
 
 
-def _occupy(
-    batch: LaneBatch, lanes: dict[int, tuple[_DiveUnderWay[Key], PosedWindow]], dives: list[_DiveUnderWay[Key]]
-) -> None:
-    """Put every dive's next window into a lane, then every dive's second, and so on; drop what is not among these."""
-    ranks = zip_longest(*([(dive, window) for window in islice(dive.unsolved(), LANES)] for dive in dives))
-    chosen = list(islice((entry for rank in ranks for entry in rank if entry is not None), LANES))
-    places = {(id(dive), window.place) for dive, window in chosen}
+def _run(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
+    """Continue until a window is solved, and give solutions and computing time to their dives."""
+    began = time.perf_counter()
+    solved = batch.run()
+    share = (time.perf_counter() - began) / len(lanes)
+    for dive, _ in lanes.values():
+        dive.seconds += share
+    for lane, solution in solved:
+        dive, window = lanes.pop(lane)
+        dive.add(window, solution)
+
+
+def _occupy(batch: LaneBatch, lanes: _Lanes[Key], dives: list[_DiveUnderWay[Key]]) -> None:
+    """Put every dive's next window into a lane, then the windows ahead of the dives in turn; drop all others."""
+    first = [(dive, window) for dive in dives for window in dive.wanted[:1]]
+    ahead = [(dive, window) for dive in dives for window in dive.wanted[1:]]
+    chosen = {(id(dive), window.identity): (dive, window) for dive, window in (first + ahead)[:LANES]}
     for lane, (dive, window) in list(lanes.items()):
-        if (id(dive), window.place) not in places:
+        if chosen.pop((id(dive), window.identity), None) is None:
             batch.drop(lane)
             del lanes[lane]
-    present = {(id(dive), window.place) for dive, window in lanes.values()}
-    free = iter(lane for lane in range(LANES) if lane not in lanes)
-    for dive, window in chosen:
-        if (id(dive), window.place) not in present:
-            lane = next(free)
-            batch.put(lane, window.task)
-            lanes[lane] = (dive, window)
+    free = iter([lane for lane in range(LANES) if lane not in lanes])
+    for dive, window in chosen.values():
+        lane = next(free)
+        batch.put(lane, window.task)
+        lanes[lane] = (dive, window)

@@ -89,7 +89,7 @@ WindowTask = tuple[WindowData, Array]
 Solver = Callable[[WindowData, Array], WindowSolution]
 
 
-def ended_as(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
+def outcome_of(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
     """Return the outcome of a solution that can be flown, with its optimality measure and number of iterations."""
     if norm <= settings.tolerance:
         return Outcome.CONVERGED
@@ -195,7 +195,7 @@ class DiveSolution:
     states : (n+1, 12)
         Reference trajectory under b*, zero drift.
     windows : tuple of WindowRecord
-        Records of the windows, in the order in which they were solved.
+        Records of the windows, in the order in which they were joined.
     source : (n,)
         Number of the window whose solution is used at each step.
     seconds : float
@@ -221,9 +221,9 @@ class PosedWindow:
     task: WindowTask
 
     @property
-    def place(self) -> tuple[int, int]:
-        """First step and planned length: windows of one path that have these in common are the same."""
-        return self.begin, self.plan.length
+    def identity(self) -> tuple[int, WindowPlan]:
+        """First step and plan: windows of one path that have these in common are the same."""
+        return self.begin, self.plan
 
 
 def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSolution, DiveSolution]:
@@ -269,8 +269,8 @@ def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSoluti
     return DiveSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
 
 
-def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below: bool) -> Iterator[PosedWindow]:
-    """Yield the windows that follow one if all converge, and if their cost is below the threshold or none is.
+def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below_threshold: bool) -> Iterator[PosedWindow]:
+    """Yield the windows expected after one: of the same plan, and all with a cost below the threshold, or none.
 
     There are none if windows start from the end of the previous one.
     """
@@ -279,7 +279,9 @@ def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below: bool) -> 
     n, plan, begin = len(problem.profile.bodies), window.plan, window.begin
     while (end := min(begin + plan.length, n)) < n:
         begin = (
-            end - plan.margin if below and _has_data(problem, begin, end) and _may_retract(problem, plan, end) else end
+            end - plan.margin
+            if below_threshold and _has_data(problem, begin, end) and _may_retract(problem, plan, end)
+            else end
         )
         end = min(begin + plan.length, n)
         if _has_data(problem, begin, end):

@@ -109,7 +109,7 @@ class MissionPlan:
 
     def _memory(self, settings: MissionSettings, workers: int) -> float:
         """Return the peak memory of one worker, bytes."""
-        # When the first profile in the lanes ends, the next profiles are all filtered at once.
+        # When the first profile in the lanes ends, the next ones are all filtered at once (fewer if they have a path).
         ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
         steps = self.longest * (ready * _READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
         return _BASE_MEMORY + steps + self.max_samples * _BYTES_PER_SAMPLE

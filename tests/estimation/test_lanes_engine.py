@@ -143,8 +143,9 @@ HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=3))
         ({"cost_threshold": 0.0}, SETTINGS, {False}, 1),
         ({"cost_threshold": 0.0055}, SETTINGS, {True, False}, 1),
         ({"shorter": SHORT}, HASTY, {True}, 2),
+        ({"shorter": replace(SHORT, length=60, scale=(0.5, *SHORT.scale[1:]))}, HASTY, {True}, 1),
     ],
-    ids=["all retracted", "none retracted", "some retracted", "some again with a shorter plan"],
+    ids=["all retracted", "none retracted", "some retracted", "again with a shorter plan", "again with another scale"],
 )
 def test_windows_solved_ahead_change_nothing(dives, run, plan, settings, retracted, lengths):
     """Whether or not a window begins where it was expected, each is solved as if it were alone in the lanes."""

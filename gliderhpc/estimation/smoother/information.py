@@ -150,7 +150,7 @@ def dive_information(
     unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
     the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
     computed about the path of a filter that is linearised about the smoothed one. Where the water hardly turns the
-    glider, a run of the model takes its place, which no assumption of the noise biases
+    glider, a run of the model takes its place; the score is then nearly unbiased whatever noise is assumed
     (`gliderhpc.estimation.smoother.steered_run.steered_run`).
     """
     platform, dive = profile.glider.platform, last.dive

@@ -1,11 +1,12 @@
 """Path of linearisation without the noise of the sensors, for a dive's information on its hull.
 
 The score of the hull's errors is unbiased if the innovations and their derivatives do not contain the same noise. A
-filter whose disturbances are not distributed like the water's is not optimal: in quiet water it follows the noise of
-its sensors, and in gusts it lags behind. Its innovations then depend on past noise, and so does the path at which the
+filter whose disturbances are not distributed like the water's is not optimal: in calm water it follows the noise of its
+sensors, and in gusts it lags behind. Its innovations then depend on past noise, and so does the path at which the
 derivatives are taken; their product biases the hull. A run of the model that is steered slowly along the smoothed path
-follows the glider, but not the noise. Its derivatives contain the motion caused by the actuators alone: they are
-instruments in the sense of econometrics, whose product with the innovations has no bias, whatever the noise.
+follows the glider, but hardly any noise or gusts faster than about a hundred seconds. Its derivatives come mainly from
+the motion of the actuators, like an instrumental variable: their product with the innovations has little bias, whatever
+the noise.
 """
 
 import numpy as np
@@ -23,11 +24,12 @@ _MEAN = 120.0
 """Length of the moving mean of the smoothed disturbances that act on the run, s."""
 
 _TURNING = slice(8, 10)
-"""Indices of q and r among the sensed states."""
+"""Indices of q and r among the sensed states; not of p, since gusts roll the glider without turning it."""
 
 _MOST = 3.0
-"""Largest difference of turning rates, in units of the angles' resolution per sample interval. On twins it is below 0.7
-in shear and gusts and 2 in weak yaw impulses, where the run is better, and 4 in strong ones, where the filter is."""
+"""Largest difference of turning rates, in units of the angles' resolution per sample interval. On twins it was at most
+0.7 in shear and gusts and about 2 in weak yaw impulses, where the run is better, and about 4 in strong impulses, where
+the filter's path is."""
 
 
 def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | None:
@@ -43,9 +45,9 @@ def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | 
     Returns
     -------
     Trajectory or None
-        The run. None if its rates of pitch or yaw differ from the smoothed ones, root mean square, by more than a few
-        units of the angles' resolution per sample interval: then the disturbances drive motion that the run lacks, and
-        the derivatives at the run would be those of another dive. Gusts roll the glider without turning it.
+        The run. None if its rates of pitch or yaw differ from the smoothed ones, root mean square, by more than
+        three units of the angles' resolution per sample interval: then the disturbances drive motion that the run
+        lacks, and the derivatives at the run would be those of another dive.
     """
     step, steps = profile.series.step, len(profile.bodies)
     width = max(1, round(_MEAN / step))
