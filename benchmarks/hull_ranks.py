@@ -195,7 +195,7 @@ def kind_text(kind: str, missions: Sequence[MissionRanks]) -> str:
         f"steady glides, {sum(m.failed for m in missions)} profiles failed. Currents in the ellipses of 39 and 86 %: "
         f"{ellipses(missions)}."
     )
-    # Of a reason that names the file, only the rest is told.
+    # A reason that names the file is given without it.
     reasons = sorted({mission.trouble.rpartition("mission.nc: ")[2] for mission in lost})
     parts = [
         f"## {TITLES[kind]}", summary, "\n".join(f"- {reason}" for reason in reasons),
