@@ -41,9 +41,9 @@ from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission
+from gliderhpc.tuning.rounds import USUAL_ROUNDS
 
 DEPTH = 120.0
-ROUNDS = 4
 CURRENT, DISTANCE = ("current north", "current east"), "current, distance by its ellipse"
 BANDS, BAND_LEVEL, GRID = 4000, 0.95, 50
 _STREAM, _BAND_SEED = 79, 80
@@ -93,7 +93,7 @@ def fly_mission(kind: str, seed: int, dives: int, folder: Path) -> MissionRanks:
     try:
         simulate_mission(true, records, scenario=scenario_of(kind, true, dives, DEPTH), seed=seed)
         hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
-        found, tree = run_commands(records, hull, folder, ROUNDS, workers=0)
+        found, tree = run_commands(records, hull, folder, USUAL_ROUNDS, workers=0)
     except GliderhpcError as error:
         return MissionRanks(seed, {}, trouble=str(error))
     errors, refused, done = parameter_errors(found.platform, true), found.dives is None, done_profiles(tree)
@@ -226,7 +226,7 @@ def main(arguments: list[str] | None = None) -> None:
                 print(f"{kind} {mission.seed}: distance {mission.distance:.2f} {mission.trouble}", flush=True)
             texts.append(kind_text(kind, found))
     PAGE.write_text(
-        TEMPLATE.read_text("utf-8").format(dives=given.dives, depth=DEPTH, rounds=ROUNDS, tables="\n\n".join(texts)),
+        TEMPLATE.read_text("utf-8").format(dives=given.dives, depth=DEPTH, tables="\n\n".join(texts)),
         "utf-8",
     )
 
