@@ -24,7 +24,7 @@ from gliderhpc.api.found_hulls import CalibratedHull
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.findings.findings import markdown
-from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
+from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import Platform, platform_yaml
@@ -104,6 +104,11 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
     # All dives are of one depth, and the hull that flies is `HULL` itself, whose numbers are the truth of the parameters.
     same = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
     return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **same})
+
+
+def flown_hull(scenario: Scenario) -> Platform:
+    """Return the hull that flies, with the truth of its errors: the actuators follow their commands with a lag."""
+    return with_values(gh.load_platform(HULL), {ACTUATOR_LAG: scenario.actuation.lag})
 
 
 def believed_hull(true: Platform, seed: int) -> Platform:
@@ -206,11 +211,12 @@ def parameter_errors(hull: Platform, true: Platform) -> dict[str, float]:
 
 def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int) -> MissionScore:
     """Simulate one mission, run the commands, and score what came of it."""
-    true = gh.load_platform(HULL)
+    scenario = scenario_of(kind, gh.load_platform(HULL), dives)
+    true = flown_hull(scenario)
     folder.mkdir(parents=True, exist_ok=True)
     records, hull = folder / "mission.nc", folder / "believed.yaml"
     if not records.exists():
-        simulate_mission(true, records, scenario=scenario_of(kind, true, dives), seed=seed)
+        simulate_mission(true, records, scenario=scenario, seed=seed)
     hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
     began = time.monotonic()
     _, tree = run_commands(records, hull, folder, rounds)
@@ -269,7 +275,7 @@ def page(found: dict[str, dict[str, list[MissionScore]]], dives: int, seeds: str
              "parameters in 68 / 95 %", "profiles failed", "s per mission"]  # fmt: skip
     return TEMPLATE.read_text("utf-8").format(
         dives=dives, depth=DEPTH, seeds=seeds.replace(":", " to "), workers=WORKERS, summary=markdown(names, summary),
-        tables="\n\n".join(tables),
+        count=len(hull_parameters(gh.load_platform(HULL))), tables="\n\n".join(tables),
     )  # fmt: skip
 
 

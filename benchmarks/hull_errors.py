@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import hull_missions
-from gliderhpc import Glider, load_platform
+from benchmarks.hull_commands import flown_hull
+from gliderhpc import Glider
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation
@@ -159,7 +160,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--twins", type=int, default=TWINS, help="twins of each kind")
     count = parser.parse_args(arguments).twins
-    true, seeds = load_platform("petrel-l"), range(1, count + 1)
+    true, seeds = flown_hull(world(DEPTH)), range(1, count + 1)
     found = {kind: [fly_twin(true, kind, seed) for seed in seeds] for kind in KINDS}
     kinds = {kind: [twin for twin in twins if twin is not None] for kind, twins in found.items()}
     page = TEMPLATE.read_text("utf-8").format(

@@ -33,6 +33,7 @@ from benchmarks.hull_commands import (
     distance,
     dive_errors,
     done_profiles,
+    flown_hull,
     parameter_errors,
     run_commands,
     scenario_of,
@@ -87,11 +88,12 @@ class MissionRanks:
 
 def fly_mission(kind: str, seed: int, dives: int, folder: Path) -> MissionRanks:
     """Simulate one mission, run the commands, and compare one record with its truth."""
-    true = gh.load_platform(HULL)
+    scenario = scenario_of(kind, gh.load_platform(HULL), dives, DEPTH)
+    true = flown_hull(scenario)
     records, hull = folder / "mission.nc", folder / "believed.yaml"
     rng = np.random.default_rng([seed, _STREAM])
     try:
-        simulate_mission(true, records, scenario=scenario_of(kind, true, dives, DEPTH), seed=seed)
+        simulate_mission(true, records, scenario=scenario, seed=seed)
         hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
         found, tree = run_commands(records, hull, folder, USUAL_ROUNDS, workers=0)
     except GliderhpcError as error:

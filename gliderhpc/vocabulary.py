@@ -39,6 +39,7 @@ HULL_PARAMETERS = (
     "added_mass.1", "added_mass.2", "added_inertia.0", "added_inertia.1", "added_inertia.2", "sensors.roll_offset",
     "sensors.pitch_offset", "sensors.pitch_scale", "sensors.heading_offset", "sensors.heading_deviation.0",
     "sensors.heading_deviation.1", "sensors.heading_deviation.2", "sensors.heading_deviation.3", "sensors.depth_lag",
+    "sensors.actuator_lag",
 )  # fmt: skip
 """Keys of all parameters of a hull and its records that may be in error; the hull determines which have an effect."""
 

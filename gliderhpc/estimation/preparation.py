@@ -66,8 +66,9 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
         There is no time with all four measurements, or hardly any sample of one of them; or the settings require
         density and the record has none.
     """
+    lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
-    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)))
+    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)
@@ -93,7 +94,10 @@ def harmonics(heading: ArrayLike) -> Array:
 
 
 def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> ProfileRecord:
-    """Remove the errors given by settings or a platform's sensors from a record; return it unchanged without any."""
+    """Remove the errors given by settings or a platform's sensors from a record; return it unchanged without any.
+
+    The lag of the actuators is left in: `resample` removes it.
+    """
     if all(getattr(errors, name) == error for name, error in RecordSettings().model_dump().items()):
         return record
     error = np.radians(errors.heading_offset + harmonics(record.heading) @ np.array(errors.heading_deviation))

@@ -133,6 +133,7 @@ class RecordSettings(Settings):
         description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
     )
     depth_lag: float = Field(0.0, description="delay of the recorded depth behind the attitude, s")
+    actuator_lag: float = Field(0.0, description="delay of the actuators behind their records, s")
 
 
 class EstimationSettings(Settings):

@@ -150,7 +150,9 @@ class ProfileSeries:
     without_seawater: str = ""
 
 
-def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) -> ProfileSeries:
+def resample(
+    record: ProfileRecord, step: float, max_gap: float | FloatArray, actuator_lag: float = 0.0
+) -> ProfileSeries:
     """Interpolate a profile linearly onto a uniform grid.
 
     The grid spans the time in which all four measurements exist. Missing samples are bridged variable by variable. If
@@ -167,6 +169,8 @@ def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) ->
     max_gap : float or (m - 1,) array
         Longest time between samples that is bridged (s), everywhere or in each interval between the ``m`` samples that
         hold all four measurements (`sampling_intervals`).
+    actuator_lag : float
+        Delay of the actuators behind their records (s): the controls at a time are those recorded this much earlier.
 
     Returns
     -------
@@ -200,7 +204,7 @@ def resample(record: ProfileRecord, step: float, max_gap: float | FloatArray) ->
         time=time,
         measurements=np.column_stack([_interpolate(record, name, present[name], time) for name in MEASURED]),
         weights=weights,
-        controls=_controls(record, present, time[:-1] + 0.5 * step),
+        controls=_controls(record, present, time[:-1] + 0.5 * step - actuator_lag),
         sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),

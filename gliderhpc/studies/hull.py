@@ -82,12 +82,15 @@ class MissionDives:
         Dives with information, in order of time.
     without : tuple of int
         Numbers of the profiles without information.
+    labels : tuple of str
+        Keys along the archive's dimension ``parameter``; an archive of an earlier version has fewer.
     """
 
     platform: Platform
     parameters: tuple[HullParameter, ...]
     dives: tuple[DiveTerm, ...]
     without: tuple[int, ...]
+    labels: tuple[str, ...] = HULL_PARAMETERS
 
     @property
     def prior(self) -> HullPrior:
@@ -108,10 +111,11 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
     at = {PROFILE: list(numbers)}
     group = archive[NAME].to_dataset()[[*STATEMENTS]].sel(at).load()
     times = archive.to_dataset()["start_time"].sel(at).values
-    # The archive lists every hull parameter; those that have an effect are the ones with a score.
+    # The archive lists every hull parameter of its version; those that have an effect are the ones with a score.
     acts = np.isfinite(group["score"].values).any(axis=0)
-    parameters = tuple(p for p in hull_parameters(platform) if acts[HULL_PARAMETERS.index(p.key)])
-    place = [HULL_PARAMETERS.index(p.key) for p in parameters]
+    labels = tuple(str(key) for key in group["parameter"].values)
+    parameters = tuple(p for p in hull_parameters(platform) if p.key in labels and acts[labels.index(p.key)])
+    place = [labels.index(p.key) for p in parameters]
     # A parameter without effect in a profile, such as one of the unused buoyancy model, has no information there.
     known = np.isfinite(group["score"].values[:, place]).any(axis=1)
     scores, matrices, other_scores, other_matrices = (
@@ -126,7 +130,7 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
     ]
     dives = [dive for dive in dives if _is_sound(dive)]
     without = tuple(sorted(set(numbers) - {dive.number for dive in dives}))
-    return MissionDives(platform, parameters, tuple(sorted(dives, key=lambda dive: dive.time)), without)
+    return MissionDives(platform, parameters, tuple(sorted(dives, key=lambda dive: dive.time)), without, labels)
 
 
 def _is_sound(dive: DiveTerm) -> bool:
@@ -213,8 +217,8 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
 
 def _placed(mission: MissionDives, values: Array) -> Array:
     """Put values at the positions of their parameters among all parameters."""
-    out = np.full(len(HULL_PARAMETERS), np.nan)
-    out[[HULL_PARAMETERS.index(p.key) for p in mission.parameters]] = values
+    out = np.full(len(mission.labels), np.nan)
+    out[[mission.labels.index(p.key) for p in mission.parameters]] = values
     return out
 
 

@@ -22,7 +22,7 @@ class RoundSettings(Settings):
         0.1, gt=0, description="the rounds end at a largest move smaller than this, in plausible deviations"
     )
     misfit: float = Field(
-        1.2,
+        3.0,
         ge=0,
         description="variance of the errors common to all dives, relative to the variance stated by one dive",
     )

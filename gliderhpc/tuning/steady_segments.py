@@ -13,6 +13,7 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import on_steps, vibration_set
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
 from gliderhpc.observations.profiles import stretches
@@ -123,17 +124,53 @@ def steady_segments(
     ------
     InputError
         No profile has a steady segment.
+
+    Notes
+    -----
+    A hull with too little lift or too much drag cannot glide as flat as the records show, and none of them would look
+    steady. The segments are then chosen by a hull that glides flatter, since calibration is to correct just that.
     """
-    parts, reason = [], "no profile was selected"
+    found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
+    if not found:
+        found, _ = _segments_of_all(observations, _flatter(platform), numbers, settings, steady)
+        if found:
+            log.warning(
+                "no flight is as steep as %s must glide; steady flight is chosen with more lift and less drag",
+                platform.name,
+            )
+            return joined(found)
+    for number, reason in reasons.items():
+        log.warning("profile %d is left out: %s", number, reason)
+    if not found:
+        last = next(reversed(reasons.values()), "no profile was selected")
+        raise InputError(f"{observations.path}: no steady flight to calibrate on; {last}")
+    return joined(found)
+
+
+def _segments_of_all(
+    observations: Observations,
+    platform: Platform,
+    numbers: Sequence[int],
+    settings: EstimationSettings,
+    steady: SegmentSettings,
+) -> tuple[list[SteadySegments], dict[int, str]]:
+    """Return the segments of every profile that has some, and the reason by number for every other."""
+    found, reasons = [], {}
     for number in numbers:
         try:
-            parts.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
+            found.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
         except ProfileError as error:
-            reason = str(error)
-            log.warning("profile %d is left out: %s", number, reason)
-    if not parts:
-        raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
-    return joined(parts)
+            reasons[number] = str(error)
+    return found, reasons
+
+
+_FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
+"""Changes of a hull, in plausible deviations, with which it glides about as flat as is plausible."""
+
+
+def _flatter(platform: Platform) -> Platform:
+    parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
+    return moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
 
 
 def joined(parts: Sequence[SteadySegments]) -> SteadySegments:

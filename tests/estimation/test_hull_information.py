@@ -7,8 +7,8 @@ import pytest
 from support.hull_errors import profile_of, steady_controls
 from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 
-from gliderhpc.estimation.preparation import corrected
-from gliderhpc.estimation.settings import RecordSettings, SmootherSettings
+from gliderhpc.estimation.preparation import corrected, on_steps, prepare_profile
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.information import (
@@ -24,7 +24,13 @@ from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumpti
 from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED, Glider
-from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_covariance, with_values
+from gliderhpc.flight.hull_parameters import (
+    ACTUATOR_LAG,
+    hull_parameters,
+    moved_platform,
+    with_covariance,
+    with_values,
+)
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform_sections import CalibrationErrors
@@ -117,7 +123,9 @@ def test_samples_change_as_the_correction_of_the_record_changes():
         return np.column_stack([found.roll, np.asarray(found.pitch), np.unwrap(found.heading), found.depth])
 
     inside = slice(2, -2)
-    for parameter in (p for p in hull_parameters(platform) if p.key.startswith("sensors.")):
+    errors = [p for p in hull_parameters(platform) if p.key.startswith("sensors.") and p.key != ACTUATOR_LAG]
+    assert len(errors) == 9
+    for parameter in errors:
         step = 1e-4 * parameter.slope(platform, 0.0)
         ahead, behind = (
             read(with_values(platform, {parameter.key: parameter.value(platform) + sign * step})) for sign in (1, -1)
@@ -126,6 +134,37 @@ def test_samples_change_as_the_correction_of_the_record_changes():
         actual = sample_slopes(platform, settings, parameter, read(platform), np.full(n, 0.15))[inside]
         # The derivative of the second correction with respect to the heading is neglected.
         np.testing.assert_allclose(actual, expected, atol=1e-6, err_msg=parameter.key)
+
+
+def test_the_masses_change_as_the_lag_of_the_actuators_changes():
+    """A battery and a pump that move at changing speeds: compare with differences of the prepared profile."""
+    rng, n = np.random.default_rng(3), 60
+    time, level = np.arange(n, dtype=float), np.full(n, 0.1)
+    record = ProfileRecord(
+        number=1, epoch=np.datetime64("2024-01-01", "ns"), time=time, roll=level, pitch=level, heading=level,
+        depth=0.15 * time + 10.0, battery_position=1e-3 * rng.standard_normal(n).cumsum(),
+        battery_rotation=0.1 * rng.standard_normal(n).cumsum(), ballast_volume=4e-4 + 1e-6 * rng.uniform(0, 9, n),
+        rudder=0.1 * rng.standard_normal(n),
+    )  # fmt: skip
+    settings = EstimationSettings(records=RecordSettings(actuator_lag=0.25))
+
+    def prepared(lag):
+        hull = with_values(PETREL.platform, {ACTUATOR_LAG: lag})
+        return prepare_profile(Glider(hull), on_steps(record, settings, hull))
+
+    profile = prepared(0.4)
+    parameters = hull_parameters(profile.glider.platform)
+    dive = fly(1, len(profile.bodies)).dive
+    forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
+    lag = [p.key for p in parameters].index(ACTUATOR_LAG)
+    assert lag not in forcing.reading
+    moved = prepared(0.4 + profile.series.step).bodies - prepared(0.4 - profile.series.step).bodies
+    expected = parameters[lag].slope(profile.glider.platform, 0.0) * moved / (2.0 * profile.series.step)
+    inside = slice(20, -20)
+    np.testing.assert_allclose(
+        forcing.bodies[inside, list(forcing.moving).index(lag)], expected[inside], rtol=1e-9, atol=1e-12
+    )
+    assert np.abs(expected[inside]).max(axis=0)[[0, 1, 2, 9]].min() > 0.0
 
 
 def _information(parameters, seed=0, rows=40):

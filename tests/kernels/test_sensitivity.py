@@ -13,7 +13,7 @@ from gliderhpc.estimation.smoother.forcing import hull_forcing
 from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters
 from gliderhpc.kernels.sensitivity import linearise_with_constants
 from gliderhpc.kernels.sensitivity_memory import allocate_scratch
 from gliderhpc.kernels.smoother_memory import BLOCK
@@ -75,7 +75,8 @@ def problem(longest):
     states[:, 3:5] = 0.0
     profile = profile_of(PETREL, path.states[:, MEASURED].copy(), steady_controls(PETREL.platform, STEPS))
     np.testing.assert_allclose(controls_of(PETREL.platform, profile.series)[0, :4], GLIDE.control, rtol=1e-12)
-    parameters = hull_parameters(PETREL.platform)
+    # The actuators are at rest, and their lag has no effect.
+    parameters = [p for p in hull_parameters(PETREL.platform) if p.key != ACTUATOR_LAG]
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     return dive, Trajectory(states, disturbances), forcing, parameters
 

@@ -10,6 +10,8 @@ from support.hull_dives import KEYS, PARAMETERS, START, dives
 from support.missions import program
 from support.shown import check_shown_as_left, shown
 
+from gliderhpc.archive.mission import open_mission
+from gliderhpc.archive.profile import done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.platform import read_platform
 from gliderhpc.report.studies import hull as shown_hull
@@ -17,7 +19,7 @@ from gliderhpc.store_schema import check_archive, create_archive, create_study, 
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
-from gliderhpc.studies.hull import NAME, MissionDives, mission_hull
+from gliderhpc.studies.hull import NAME, MissionDives, mission_hull, read_dives
 from gliderhpc.studies.study import Plan, Preparation
 from gliderhpc.tuning.mission_hull import solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
@@ -194,6 +196,44 @@ def test_the_program_studies_a_mission(brief_store, studied):
     assert {path.name for path in folder.iterdir()} == {
         "parameters.csv", "changes.csv", "profiles.csv", "hull.png", "hull.json",
     }  # fmt: skip
+
+
+class EarlierArchive:
+    """An archive whose group `hull` lacks parameters that a later version has added."""
+
+    def __init__(self, archive, later):
+        self.archive = archive
+        self.group = archive[NAME].to_dataset().load().drop_sel(parameter=later, other_parameter=later)
+
+    def __getattr__(self, name):
+        return getattr(self.archive, name)
+
+    def __getitem__(self, name):
+        return SimpleNamespace(to_dataset=lambda: self.group) if name == NAME else self.archive[name]
+
+
+@pytest.mark.compiled
+def test_an_archive_of_an_earlier_version_has_fewer_parameters(studied):
+    """The sum is over the parameters that the archive has, at the places where it has them, and is shown."""
+    store, _ = studied
+    later = ["viscous.K_q", "sensors.actuator_lag"]
+    with open_mission(store) as archive:
+        earlier, numbers = EarlierArchive(archive, later), done_profiles(archive)
+        whole, found = read_dives(archive, numbers), read_dives(earlier, numbers)
+        history = shown_hull.read_history(earlier, numbers)
+    left = [p.key not in later for p in whole.parameters]
+    assert found.parameters == tuple(np.array(whole.parameters)[left])
+    assert history.parameters == found.parameters
+    for one, other in zip(whole.dives, found.dives, strict=True):
+        np.testing.assert_array_equal(other.score, one.score[left])
+        np.testing.assert_array_equal(other.information, one.information[np.ix_(left, left)])
+    plan = Plan(None, SimpleNamespace(robust=True, change=1.0), (), {}, Preparation(inputs=found), ())
+    row = mission_hull(plan, {}).rows[numbers[0]]
+    known = np.isfinite(row["estimate"])
+    assert len(known) == len(HULL_PARAMETERS) - len(later)
+    assert [key for key, is_known in zip(found.labels, known, strict=True) if is_known] == sorted(
+        (p.key for p in found.parameters), key=found.labels.index
+    )
 
 
 @pytest.mark.compiled

@@ -11,7 +11,9 @@ from support.missions import changed_observations, glide_series, program, replac
 from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
 from gliderhpc.api import hulls
+from gliderhpc.api.calibration import CalibrateSettings
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
+from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
@@ -22,7 +24,9 @@ from gliderhpc.flight.hull_parameters import (
     with_values,
 )
 from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
+from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform, read_platform
+from gliderhpc.platform_sections import number_at
 from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
@@ -31,7 +35,7 @@ from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_e
 from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
-from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of, steady_segments
 from gliderhpc.tuning.trim import TRIM, fit_trim
 
 pytestmark = pytest.mark.compiled
@@ -231,6 +235,19 @@ def test_flight_that_is_not_steady_is_refused(change, fragment):
     change(measurements)
     with pytest.raises(ProfileError, match=f"profile 1: .*{fragment}"):
         segments_of(replaced(series, measurements=measurements), PETREL, STEADY)
+
+
+def test_steady_flight_is_found_for_a_hull_that_cannot_glide_as_flat(twin, caplog):
+    """With too little lift and too much drag no flight is steep enough; calibration is to correct just that."""
+    factors = {"viscous.K_L": 0.62, "viscous.K_D": 1.4, "viscous.K_D0": 1.1}
+    poor = with_values(PETREL, {key: factor * number_at(PETREL, key) for key, factor in factors.items()})
+    settings = CalibrateSettings()
+    with open_observations(twin) as opened:
+        with pytest.raises(ProfileError, match="in steady flight"):
+            segments_of(on_steps(opened.profile(1), settings, poor), poor, STEADY)
+        found, expected = (steady_segments(opened, hull, (1, 2), settings, STEADY) for hull in (poor, PETREL))
+    assert "no flight is as steep as petrel-l must glide" in caplog.text
+    np.testing.assert_array_equal(found.time, expected.time)
 
 
 # Twins

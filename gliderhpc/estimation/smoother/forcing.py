@@ -14,7 +14,7 @@ from gliderhpc.estimation.preparation import PreparedProfile, controls_of, harmo
 from gliderhpc.estimation.self_motion import depth_rate, flight_guesses, smoothing_time
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.flight.glider import SENSED, Glider
-from gliderhpc.flight.hull_parameters import HullParameter, with_values
+from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter, with_values
 from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.kernels.sensitivity_memory import Forcing
 from gliderhpc.kernels.smoother_memory import Dive
@@ -54,7 +54,7 @@ def hull_forcing(
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
     moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
-    reading = [j for j, p in enumerate(parameters) if p.key.startswith(_RECORDS)]
+    reading = [j for j, p in enumerate(parameters) if _is_read(p)]
     fed = np.flatnonzero(dive.fed)
     number = np.zeros(len(dive.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
@@ -83,7 +83,7 @@ def fed_sample_slopes(
     found = [
         sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
         for p in parameters
-        if p.key.startswith(_RECORDS)
+        if _is_read(p)
     ]
     return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
 
@@ -106,13 +106,41 @@ def _constants(
     return constant.astype(np.int64), parameter.astype(np.int64), np.ascontiguousarray(slopes[parameter, constant])
 
 
+def _is_read(parameter: HullParameter) -> bool:
+    """Return whether a parameter is an error of the samples."""
+    return parameter.key.startswith(_RECORDS) and parameter.key != ACTUATOR_LAG
+
+
 def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
     moved = _moved(platform, parameter, 1.0)
-    return masses_of(moved) != masses_of(platform) or parameter.key.startswith("buoyancy.")
+    return masses_of(moved) != masses_of(platform) or parameter.key.startswith(("buoyancy.", ACTUATOR_LAG))
 
 
 def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
-    """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree.
+    """Derivatives ``(n, m, 11)`` of the mass properties by the parameters that change them."""
+    slopes = _body_slopes_by_hull(profile, [p for p in moving if p.key != ACTUATOR_LAG])
+    for j, parameter in enumerate(moving):
+        if parameter.key == ACTUATOR_LAG:
+            late = -parameter.slope(profile.glider.platform, 0.0) * _body_rates(profile)
+            slopes = np.insert(slopes, j, late, axis=1)
+    return np.ascontiguousarray(slopes)
+
+
+def _body_rates(profile: PreparedProfile) -> Array:
+    """Rates ``(n, 11)``, 1/s, at which the actuators change the mass properties."""
+    series = profile.series
+    later, earlier = (replace(series, controls=_moved_rows(series.controls, by)) for by in (1, -1))
+    platform = profile.glider.platform
+    return (_bodies(platform, later) - _bodies(platform, earlier)) / (2.0 * series.step)
+
+
+def _moved_rows(rows: Array, by: int) -> Array:
+    """Return the rows ``by`` places further on, the last or first one repeated at the end."""
+    return rows[np.clip(np.arange(len(rows)) + by, 0, len(rows) - 1)]
+
+
+def _body_slopes_by_hull(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
+    """Derivatives ``(n, m, 11)`` of the mass properties by the hull's numbers; they are of second degree.
 
     They are computed where the controls change; in between they are constant.
     """
@@ -189,7 +217,7 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
         change = np.zeros_like(first.measurements)
-        if parameter.key.startswith(_RECORDS):
+        if _is_read(parameter):
             change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
         ahead, behind = (
             flight_guesses(

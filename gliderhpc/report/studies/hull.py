@@ -76,8 +76,10 @@ class HullHistory:
 
     @cached_property
     def parameters(self) -> tuple[HullParameter, ...]:
-        """Parameters of hull and records that have an estimate."""
-        return tuple(p for p in hull_parameters(self.platform) if np.isfinite(self.series("estimate", p.key)).any())
+        """Parameters of hull and records that have an estimate; an archive of an earlier version has fewer."""
+        known = np.isfinite(self.group["estimate"].values).any(axis=0)
+        keys = {str(key) for key in self.group["parameter"].values[known]}
+        return tuple(p for p in hull_parameters(self.platform) if p.key in keys)
 
     @cached_property
     def suspects(self) -> tuple[HullParameter, ...]:
