@@ -1,4 +1,4 @@
-"""Path of linearisation without the sensors' noise: a run of the model, and the bias that it removes."""
+"""A run of the model along a path: linearisation without the sensors' noise, and the biases that it removes."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ import pytest
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import information
+from gliderhpc.estimation.smoother import information, iterate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.problem import Trajectory
-from gliderhpc.estimation.smoother.steered_run import steered_run
+from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
+from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts, steered_run
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
@@ -23,11 +23,17 @@ HULL = read_platform("petrel-l")
 SETTINGS = EstimationSettings(step=0.25)
 
 
-def smoothed_dive(scenario):
-    """Return a dive of 60 m of the true hull on its steps, its estimate, and the smoothed path."""
-    record, _ = simulate_profile(HULL, scenario.replaced({"depth": 60.0}), 3)
+def flown_dive(scenario, seed=3):
+    """Return a dive of 60 m of the true hull on its steps, the filter's estimate, and the truth."""
+    record, truth = simulate_profile(HULL, scenario.replaced({"depth": 60.0}), seed)
     profile = prepare_profile(Glider(HULL), on_steps(record, SETTINGS, HULL))
-    smoothed = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
+    return profile, run_filter(profile, SETTINGS), truth
+
+
+def smoothed_dive(scenario):
+    """Return a dive on its steps, its estimate, and the smoothed path."""
+    profile, filtered, _ = flown_dive(scenario)
+    smoothed = smooth_dive(profile, filtered, SETTINGS)
     path = Trajectory(smoothed.states, np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
     return profile, smoothed, path
 
@@ -90,3 +96,27 @@ def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
     assert np.abs(about_filter).max() > 3.0
     assert np.abs(about_run).max() < 2.0
     assert np.sqrt(np.mean(about_run**2)) < 0.3 * np.sqrt(np.mean(about_filter**2))
+
+
+@pytest.mark.parametrize(("name", "expected"), [("calm", False), ("impulses", False), ("paper", True), ("harsh", True)])
+def test_gusts_roll_the_glider_more_than_they_turn_it(name, expected):
+    profile, filtered, _ = flown_dive(load_scenario(name).replaced({"depth_spread": 5.0}))
+    assert is_rolled_by_gusts(profile, starting_trajectory(filtered)) is expected
+
+
+def test_the_roll_in_gusts_does_not_tell_the_speed(monkeypatch):
+    """With the usual variance of the roll, the smoothed speed of the true hull is wrong."""
+    same = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
+    dives = [flown_dive(load_scenario("paper").replaced(same), seed) for seed in (1, 2, 5)]
+
+    def error():
+        squares = []
+        for profile, filtered, truth in dives:
+            found, time = smooth_dive(profile, filtered, SETTINGS), profile.series.time
+            steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
+            squares.append(np.mean((found.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6]))[steady] ** 2))
+        return np.sqrt(np.mean(squares))
+
+    doubted = error()
+    monkeypatch.setattr(iterate, "_ROLL_IN_GUSTS", 1.0)
+    assert doubted < 0.5 * error()
