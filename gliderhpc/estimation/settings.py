@@ -237,6 +237,18 @@ ROUGH_WATER = DisturbancePrior(
 """Prior in which sway and roll follow gusts within seconds, tried if the calmer one cannot follow the record."""
 
 
+_GUST_FORCE, _GUST_TIME = 2.0, 3.0
+"""Standard deviation (N) and correlation time (s) of the side force in gusts of a few centimetres per second."""
+
+
+def with_gusts_from_the_side(prior: DisturbancePrior) -> DisturbancePrior:
+    """Return a prior in which the side force follows gusts within seconds."""
+    return DisturbancePrior(
+        deviation=(prior.deviation[0], max(_GUST_FORCE, prior.deviation[1]), *prior.deviation[2:]),
+        correlation_time=(prior.correlation_time[0], _GUST_TIME, *prior.correlation_time[2:]),
+    )
+
+
 def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings, SmootherSettings, smoother_passes
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate, displacement, filter_fallback
 from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale
 from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
@@ -39,10 +39,6 @@ _SETTLED = 0.1
 """Relative change of a variance of the noise below which the noise is not updated."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
-_ROLL_IN_GUSTS = 100.0
-"""Factor on the variance of roll where gusts roll the glider, which a slow record does not show. The prior takes side
-force and moments for independent and slow. With the usual variance the roll then seems to tell the speed and the lift:
-on twins in gusts, with the true hull, the speed was wrong by 0.023 m/s, and is wrong by 0.010 with this factor."""
 _SEGMENT = (0.15, 0.4)
 """Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
 _KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
@@ -93,13 +89,11 @@ def _smoothed(
     """Pose the problem, estimate the noise from a segment, and iterate."""
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
     options = settings.smoother.model_copy(update={"max_passes": smoother_passes(platform, settings.smoother)})
-    dive, scale = pose_dive(profile, filtered, settings, noise_factor)
+    start = starting_trajectory(filtered)
+    dive, scale = pose_dive(profile, filtered, settings, noise_factor, gusts=is_rolled_by_gusts(profile, start))
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
         models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))
-    start = starting_trajectory(filtered)
-    if platform.sensors.sample_interval <= SLOW_SENSORS_PRIOR and is_rolled_by_gusts(profile, start):
-        dive.variance[:, 0] *= _ROLL_IN_GUSTS
     if options.adaptive and options.max_passes != 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)

@@ -40,6 +40,9 @@ _GUSTY = 1.0
 """Difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.4 on twins in
 calm water, and 1.3 to 2 in gusts."""
 
+_SLOWEST = 2.0
+"""Longest sample interval at which the roll in gusts is resolved, s."""
+
 
 def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | None:
     """Return the run steered along the smoothed path, or None in water that turns the glider much.
@@ -75,11 +78,18 @@ def is_rolled_by_gusts(profile: PreparedProfile, filtered: Trajectory) -> bool:
     profile, filtered : PreparedProfile, Trajectory
         The profile on its ``n`` steps, and the filter's path.
 
+    Returns
+    -------
+    bool
+        False for slow records, which do not resolve this motion.
+
     Notes
     -----
-    A yaw moment turns the glider twice as fast as it rolls it. Gusts from the side roll it twice as fast as they turn
-    it, and change the side force and the moments together, within seconds.
+    On twins a yaw moment turns the glider twice as fast as it rolls it, and gusts from the side roll it twice as fast
+    as they turn it.
     """
+    if profile.series.sample_interval > _SLOWEST:
+        return False
     run, _ = _run_along(profile, filtered)
     roll, _, yaw = _turned_apart(profile, filtered, run)
     return bool(roll > _GUSTY and roll > yaw)
