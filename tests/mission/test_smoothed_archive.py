@@ -252,7 +252,7 @@ def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
 
 
 def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path, monkeypatch):
-    def refuse(*_):
+    def refuse(*_, **__):
         raise ProfileError("nothing to smooth")
 
     from_prior, store = tmp_path / "prior.zarr", tmp_path / "refused.zarr"
@@ -294,10 +294,10 @@ def test_a_smoother_that_gives_up_says_so(prepared, filtered, monkeypatch):
 def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepared, filtered, monkeypatch):
     pose = iterate.pose_dive
 
-    def only_steady(profile, estimate, settings, factor):
+    def only_steady(profile, estimate, settings, factor, **water):
         if settings.smoother.adaptive:
             raise ProfileError("no estimate")
-        return pose(profile, estimate, settings, factor)
+        return pose(profile, estimate, settings, factor, **water)
 
     monkeypatch.setattr(iterate, "pose_dive", only_steady)
     smoothed = smooth_dive(prepared, filtered, SETTINGS)
@@ -311,7 +311,7 @@ def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepa
 
 
 def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise TypeError("a bug")
 
     monkeypatch.setattr(iterate, "pose_dive", fail)
