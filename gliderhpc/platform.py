@@ -119,7 +119,9 @@ class Sensors(Section):
         description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
     )
     depth_lag: Number = Field(default=0.0, description="delay of the recorded depth behind the attitude, s")
-    actuator_lag: Number = Field(default=0.0, description="delay of the actuators behind their records, s")
+    actuator_lag: Number = Field(
+        default=0.0, ge=-3600, le=3600, description="delay of the actuators behind their records, s"
+    )
 
     @property
     def attitude_resolution_rad(self) -> float:

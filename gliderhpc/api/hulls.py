@@ -115,7 +115,7 @@ def calibrated_on(
     rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
     with threadpool_limits(limits=1):
         taken, named = chosen_profiles(observations, profiles, hold_out, settings)
-        every = steady_segments(observations, platform, taken, settings, settings.steady)
+        every = steady_segments(observations, platform, taken, settings, settings.steady, may_be_flatter=True)
         segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))

@@ -105,7 +105,10 @@ class SmootherSettings(Settings):
         "mean", description="estimate from the posterior: its mean, or its most probable path"
     )
     actuator_lag: float = Field(
-        1.0, ge=0, description="error of the times of the actuators' records, s; at least half a sample interval"
+        1.0,
+        ge=0,
+        description="error of the times of the actuators' records beside their common lag, s; at least half a sample "
+        "interval",
     )
     adaptive: bool = Field(True, description="whether the noise is fitted to each dive, by one factor per channel")
     degrees_of_freedom: float | None = Field(
@@ -133,7 +136,7 @@ class RecordSettings(Settings):
         description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
     )
     depth_lag: float = Field(0.0, description="delay of the recorded depth behind the attitude, s")
-    actuator_lag: float = Field(0.0, description="delay of the actuators behind their records, s")
+    actuator_lag: float = Field(0.0, ge=-3600, le=3600, description="delay of the actuators behind their records, s")
 
 
 class EstimationSettings(Settings):
@@ -241,11 +244,15 @@ _GUST_FORCE, _GUST_TIME = 2.0, 3.0
 """Standard deviation (N) and correlation time (s) of the side force in gusts of a few centimetres per second."""
 
 
-def with_gusts_from_the_side(prior: DisturbancePrior) -> DisturbancePrior:
-    """Return a prior in which the side force follows gusts within seconds."""
+def with_lateral_gusts(prior: DisturbancePrior) -> DisturbancePrior:
+    """Return a prior, usual or tuned, in which the side force follows gusts from the side within seconds."""
     return DisturbancePrior(
         deviation=(prior.deviation[0], max(_GUST_FORCE, prior.deviation[1]), *prior.deviation[2:]),
-        correlation_time=(prior.correlation_time[0], _GUST_TIME, *prior.correlation_time[2:]),
+        correlation_time=(
+            prior.correlation_time[0],
+            min(_GUST_TIME, prior.correlation_time[1]),
+            *prior.correlation_time[2:],
+        ),
     )
 
 

@@ -152,13 +152,13 @@ def _without_righting(platform: Platform) -> float:
     return platform.position.hull[2] - righting_moment(platform) / platform.mass.hull
 
 
-def _late(platform: Platform) -> float:
+def _lag_deviation(platform: Platform) -> float:
     """Return a second, or half a sample interval if that is longer, s."""
     return max(1.0, 0.5 * platform.sensors.sample_interval)
 
 
 ACTUATOR_LAG = "sensors.actuator_lag"
-"""Key of the only error of the records that is not one of the samples: it delays the controls."""
+"""Key of the only error of the records that does not change the measured attitude or depth: it delays the controls."""
 
 TYPICAL_COMPRESSIBILITY, TYPICAL_EXPANSION = 4.5e-6, 6e-5
 """Values for a hull that states none, 1/dbar and 1/K; published ones range from 4e-6 to 6e-6 and from 5e-5 to 7e-5."""
@@ -246,7 +246,7 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
         for i, (name, size) in enumerate(zip(_HARMONICS, (1.0, 1.0, 0.5, 0.5), strict=True))
     ),
     HullParameter("sensors.depth_lag", "s", "lag of the depth behind the attitude", _absolute(0.5)),
-    HullParameter(ACTUATOR_LAG, "s", "lag of the actuators behind their records", _late),
+    HullParameter(ACTUATOR_LAG, "s", "lag of the actuators behind their records", _lag_deviation),
 )
 """Errors of the records, which the section `sensors` of a platform corrects."""
 

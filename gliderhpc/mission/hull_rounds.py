@@ -24,6 +24,7 @@ from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.noise import spent_and_resolved
+from gliderhpc.estimation.smoother.problem import FOLLOWS_GUSTS
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
@@ -44,6 +45,7 @@ from gliderhpc.tuning.mission_hull import (
 )
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
+from gliderhpc.vocabulary import CHANNELS
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -145,9 +147,15 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 
 
 def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
-    """Sums over the steady steps of the smoothed noise's squares over the job's variances, and of resolved values."""
+    """Sums over the steady steps of the smoothed noise's squares over the job's variances, and of resolved values.
+
+    In gusts the side force has another prior, and its sums are zero.
+    """
     spent, resolved = spent_and_resolved(last, last.dive.noise, steady)
-    return np.array([smoothed.noise_factor * spent, resolved])
+    sums = np.array([smoothed.noise_factor * spent, resolved])
+    if smoothed.gusts:
+        sums[:, list(CHANNELS).index(FOLLOWS_GUSTS)] = 0.0
+    return sums
 
 
 def _current(
@@ -246,9 +254,10 @@ class DiveRounds:
 
     Notes
     -----
-    Errors of the model (rounding, the actuators' lag, the assumed noise) change the scores of all dives in the same
-    way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the scores of ``n`` dives
-    then has ``1 + misfit n`` times the variance that the dives state, and their information is divided by this factor.
+    Errors of the model (rounding, lags that differ among the actuators, the assumed noise) change the scores of all
+    dives in the same way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the
+    scores of ``n`` dives then has ``1 + misfit n`` times the variance that the dives state, and their information is
+    divided by this factor.
     With any number of dives, the hull is determined no better than these errors allow.
     """
 

@@ -171,6 +171,7 @@ def resample(
         hold all four measurements (`sampling_intervals`).
     actuator_lag : float
         Delay of the actuators behind their records (s): the controls at a time are those recorded this much earlier.
+        Before the first sample they are the first.
 
     Returns
     -------

@@ -53,7 +53,7 @@ CALIBRATED = (
 
 MODEL_ERRORS = (
     "the intervals of the values include the effect of the assumed noise of the disturbances; other errors that are "
-    "the same in every dive, such as actuators that lag their records, shift values, but not changes"
+    "the same in every dive, such as rounded angles, shift values, but not changes"
 )
 
 

@@ -108,6 +108,8 @@ def steady_segments(
     numbers: Sequence[int],
     settings: EstimationSettings,
     steady: SegmentSettings,
+    *,
+    may_be_flatter: bool = False,
 ) -> SteadySegments:
     """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
 
@@ -119,26 +121,21 @@ def steady_segments(
         Profiles to read.
     settings, steady : EstimationSettings, SegmentSettings
         Settings of the records' preparation, and criteria of steady flight.
+    may_be_flatter : bool
+        Whether a hull with more lift and less drag chooses the segments if the platform's finds none. A hull that
+        cannot glide as flat as the records show finds none, and calibration is to correct just that.
 
     Raises
     ------
     InputError
         No profile has a steady segment.
-
-    Notes
-    -----
-    A hull with too little lift or too much drag cannot glide as flat as the records show, and none of them would look
-    steady. The segments are then chosen by a hull that glides flatter, since calibration is to correct just that.
     """
     found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
-    if not found:
-        found, _ = _segments_of_all(observations, _flatter(platform), numbers, settings, steady)
+    if may_be_flatter and not found:
+        found, other_reasons = _segments_of_all(observations, _flatter(platform), numbers, settings, steady)
         if found:
-            log.warning(
-                "no flight is as steep as %s must glide; steady flight is chosen with more lift and less drag",
-                platform.name,
-            )
-            return joined(found)
+            reasons = other_reasons
+            log.warning("%s finds no steady flight; it is chosen with more lift and less drag", platform.name)
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
     if not found:

@@ -1,5 +1,7 @@
 """A run of the model along a path: linearisation without the sensors' noise, and the biases that it removes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts, steered_run
 from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
@@ -102,6 +105,23 @@ def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
 def test_gusts_roll_the_glider_more_than_they_turn_it(name, expected):
     profile, filtered, _ = flown_dive(load_scenario(name).replaced({"depth_spread": 5.0}))
     assert is_rolled_by_gusts(profile, starting_trajectory(filtered)) is expected
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_hull_is_not_taken_for_gusts(seed):
+    """In calm water, no hull off by its plausible deviations in what rolls and turns it looks as if gusts rolled it."""
+    rng, keys = np.random.default_rng(seed), ("K_p", "K_r", "K_MR", "K_MY", "K_beta", "added_inertia", "hull", "eccen")
+    lateral = [p for p in hull_parameters(HULL) if any(key in p.key for key in keys)]
+    hull = moved_platform(HULL, lateral, rng.standard_normal(len(lateral)))
+    record, _ = simulate_profile(HULL, load_scenario("calm").replaced({"depth": 60.0, "depth_spread": 0.0}), 3)
+    profile = prepare_profile(Glider(hull), on_steps(record, SETTINGS, hull))
+    assert not is_rolled_by_gusts(profile, starting_trajectory(run_filter(profile, SETTINGS)))
+
+
+def test_a_slow_record_does_not_show_gusts():
+    profile, filtered, _ = flown_dive(load_scenario("paper").replaced({"depth_spread": 5.0}))
+    slow = replace(profile, series=replace(profile.series, sample_interval=4.0))
+    assert not is_rolled_by_gusts(slow, starting_trajectory(filtered))
 
 
 def test_the_roll_in_gusts_does_not_tell_the_speed(monkeypatch):

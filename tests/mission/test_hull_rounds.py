@@ -7,10 +7,19 @@ import pytest
 from support.missions import program
 
 import gliderhpc as gh
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.hull_rounds import DiveRounds, SmoothedDive, bounded_step, pooled_factor
+from gliderhpc.mission.hull_rounds import (
+    DiveJob,
+    DiveRounds,
+    SmoothedDive,
+    bounded_step,
+    pooled_factor,
+    smoothed_dive,
+)
+from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
@@ -202,6 +211,15 @@ def test_errors_that_all_dives_share_limit_what_they_say(records, found):
     assert believed.dives.rounds.divisor == 1.0
     std, wider = (each.dives.rounds.mission.overall.std for each in (believed, found))
     assert np.median(wider / std) > 1.1
+
+
+def test_the_side_force_of_a_dive_in_gusts_does_not_count(rough, brief):
+    """It has another prior there, to which the mission's factor does not apply."""
+    for path, gusty in ((rough, True), (brief, False)):
+        with open_observations(path) as opened:
+            job = DiveJob(opened.path, opened.survey, PETREL, 1, (), EstimationSettings(), np.ones(6))
+            found = smoothed_dive(job)
+        assert ((found.noise > 0.0).all(axis=0) == [True, not gusty, True, True, True, True]).all()
 
 
 def test_the_noise_follows_all_dives_together():

@@ -123,3 +123,13 @@ def test_averages_over_other_steps_are_exact():
     wanted = np.array([0.5, 1.25, 2.0, 4.0])
     expected = [[(0.5 + 0.75) / 0.75, (-1.0 + 1.0) / 0.75], [(0.75 + 2.5) / 0.75, 1.0 / 0.75], [5.0, 0.0]]
     np.testing.assert_allclose(averages_between(values, edges, wanted), expected, atol=1e-14)
+
+
+def test_actuators_that_lag_act_later_than_recorded():
+    """A pump that starts at 20 s by the record starts a second later with a lag of a second; before, it holds still."""
+    time = np.arange(50.0)
+    pumped = record(time, ballast_volume=1e-6 * np.clip(time - 20.0, 0.0, 10.0))
+    prompt, late, early = (resample(pumped, 0.5, max_gap=5.0, actuator_lag=lag).controls[:, 2] for lag in (0, 1, -1))
+    np.testing.assert_allclose(late[2:], prompt[:-2], atol=1e-15)
+    np.testing.assert_allclose(early[:-2], prompt[2:], atol=1e-15)
+    assert late[20 * 2 + 1] == 0.0 < prompt[20 * 2 + 1]

@@ -45,6 +45,8 @@ class SmoothedEstimate:
         Error that ended the smoother early; usually empty.
     noise_held : bool
         Whether the noise is the prior's because no estimate was found with noise adapted to the dive.
+    gusts : bool
+        Whether gusts rolled the glider, so that the side force's prior follows them (`pose_dive`).
     last_pass : LastPass, optional
         Final state of the problem; not retained by `thinned`.
     """
@@ -65,6 +67,7 @@ class SmoothedEstimate:
     outcome: Outcome
     trouble: str = ""
     noise_held: bool = False
+    gusts: bool = False
     last_pass: "LastPass | None" = None
 
     def thinned(self, every: int) -> "SmoothedEstimate":

@@ -54,7 +54,7 @@ def hull_forcing(
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
     moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
-    reading = [j for j, p in enumerate(parameters) if _is_read(p)]
+    reading = [j for j, p in enumerate(parameters) if _shifts_measurements(p)]
     fed = np.flatnonzero(dive.fed)
     number = np.zeros(len(dive.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
@@ -83,7 +83,7 @@ def fed_sample_slopes(
     found = [
         sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
         for p in parameters
-        if _is_read(p)
+        if _shifts_measurements(p)
     ]
     return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
 
@@ -106,8 +106,8 @@ def _constants(
     return constant.astype(np.int64), parameter.astype(np.int64), np.ascontiguousarray(slopes[parameter, constant])
 
 
-def _is_read(parameter: HullParameter) -> bool:
-    """Return whether a parameter is an error of the samples."""
+def _shifts_measurements(parameter: HullParameter) -> bool:
+    """Return whether a parameter is an error of the measured attitude or depth."""
     return parameter.key.startswith(_RECORDS) and parameter.key != ACTUATOR_LAG
 
 
@@ -217,7 +217,7 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
         change = np.zeros_like(first.measurements)
-        if _is_read(parameter):
+        if _shifts_measurements(parameter):
             change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
         ahead, behind = (
             flight_guesses(

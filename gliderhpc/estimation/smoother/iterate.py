@@ -90,14 +90,15 @@ def _smoothed(
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
     options = settings.smoother.model_copy(update={"max_passes": smoother_passes(platform, settings.smoother)})
     start = starting_trajectory(filtered)
-    dive, scale = pose_dive(profile, filtered, settings, noise_factor, gusts=is_rolled_by_gusts(profile, start))
+    gusts = is_rolled_by_gusts(profile, start)
+    dive, scale = pose_dive(profile, filtered, settings, noise_factor, gusts=gusts)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
         models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))
     if options.adaptive and options.max_passes != 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
-    return replace(smoothed, noise_factor=scale.factors(dive.noise))
+    return replace(smoothed, noise_factor=scale.factors(dive.noise), gusts=gusts)
 
 
 def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:

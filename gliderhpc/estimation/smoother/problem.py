@@ -5,7 +5,8 @@ model computes the trajectory. The samples used and their variances are fixed be
 problem well defined. The samples are those of the record at which the filter neither gated nor restarted. Where the
 first pass finds an innovation beyond the filter's gate, the variance is widened once until the innovation is at the
 gate. Two effects that the filter neglects are included, because the intervals would be too narrow without them: rounded
-samples repeat their error together with their value, and the actuators' records may lag.
+samples repeat their error together with their value, and the actuators' records may lag. A third, gusts from the side,
+is included because the speed would be wrong without it.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
 from gliderhpc.estimation.joining import flyable
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples, repetitions, sample_variance
 from gliderhpc.estimation.self_motion import flight_guesses
-from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_gusts_from_the_side
+from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_lateral_gusts
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel
@@ -47,7 +48,9 @@ _SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
 _SEGMENTS_OF_MEAN_SHIFT = 3
 """Number of segments with a common mean shift, which otherwise would take half of a pass's time."""
-_IN_GUSTS = np.array([100.0, 1.0, 1.0, 1.0])
+FOLLOWS_GUSTS = "B_cv"
+"""Channel whose prior follows gusts, and whose noise then has no factor of the dive's own."""
+_GUST_FACTORS = np.array([100.0, 1.0, 1.0, 1.0])
 """Factors on the variances of roll, pitch, heading and depth where gusts roll the glider."""
 _SHARED = 1.0 / 3.0
 """Share of a run of equal samples whose rounding error is assumed to be common: intervals of the pitching moment then
@@ -92,14 +95,15 @@ def pose_dive(
     Notes
     -----
     Gusts from the side change the side force and the moments together, within seconds. To the usual prior, in which
-    they are slow and independent, the roll that gusts cause seems to tell speed and lift: on twins in gusts, with the
-    true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a factor of the
-    dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is 0.004 m/s.
+    they are slow and independent, the roll that gusts cause appears to determine speed and lift: on twins in gusts,
+    with the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a
+    factor of the dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is
+    0.004 m/s.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior)
     if gusts:
-        prior = with_gusts_from_the_side(prior)
+        prior = with_lateral_gusts(prior)
     measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
     measured[_rejected(filtered, settings)] = np.nan
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
@@ -110,7 +114,7 @@ def pose_dive(
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
         measured=measured,
-        variance=_variance(platform, measured) * (_IN_GUSTS if gusts else 1.0),
+        variance=_variance(platform, measured) * (_GUST_FACTORS if gusts else 1.0),
         mean=np.concatenate([first, np.zeros(6)]),
         deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
         decay=np.exp(-settings.step / time),
@@ -134,9 +138,9 @@ def _noise_scale(
     actuators = actuation_noise(profile.bodies, filtered.states[:-1, :2], lag, settings.step)
     usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
-    held = ("B_cv",) if gusts else ()
-    channels = tuple(i for i, name in enumerate(CHANNELS) if name not in (*heavy, *held))
-    own = np.where(np.isin(list(CHANNELS), held), 1.0, noise_factor)
+    fixed = (FOLLOWS_GUSTS,) if gusts else ()
+    channels = tuple(i for i, name in enumerate(CHANNELS) if name not in (*heavy, *fixed))
+    own = np.where(np.isin(list(CHANNELS), fixed), 1.0, noise_factor)
     return NoiseScale(own * (factor[:, None] * added), actuators, usual, channels)
 
 

@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
@@ -23,11 +24,13 @@ from gliderhpc.kernels.follow import follow
 Array = NDArray[np.float64]
 
 _STEERING_RATE = 0.01
-"""Decay rate of the run's distance from the smoothed path, 1/s."""
+"""Decay rate of the run's distance from the path, 1/s."""
 
 _MEAN = 120.0
-"""Length of the moving mean of the smoothed disturbances that act on the run, s."""
+"""Length of the moving mean of the path's disturbances that act on the run, s."""
 
+_DEPTH = 5
+"""Index of the depth among the states of eq. 16."""
 _RATES = slice(7, 10)
 """Indices of p, q and r among the sensed states."""
 
@@ -40,8 +43,8 @@ _GUSTY = 1.0
 """Difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.4 on twins in
 calm water, and 1.3 to 2 in gusts."""
 
-_SLOWEST = 2.0
-"""Longest sample interval at which the roll in gusts is resolved, s."""
+_LEAST_DEPTH = 5.0
+"""Depth above which waves roll the glider, m."""
 
 
 def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | None:
@@ -59,11 +62,11 @@ def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | 
     Trajectory or None
         The run. None if its rates of pitch or yaw differ from the smoothed ones, root mean square, by more than
         three units of the angles' resolution per sample interval: then the disturbances drive motion that the run
-        lacks, and the derivatives at the run would be those of another dive. Roll does not count, since gusts roll the
-        glider without turning it.
+        lacks, and the derivatives at the run would be those of another dive. Roll does not count, since gusts
+        roll the glider more than they turn it.
     """
     run, disturbances = _run_along(profile, smoothed)
-    if not (_turned_apart(profile, smoothed, run)[1:] <= _MOST).all():
+    if not (_rate_differences(profile, smoothed, run)[1:] <= _MOST).all():
         return None
     states = smoothed.states.copy()
     states[:, SENSED] = run
@@ -81,17 +84,20 @@ def is_rolled_by_gusts(profile: PreparedProfile, filtered: Trajectory) -> bool:
     Returns
     -------
     bool
-        False for slow records, which do not resolve this motion.
+        False for slow records, which do not resolve this motion. Samples near the surface and in the vibration set do
+        not count.
 
     Notes
     -----
     On twins a yaw moment turns the glider twice as fast as it rolls it, and gusts from the side roll it twice as fast
     as they turn it.
     """
-    if profile.series.sample_interval > _SLOWEST:
+    sensors = profile.glider.platform.sensors
+    used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _LEAST_DEPTH)
+    if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or not used.any():
         return False
     run, _ = _run_along(profile, filtered)
-    roll, _, yaw = _turned_apart(profile, filtered, run)
+    roll, _, yaw = _rate_differences(profile, filtered, run, used)
     return bool(roll > _GUSTY and roll > yaw)
 
 
@@ -105,12 +111,16 @@ def _run_along(profile: PreparedProfile, path: Trajectory) -> tuple[Array, Array
     return run, disturbances
 
 
-def _turned_apart(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
+def _rate_differences(
+    profile: PreparedProfile, path: Trajectory, run: Array, used: NDArray[np.bool_] | None = None
+) -> Array:
     """Differences ``(3,)`` of the rates p, q and r, root mean square, over the angles' resolution per sample interval.
 
-    A run that flies off has rates without a square; NaN fails every comparison, as intended.
+    They are taken over the rows ``used (n+1,)``, or all. A run that flies off has rates whose squares overflow; NaN
+    fails every comparison, as intended.
     """
     resolution = np.radians(profile.glider.platform.sensors.attitude_resolution)
     with np.errstate(over="ignore", invalid="ignore"):
-        apart = np.sqrt(np.mean((run - path.states[:, SENSED])[:, _RATES] ** 2, axis=0))
+        squares = (run - path.states[:, SENSED])[:, _RATES] ** 2
+        apart = np.sqrt(np.mean(squares if used is None else squares[used], axis=0))
     return np.asarray(apart * profile.series.sample_interval / resolution)
