@@ -36,13 +36,7 @@ from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
-from gliderhpc.tuning.mission_hull import (
-    DiveTerm,
-    HullPrior,
-    MissionHull,
-    predicted_disagreement,
-    solve_mission,
-)
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 from gliderhpc.vocabulary import CHANNELS
