@@ -47,6 +47,8 @@ TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"
 VELOCITY = ("u", "v", "w")
 QUANTITIES = (*CHANNELS, *VELOCITY)
+UNSPREAD = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
+"""All dives are of one depth, and the hull that flies is the platform file's, whose numbers are the truth."""
 NORMAL = {0.68: 1.0, 0.95: 1.96}
 """Half width of an interval, in standard deviations, by the share that it should contain."""
 ELLIPSES = {0.39: 1.0, 0.86: 4.0}
@@ -101,9 +103,7 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
             "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
         }
         return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": depth, **drawn})
-    # All dives are of one depth, and the hull that flies is `HULL` itself, whose numbers are the truth of the parameters.
-    same = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
-    return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **same})
+    return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **UNSPREAD})
 
 
 def flown_hull(scenario: Scenario) -> Platform:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.hull_commands import UNSPREAD
 from gliderhpc import Glider
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -51,9 +52,7 @@ class Values:
 
 def scenarios(hull: Platform) -> dict[str, Scenario]:
     """Scenarios by the name of their disturbances."""
-    # The hull that flies is the platform file's in every dive.
-    same = {"depth": DEPTH, "depth_spread": 0.0, "coefficients": {"spread": 0.0}}
-    found = {name: load_scenario(name).replaced(same) for name in SHIPPED}
+    found = {name: load_scenario(name).replaced({"depth": DEPTH, **UNSPREAD}) for name in SHIPPED}
     found[WHITE] = with_white_errors(found["calm"])
     found[DRAWN] = world(DEPTH, disturbances=drawn_from(default_prior(hull)))
     return found

@@ -76,8 +76,7 @@ def calibrate(
     in rounds over whole dives. In each round all dives are smoothed with the present hull; together they determine all
     coefficients, trim, offsets of pitch, roll and compass, and lags of the records, which give the next hull, with its
     covariance. If the last one is worse than the platform on the steady glides, or farther from it than the plausible
-    deviations allow,
-    the fit to the steady glides is written instead. --set rounds.most=0 leaves out the rounds.
+    deviations allow, the fit to the steady glides is written instead. --set rounds.most=0 leaves out the rounds.
 
     \b
     Examples:

@@ -251,8 +251,7 @@ class DiveRounds:
     Errors of the model (rounding, lags that differ among the actuators, the assumed noise) change the scores of all
     dives in the same way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the
     scores of ``n`` dives then has ``1 + misfit n`` times the variance that the dives state, and their information is
-    divided by this factor.
-    With any number of dives, the hull is determined no better than these errors allow.
+    divided by this factor. With any number of dives, the hull is determined no better than these errors allow.
     """
 
     def __init__(

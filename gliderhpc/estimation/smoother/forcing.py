@@ -117,47 +117,39 @@ def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
 
 
 def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
-    """Derivatives ``(n, m, 11)`` of the mass properties by the parameters that change them."""
-    slopes = _body_slopes_by_hull(profile, [p for p in moving if p.key != ACTUATOR_LAG])
+    """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree in the hull's numbers.
+
+    Those by the hull's numbers are computed where the controls change; in between they are constant.
+    """
+    platform, series = profile.glider.platform, profile.series
+    controls = controls_of(platform, series)
+    changes = np.flatnonzero(np.append(True, (controls[1:] != controls[:-1]).any(axis=1)))
+    counts = np.diff(np.append(changes, len(controls)))
+    where = replace(
+        series,
+        controls=series.controls[changes],
+        seawater=None if series.seawater is None else series.seawater[changes],
+    )
+    slopes = np.empty((len(controls), len(moving), 11))
     for j, parameter in enumerate(moving):
         if parameter.key == ACTUATOR_LAG:
-            late = -parameter.slope(profile.glider.platform, 0.0) * _body_rates(profile)
-            slopes = np.insert(slopes, j, late, axis=1)
-    return np.ascontiguousarray(slopes)
+            slopes[:, j] = -parameter.slope(platform, 0.0) * _body_rates(profile)
+            continue
+        ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
+        slopes[:, j] = np.repeat(0.5 * (ahead - behind), counts, axis=0)
+    return slopes
 
 
 def _body_rates(profile: PreparedProfile) -> Array:
     """Rates ``(n, 11)``, 1/s, at which the actuators change the mass properties."""
-    series = profile.series
+    series, platform = profile.series, profile.glider.platform
     later, earlier = (replace(series, controls=_moved_rows(series.controls, by)) for by in (1, -1))
-    platform = profile.glider.platform
     return (_bodies(platform, later) - _bodies(platform, earlier)) / (2.0 * series.step)
 
 
 def _moved_rows(rows: Array, by: int) -> Array:
     """Return the rows ``by`` places further on, the last or first one repeated at the end."""
     return rows[np.clip(np.arange(len(rows)) + by, 0, len(rows) - 1)]
-
-
-def _body_slopes_by_hull(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
-    """Derivatives ``(n, m, 11)`` of the mass properties by the hull's numbers; they are of second degree.
-
-    They are computed where the controls change; in between they are constant.
-    """
-    platform, series = profile.glider.platform, profile.series
-    controls = controls_of(platform, series)
-    changes = np.flatnonzero(np.append(True, (controls[1:] != controls[:-1]).any(axis=1)))
-    where = replace(
-        series,
-        controls=series.controls[changes],
-        seawater=None if series.seawater is None else series.seawater[changes],
-    )
-    slopes = np.empty((len(changes), len(moving), 11))
-    for j, parameter in enumerate(moving):
-        ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
-        slopes[:, j] = 0.5 * (ahead - behind)
-    counts = np.diff(np.append(changes, len(controls)))
-    return np.repeat(slopes, counts, axis=0)
 
 
 def _bodies(platform: Platform, series: ProfileSeries) -> Array:
