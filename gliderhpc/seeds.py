@@ -20,6 +20,7 @@ class Stream(IntEnum):
     DEPTH = 9
     CTD = 10
     VERTICAL = 11
+    VELOCITY = 12
 
 
 MISSION = 0

@@ -32,6 +32,7 @@ from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
 from gliderhpc.tuning.likelihood import spread_over, tuning_requests
+from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 from gliderhpc.tuning.trim import fit_trim
@@ -124,8 +125,13 @@ def calibrated_on(
         try:
             with threadpool_limits(limits=1):
                 start = fit_trim(platform, segments, settings.calibration, log.info)
+                base = with_measured_polar(
+                    platform, start, segments, settings.smoother.velocity_error, log.info
+                )
+                if base is not platform:
+                    start = fit_trim(base, segments, settings.calibration, log.info)
             dives = calibrated_by_dives(
-                observations, platform, start, segments, apart, settings, executor, progress, rounds=rounds
+                observations, base, start, segments, apart, settings, executor, progress, rounds=rounds
             )
         except CalibrationError as error:
             trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"

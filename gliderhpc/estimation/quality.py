@@ -140,6 +140,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record have no weight")
+    if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:
+        lines.append(estimate.profile.velocity.refusal)
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
     if estimate.smoothed is not None and estimate.smoothed.noise_held:

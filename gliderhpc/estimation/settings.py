@@ -117,6 +117,9 @@ class SmootherSettings(Settings):
         description="degrees of freedom of Student-t noise in the heavy-tailed channels; null: Gaussian everywhere",
     )
     heavy_tailed: tuple[Channel, ...] = Field(("B_cr",), description="channels whose noise may be Student-t")
+    velocity_error: float = Field(
+        0.003, gt=0, description="constant error of a measured relative velocity over a dive, in each component, m/s"
+    )
     hull: Literal["held", "corrected", "believed"] = Field(
         "held",
         description="errors of the hull: included in the intervals, with the platform file's values (held); with "

@@ -176,11 +176,11 @@ def _absorb(forcing, sensitivity, matrix, score, k, at, channel, gain, cross, in
 @inner_kernel
 def _assimilate(measured, variance, forcing, states, k, block, at, sensitivity, matrix, score):
     """Update row ``at`` of the block and its sensitivity with the channels of sample ``k`` in turn."""
-    for channel in range(4):
+    for channel in range(measured.shape[0]):
         value = measured[channel]
         if not math.isfinite(value):
             continue
-        residual = value - states[k, 5 if channel == 3 else channel]
+        residual = value - states[k, channel if channel < 3 else channel + 2]
         if channel == 2:
             residual = wrap(residual)
         innovation = residual - block.mean[at, channel]
@@ -316,7 +316,7 @@ def _smooth(hull, dive, assumed, forcing, states, disturbances, scratch, checkpo
                 wanted -= 1
                 _smoothed(block, at, sensitivity, out.states[wanted], out.track[wanted])
             if dive.fed[k]:
-                for channel in range(3, -1, -1):
+                for channel in range(assumed.measured.shape[2] - 1, -1, -1):
                     if block.information[at, channel] > 0.0:
                         _undo_update(block, at, channel, sensitivity)
 

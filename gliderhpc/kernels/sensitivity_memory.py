@@ -32,8 +32,9 @@ class Forcing(NamedTuple):
         Non-zero derivatives of the hull's constants: index of the constant, index of the parameter, and derivative.
     moving, bodies : (m,), (n, m, 11)
         Parameters that change the mass properties, and the derivatives of these properties.
-    reading, samples : (r,), (f, 4, r)
-        Parameters that change the records, and the derivatives of the samples ``[phi, theta, psi, Z]``.
+    reading, samples : (r,), (f, 4, r) or (f, 7, r)
+        Parameters that change the records, and the derivatives of the samples ``[phi, theta, psi, Z]``, or
+        ``[phi, theta, psi, Z, u, v, w]`` where the velocity relative to the water is measured.
     number : (n+1,)
         Position of each row among those with a sample.
     start : (p, 16)
@@ -61,7 +62,7 @@ class Sensitivity(NamedTuple):
         last filtered one).
     track : (m, p, 2)
         Sensitivity of the filtered X and Y.
-    predicted : (m, 4, p)
+    predicted : (m, 7, p)
         Sensitivity of the predicted minus the measured sample, when each channel was assimilated.
     forced : (m, p, 12)
         Derivatives of the ten sensed states, X and Y at the end of each segment with respect to ``eta`` along it.
@@ -189,7 +190,7 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
     states, costate, half = (lane_array(*shape, GROUPS) for shape in ((m, p), (p,), (p,)))
     return Sensitivity(
         states=states.reshape(m, p, 16), state_lanes=states, track=np.zeros((m, p, 2)),
-        predicted=np.zeros((m, 4, p)), forced=np.zeros((BLOCK, p, 12)),
+        predicted=np.zeros((m, 7, p)), forced=np.zeros((BLOCK, p, 12)),
         costate=costate.reshape(p, 16), costate_lanes=costate, half=half.reshape(p, 16), half_lanes=half,
     )  # fmt: skip
 

@@ -52,11 +52,11 @@ def _assimilate(dive, states, k, block, at, gate, tally):
     clear(block.information[at])
     if not dive.fed[k]:
         return
-    for channel in range(4):
+    for channel in range(dive.measured.shape[1]):
         value = dive.measured[k, channel]
         if not math.isfinite(value):
             continue
-        residual = value - states[k, 5 if channel == 3 else channel]
+        residual = value - states[k, channel if channel < 3 else channel + 2]
         if channel == 2:
             residual = wrap(residual)
         innovation = residual - block.mean[at, channel]
@@ -67,7 +67,8 @@ def _assimilate(dive, states, k, block, at, gate, tally):
         tally[LOG_DETERMINANT] += 0.5 * math.log1p(block.covariance[at, channel, channel] / variance)
         update(block, at, channel, innovation, variance)
     for i in range(6):
-        if math.isfinite(dive.damping[i]):
+        # A measured velocity needs no damping.
+        if math.isfinite(dive.damping[i]) and block.information[at, 4 + i] == 0.0:
             update(block, at, 4 + i, -block.mean[at, 4 + i], dive.damping[i])
 
 

@@ -44,8 +44,9 @@ class Dive(NamedTuple):
         Length of a step h, s.
     fed : (n+1,) bool
         True in rows with a sample.
-    measured, variance : (n+1, 4), (n+1, 4)
-        Samples ``[phi, theta, psi, Z]`` (NaN: missing) and their variances, which a gate inflates.
+    measured, variance : (n+1, 4) or (n+1, 7)
+        Samples ``[phi, theta, psi, Z]``, or ``[phi, theta, psi, Z, u, v, w]`` where the velocity relative to the water
+        is measured (NaN: missing), and their variances, which a gate inflates.
     mean, deviation : (16,), (16,)
         Prior of the initial state.
     decay, noise : (6,), (n, 6)
@@ -179,7 +180,7 @@ class Block(NamedTuple):
         Derivatives of X and Y with respect to the states before the step.
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
         Gain, innovation over its variance, and reciprocal of that variance (zero where there was no update), for the
-        update with each sensed state: the four measured ones and the six that may be damped.
+        update with each sensed state: the measured ones and those that may be damped.
     seeds : (10, 16)
         Unit costates of the ten sensed states, as lanes.
     half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)

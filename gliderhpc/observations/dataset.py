@@ -16,7 +16,7 @@ import xarray as xr
 from gliderhpc.errors import InputError, ProfileError, first_line
 from gliderhpc.observations.fixes import pair_fault
 from gliderhpc.observations.foreign import describe_content
-from gliderhpc.observations.format import SEAWATER
+from gliderhpc.observations.format import OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.survey import PROFILE_VARIABLES, ProfileSpan, StoredVariables, Survey, survey_of
 
@@ -129,10 +129,20 @@ class Observations:
             surface_fixes_before=before,
             surface_fixes_after=after,
             notes=_notes(before, after, reasons),
-            **{name: self._seawater(name, span) for name in SEAWATER},
+            **{name: self._optional(name, span) for name in SEAWATER},
+            velocity=self._columns(VELOCITY, span),
+            velocity_std=self._columns(VELOCITY_STD, span),
         )
 
-    def _seawater(self, name: str, span: ProfileSpan) -> FloatArray | None:
+    def _columns(self, names: tuple[str, ...], span: ProfileSpan) -> FloatArray | None:
+        """Read variables as columns, NaN for those that are absent; None if all are."""
+        columns = [self._optional(name, span) for name in names]
+        if all(column is None for column in columns):
+            return None
+        missing = np.full(span.stop - span.start, np.nan)
+        return np.column_stack([missing if column is None else column for column in columns])
+
+    def _optional(self, name: str, span: ProfileSpan) -> FloatArray | None:
         if name not in self._stored:
             return None
         return self._stored.numbers(name, span.start, span.stop)
@@ -156,7 +166,7 @@ class Observations:
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
         sha.update(self._stored.times("time", span.start, span.stop).time.tobytes())
-        for name in (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored)):
+        for name in (*PROFILE_VARIABLES, *(name for name in OPTIONAL if name in self._stored)):
             sha.update(name.encode())
             sha.update(self._stored.numbers(name, span.start, span.stop).tobytes())
         before, after, reasons = self._fixes(span)
@@ -172,7 +182,7 @@ class Observations:
         Every variable is read once as a whole, which is faster than reading it profile by profile.
         """
         count = self._stored.size("time")
-        names = (*PROFILE_VARIABLES, *(name for name in SEAWATER if name in self._stored))
+        names = (*PROFILE_VARIABLES, *(name for name in OPTIONAL if name in self._stored))
         columns: list[npt.NDArray[Any]] = [self._stored.times("time", 0, count).time]
         columns += [self._stored.numbers(name, 0, count) for name in names]
         digests: dict[int, str] = {}

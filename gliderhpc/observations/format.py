@@ -25,6 +25,7 @@ _SPELLINGS: dict[str, frozenset[str]] = {
     "salinity": frozenset({"1", "", "1e-3", "0.001", "psu", "PSU"}),
     "degC": frozenset({"degC", "celsius", "Celsius", "degree_C", "degree_Celsius", "degrees_C", "degrees_Celsius"}),
     "dbar": frozenset({"dbar", "decibar", "decibars"}),
+    "m s-1": frozenset({"m s-1", "m/s", "m.s-1", "m*s-1", "meter second-1", "metre second-1", "meters per second"}),
 }
 
 
@@ -92,6 +93,12 @@ _TABLE = (
         quantity="salinity",
     ),
     Variable("pressure", "time", "dbar", "pressure of the water", "sea_water_pressure"),
+    Variable("relative_velocity_u", "time", "m s-1", "velocity relative to the water, forward"),
+    Variable("relative_velocity_v", "time", "m s-1", "velocity relative to the water, starboard"),
+    Variable("relative_velocity_w", "time", "m s-1", "velocity relative to the water, downward in the body frame"),
+    Variable("relative_velocity_u_std", "time", "m s-1", "standard deviation of relative_velocity_u"),
+    Variable("relative_velocity_v_std", "time", "m s-1", "standard deviation of relative_velocity_v"),
+    Variable("relative_velocity_w_std", "time", "m s-1", "standard deviation of relative_velocity_w"),
     Variable("fix_latitude", "fix", "degrees_north", "latitude of the GPS fix", "latitude", False, -90.0, 90.0),
     Variable("fix_longitude", "fix", "degrees_east", "longitude of the GPS fix", "longitude", False, -180.0, 360.0),
 )
@@ -101,6 +108,10 @@ VARIABLES: dict[str, Variable] = {variable.name: variable for variable in _TABLE
 
 MEASURED = ("roll", "pitch", "heading", "depth")
 SEAWATER = ("temperature", "practical_salinity", "pressure")
+VELOCITY = ("relative_velocity_u", "relative_velocity_v", "relative_velocity_w")
+VELOCITY_STD = tuple(f"{name}_std" for name in VELOCITY)
+OPTIONAL = (*SEAWATER, *VELOCITY, *VELOCITY_STD)
+"""Variables along ``time`` that are used where a file has them."""
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
 REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)
 

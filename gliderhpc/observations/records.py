@@ -58,6 +58,9 @@ class ProfileRecord:
         Remarks on this record for readers of the result.
     temperature, practical_salinity, pressure : (n,) arrays or None
         Properties of the water (degC, 1, dbar); None if the file does not have them.
+    velocity, velocity_std : (n, 3) arrays or None
+        Measured velocity relative to the water in the body frame (forward, starboard, downward) and its standard
+        deviation, m/s; None if the file does not have them.
     """
 
     number: int
@@ -79,3 +82,5 @@ class ProfileRecord:
     temperature: FloatArray | None = None
     practical_salinity: FloatArray | None = None
     pressure: FloatArray | None = None
+    velocity: FloatArray | None = None
+    velocity_std: FloatArray | None = None

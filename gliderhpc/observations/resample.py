@@ -134,6 +134,9 @@ class ProfileSeries:
         None if they are unknown (`gliderhpc.observations.seawater`).
     without_seawater : str
         Reason why they are unknown; empty if they are known or were not requested.
+    velocity, velocity_std : (n + 1, 3) arrays or None
+        Measured velocity relative to the water at the points nearest to its samples and its standard deviation (m/s),
+        NaN elsewhere; None if the record has none.
     """
 
     number: int
@@ -148,6 +151,8 @@ class ProfileSeries:
     sample_index: npt.NDArray[np.int64]
     seawater: FloatArray | None = None
     without_seawater: str = ""
+    velocity: FloatArray | None = None
+    velocity_std: FloatArray | None = None
 
 
 def resample(
@@ -193,6 +198,7 @@ def resample(
         raise ProfileError(f"profile {record.number}: roll, pitch, heading and depth have no time in common")
     time = start + step * np.arange(steps + 1)
     complete = _complete_samples(record)
+    velocity, velocity_std = _velocity_at_points(record, start, step, steps)
     intervals = np.diff(complete)
     limits = np.broadcast_to(max_gap, intervals.shape) if len(intervals) else np.full(1, np.max(max_gap))
     weights = np.ones(steps + 1)
@@ -209,7 +215,27 @@ def resample(
         sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),
+        velocity=velocity,
+        velocity_std=velocity_std,
     )
+
+
+def _velocity_at_points(
+    record: ProfileRecord, start: float, step: float, steps: int
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Velocity and standard deviation ``(n + 1, 3)`` at the nearest points; of several samples at a point, the last."""
+    if record.velocity is None or not np.isfinite(record.velocity).any():
+        return None, None
+    nearest = np.rint((record.time - start) / step).astype(np.int64)
+    found = []
+    for columns in (record.velocity, record.velocity_std):
+        points = np.full((steps + 1, 3), np.nan)
+        for channel in range(3):
+            known = np.isfinite(record.velocity[:, channel]) & (nearest >= 0) & (nearest <= steps)
+            if columns is not None:
+                points[nearest[known], channel] = columns[known, channel]
+        found.append(points)
+    return found[0], found[1]
 
 
 def sampling_intervals(record: ProfileRecord) -> FloatArray:

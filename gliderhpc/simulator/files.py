@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.format import CONVENTIONS, SEAWATER, VARIABLES
+from gliderhpc.observations.format import CONVENTIONS, SEAWATER, VARIABLES, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.truth import OF_PROFILE
 from gliderhpc.observations.writer import variable_attributes
@@ -74,7 +74,15 @@ def _columns(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
         "battery_rotation": np.round(np.degrees(record.battery_rotation), _DECIMALS),
         "ballast_volume": np.round(record.ballast_volume * 1e6, _DECIMALS),
         **seawater,
+        **_velocity(record),
     }
+
+
+def _velocity(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the measured velocity relative to the water and its standard deviation; empty if there is none."""
+    if record.velocity is None or record.velocity_std is None:
+        return {}
+    return dict(zip((*VELOCITY, *VELOCITY_STD), (*record.velocity.T, *record.velocity_std.T), strict=True))
 
 
 def _fix_columns(fixes: Sequence[Fix]) -> dict[str, npt.NDArray[np.generic]]:

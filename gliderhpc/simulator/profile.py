@@ -17,7 +17,14 @@ from gliderhpc.simulator.ocean import ocean_column
 from gliderhpc.simulator.plan import courses, plan_flight
 from gliderhpc.simulator.scenario import Scenario
 from gliderhpc.simulator.sections import Ocean
-from gliderhpc.simulator.sensors import actuators_at, carried_at, observe, states_at, with_faults
+from gliderhpc.simulator.sensors import (
+    actuators_at,
+    carried_at,
+    measured_velocity,
+    observe,
+    states_at,
+    with_faults,
+)
 from gliderhpc.simulator.water import Water, draw_water
 
 LEVEL_SPACING = 10.0
@@ -229,6 +236,10 @@ def _recorded(flight: Flight, glider: Glider, scenario: Scenario, seed: int, num
         epoch=np.datetime64(scenario.start, "ns"),
     )
     record = with_faults(record, scenario.sensors, generator(seed, number, Stream.FAULTS))
+    if scenario.sensors.velocity_deviation is not None:
+        rng = generator(seed, number, Stream.VELOCITY)
+        velocity, std = measured_velocity(states_at(flight, record.time), scenario.sensors, rng)
+        record = replace(record, velocity=velocity, velocity_std=std)
     return record if scenario.ocean is None else _with_ctd(record, flight, scenario, scenario.ocean, seed)
 
 

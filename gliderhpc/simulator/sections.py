@@ -256,6 +256,12 @@ class SensorErrors(Section):
     outliers: NonNegative = Field(0.0, description="false samples per hour, each in one of the four channels")
     outlier_angle: float = Field(10.0, ge=0, le=30, description="rms error of a false angle, degree")
     outlier_depth: float = Field(5.0, ge=0, le=50, description="rms error of a false depth, m")
+    velocity_deviation: Positive | None = Field(
+        None, description="standard deviation of a measured velocity relative to the water, m/s; null: not measured"
+    )
+    velocity_offset: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="constant error of that velocity, forward, starboard and downward, m/s"
+    )
 
 
 class Surface(Section):

@@ -100,6 +100,13 @@ def observe(
     )
 
 
+def measured_velocity(states: FloatArray, errors: SensorErrors, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return the measured velocity relative to the water ``(n, 3)`` along states ``(n, 12)``, and its deviation, m/s."""
+    deviation = errors.velocity_deviation or 0.0
+    noise = deviation * rng.standard_normal((len(states), 3))
+    return states[:, 6:9] + np.array(errors.velocity_offset) + noise, np.full((len(states), 3), deviation)
+
+
 def quantised(values: FloatArray, quantum: float) -> FloatArray:
     """Round values to multiples of a quantum; a quantum of zero leaves them unchanged."""
     return np.rint(values / quantum) * quantum if quantum > 0.0 else values.copy()

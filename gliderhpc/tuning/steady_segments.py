@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import on_steps, vibration_set
+from gliderhpc.estimation.preparation import measured_velocity, on_steps, vibration_set
+from gliderhpc.estimation.relative_velocity import RelativeVelocity
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
@@ -67,6 +68,8 @@ class SteadySegments:
         Mask of the segments in straight flight.
     seawater : (n, 4)
         Depth (m), in-situ density (kg/m3) and temperature (degC) and pressure (dbar); NaN where they are not known.
+    velocity : (n, 3)
+        Measured velocity relative to the water in the body frame (m/s); NaN where it is not known.
     """
 
     profile: NDArray[np.int64]
@@ -79,6 +82,7 @@ class SteadySegments:
     depth_rate: Array
     straight: Mask
     seawater: Array
+    velocity: Array
 
     def __len__(self) -> int:
         return len(self.profile)
@@ -189,12 +193,13 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     ProfileError
         The profile has no steady segment.
     """
-    usable = _settled(~vibration_set(platform, series), series, steady.settling)
+    vibrating = vibration_set(platform, series)
+    usable = _settled(~vibrating, series, steady.settling)
     usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
     bounds = _parts(usable, series, steady)
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
-    found = _averaged(series, bounds, steady)
+    found = _averaged(series, bounds, steady, measured_velocity(platform, series, vibrating))
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
@@ -222,7 +227,9 @@ def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list
     return parts
 
 
-def _averaged(series: ProfileSeries, bounds: list[tuple[int, int]], steady: SegmentSettings) -> SteadySegments:
+def _averaged(
+    series: ProfileSeries, bounds: list[tuple[int, int]], steady: SegmentSettings, velocity: RelativeVelocity | None
+) -> SteadySegments:
     means = np.array([series.measurements[a:b].mean(axis=0) for a, b in bounds])
     slopes = np.array([_slope(series.measurements[a:b], series.step) for a, b in bounds])
     middles = np.array([series.time[a:b].mean() for a, b in bounds])
@@ -237,7 +244,17 @@ def _averaged(series: ProfileSeries, bounds: list[tuple[int, int]], steady: Segm
         depth_rate=slopes[:, 3],
         straight=np.abs(slopes[:, 2]) < np.radians(steady.straight),
         seawater=_mean_seawater(series, bounds),
+        velocity=_mean_velocity(velocity, bounds),
     )
+
+
+def _mean_velocity(velocity: RelativeVelocity | None, bounds: list[tuple[int, int]]) -> Array:
+    """Means ``(k, 3)`` of the samples of each component in the segments; NaN without any."""
+    if velocity is None:
+        return np.full((len(bounds), 3), np.nan)
+    parts = (velocity.values[a:b] for a, b in bounds)
+    known = [(np.isfinite(part).sum(axis=0), np.nansum(part, axis=0)) for part in parts]
+    return np.array([np.where(count > 0, total / np.maximum(count, 1), np.nan) for count, total in known])
 
 
 def _mean_seawater(series: ProfileSeries, bounds: list[tuple[int, int]]) -> Array:

@@ -226,7 +226,8 @@ def _with_offsets(record: ProfileRecord, changes: RecordChanges) -> ProfileRecor
 def _subsample(record: ProfileRecord, interval: float) -> ProfileRecord:
     """Select the first sample of every interval: a slower recorder stores instants, not means."""
     _, first = np.unique(np.floor(record.time / interval + _ROUNDING), return_index=True)
-    names = (*_SAMPLED, *(name for name in SEAWATER if getattr(record, name) is not None))
+    optional = (*SEAWATER, "velocity", "velocity_std")
+    names = (*_SAMPLED, *(name for name in optional if getattr(record, name) is not None))
     samples: dict[str, Any] = {name: getattr(record, name)[first] for name in names}
     return replace(record, **samples)
 

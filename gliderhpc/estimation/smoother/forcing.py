@@ -88,6 +88,27 @@ def fed_sample_slopes(
     return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
 
 
+def with_velocity_offsets(forcing: Forcing, deviation: float) -> Forcing:
+    """Add three parameters, after all others: constant errors of the measured velocity relative to the water.
+
+    Parameters
+    ----------
+    forcing : Forcing
+        Derivatives by ``p`` parameters, none of which changes the measured velocity.
+    deviation : float
+        Plausible deviation of the velocity's error, m/s.
+    """
+    fed, channels, reading = forcing.samples.shape
+    samples = np.zeros((fed, channels + 3, reading + 3))
+    samples[:, :channels, :reading] = forcing.samples
+    for component in range(3):
+        samples[:, channels + component, reading + component] = -deviation
+    added = len(forcing.start) + np.arange(3)
+    return forcing._replace(
+        reading=np.append(forcing.reading, added), samples=samples, start=np.vstack([forcing.start, np.zeros((3, 16))])
+    )
+
+
 def _moved(platform: Platform, parameter: HullParameter, deviations: float) -> Platform:
     """Return the platform moved along the parameter's tangent, which makes central differences of quadratics exact."""
     value = parameter.value(platform) + deviations * parameter.slope(platform, 0.0)

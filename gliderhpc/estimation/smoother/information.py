@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
-from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing
+from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing, with_velocity_offsets
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import steered_run
@@ -51,6 +51,21 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Change of the smoothed estimate with ``p`` errors, in plausible deviations.
+
+    Attributes
+    ----------
+    displacement, states, disturbances : (2, p), (m, 12, p), (k, 6, p)
+        As in `DiveInformation`.
+    """
+
+    displacement: Array
+    states: Array
+    disturbances: Array
+
+
+@dataclass(frozen=True, eq=False)
 class DiveInformation:
     """Information of one dive on ``p`` errors of its hull and records, in plausible deviations from the platform.
 
@@ -69,6 +84,9 @@ class DiveInformation:
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
         Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
+    velocity : Sensitivity, optional
+        Change with the constant errors of a measured velocity relative to the water: forward, lateral and normal.
+        Score and information are those on the hull alone, whatever these errors are.
     """
 
     parameters: tuple[HullParameter, ...]
@@ -80,6 +98,7 @@ class DiveInformation:
     displacement: Array
     states: Array
     disturbances: Array
+    velocity: "Sensitivity | None" = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -125,12 +144,16 @@ def smoothed_dive_information(
     # No sample follows the last row; its disturbance is the previous one, decayed.
     behind = last.dive.decay * smoothed.disturbances[-1]
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
-    return dive_information(profile, last, settings.records, path, every=settings.steps_per_record)
+    return dive_information(
+        profile, last, settings.records, path, every=settings.steps_per_record,
+        velocity_error=settings.smoother.velocity_error,
+    )  # fmt: skip
 
 
 def dive_information(
-    profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int
-) -> DiveInformation:
+    profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int,
+    velocity_error: float,
+) -> DiveInformation:  # fmt: skip
     """Compute the information of a smoothed dive on its hull.
 
     Parameters
@@ -143,6 +166,8 @@ def dive_information(
         Smoothed path.
     every : int
         Number of steps from record to record.
+    velocity_error : float
+        Plausible deviation of a constant error of the measured velocity relative to the water, m/s.
 
     Notes
     -----
@@ -157,29 +182,60 @@ def dive_information(
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
+
+    def with_all_errors(forcing: Forcing) -> Forcing:
+        measures_velocity = dive.measured.shape[1] > len(MEASURED)
+        return with_velocity_offsets(forcing, velocity_error) if measures_velocity else forcing
+
     between = segment_rows(dive, rows.tolist())
-    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, forcing, smoothed, between, rows)
+    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
     path = steered_run(profile, smoothed) or moved(hull, dive, smoothed, between, flyable(about_smoothed.filtered))
     at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
-    found, *others = sum_information(hull, assumed, forcing, path, between)
-    states = np.empty((len(rows), 12, len(parameters)))
-    states[:, SENSED] = sensitivity.states[:, :, :10].swapaxes(1, 2)
-    states[:, 3:5] = sensitivity.track.swapaxes(1, 2)
-    disturbances = sensitivity.states[rows < len(dive.bodies), :, 10:].swapaxes(1, 2)
+    found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
+    (score, information), *others = (on_hull_alone(one, len(parameters)) for one in found)
+    by_hull, by_velocity = _smoothed_sensitivities(sensitivity, rows < len(dive.bodies), len(parameters))
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
         plausible_deviation=np.array([p.deviation(platform) for p in parameters]),
-        score=found.score,
-        information=symmetric(found.matrix),
-        others=tuple((other.score, symmetric(other.matrix)) for other in others),
-        displacement=np.ascontiguousarray(sensitivity.displacement.T),
-        states=states,
-        disturbances=np.ascontiguousarray(disturbances),
+        score=score,
+        information=information,
+        others=tuple(others),
+        displacement=by_hull.displacement,
+        states=by_hull.states,
+        disturbances=by_hull.disturbances,
+        velocity=by_velocity if by_velocity.displacement.size else None,
     )
+
+
+def on_hull_alone(found: Information, parameters: int) -> tuple[Array, Array]:
+    """Score and information on the first parameters, whatever the errors after them are, which have unit deviations."""
+    score, matrix, own = found.score, symmetric(found.matrix), slice(parameters)
+    if len(score) == parameters:
+        return score, matrix
+    others = slice(parameters, len(score))
+    among_others = matrix[others, others] + np.eye(len(score) - parameters)
+    through = np.linalg.solve(among_others, matrix[others, own]).T
+    left = matrix[own, own] - through @ matrix[others, own]
+    return score[own] - through @ score[others], 0.5 * (left + left.T)
+
+
+def _smoothed_sensitivities(
+    found: SmoothedSensitivity, with_step: NDArray[np.bool_], parameters: int
+) -> tuple[Sensitivity, Sensitivity]:
+    """Sensitivities at the records by the hull's parameters, and by those after them."""
+    states = np.empty((len(found.states), 12, found.states.shape[1]))
+    states[:, SENSED] = found.states[:, :, :10].swapaxes(1, 2)
+    states[:, 3:5] = found.track.swapaxes(1, 2)
+    disturbances, displacement = found.states[with_step, :, 10:].swapaxes(1, 2), found.displacement.T
+    hull, velocity = (
+        Sensitivity(*(np.ascontiguousarray(values[..., part]) for values in (displacement, states, disturbances)))
+        for part in (slice(parameters), slice(parameters, None))
+    )
+    return hull, velocity
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

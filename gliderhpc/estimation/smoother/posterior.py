@@ -100,6 +100,7 @@ def with_hull_errors(
     V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
     of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
     of_displacement = V @ square @ V.T
+    smoothed = _with_velocity_errors(smoothed, information)
     result = replace(
         smoothed,
         states=smoothed.states + by_state @ mean,
@@ -111,6 +112,19 @@ def with_hull_errors(
     )
     shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
     return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
+
+
+def _with_velocity_errors(smoothed: SmoothedEstimate, information: DiveInformation) -> SmoothedEstimate:
+    """Add the part of the measured velocity's constant errors, which have unit deviations, to the uncertainty."""
+    if information.velocity is None:
+        return smoothed
+    by, unit = information.velocity, np.eye(information.velocity.displacement.shape[1])
+    return replace(
+        smoothed,
+        states_std=np.sqrt(smoothed.states_std**2 + _variance(by.states, unit)),
+        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + _variance(by.disturbances, unit)),
+        displacement_covariance=smoothed.displacement_covariance + by.displacement @ by.displacement.T,
+    )
 
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:

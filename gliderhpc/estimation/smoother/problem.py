@@ -106,6 +106,10 @@ def pose_dive(
         prior = with_lateral_gusts(prior)
     measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
     measured[_rejected(filtered, settings)] = np.nan
+    variance = _variance(platform, measured) * (_GUST_FACTORS if gusts else 1.0)
+    if profile.velocity is not None and not profile.velocity.is_empty:
+        measured = np.hstack([measured, profile.velocity.values])
+        variance = np.hstack([variance, profile.velocity.variance])
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     scale = _noise_scale(profile, filtered, prior, settings, noise_factor, gusts=gusts)
     first = flight_guesses(platform, series)[0, SENSED]
@@ -114,7 +118,7 @@ def pose_dive(
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
         measured=measured,
-        variance=_variance(platform, measured) * (_GUST_FACTORS if gusts else 1.0),
+        variance=variance,
         mean=np.concatenate([first, np.zeros(6)]),
         deviation=np.concatenate([INITIAL_DEVIATION, deviation]),
         decay=np.exp(-settings.step / time),

@@ -1,0 +1,155 @@
+"""Drag and lift of a hull from its measured velocity relative to the water, in steady straight glides.
+
+With the velocity measured, each segment of steady flight gives drag and lift directly: along the path the weight in
+water balances the drag, ``V^2 (K_D0 + K_D alpha^2) = -W sin(xi)``, and across it the lift, ``V^2 (K_L0 + K_L alpha) =
+W cos(xi)``, with the glide angle ``xi = pitch - alpha`` and the angle of attack ``alpha = arctan(w / u)``. Errors of
+the neutral volume and of the normal velocity are the same on dive and climb, where drag and lift have opposite signs;
+they are estimated too.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import hull_parameters, with_values
+from gliderhpc.flight.steady_glide import drag_and_lift
+from gliderhpc.platform import Platform
+from gliderhpc.platform_sections import Uncertainty
+from gliderhpc.tuning.least_squares import jackknife_covariance
+from gliderhpc.tuning.segment_errors import fits_density
+from gliderhpc.tuning.steady_segments import SteadySegments
+
+Array = NDArray[np.float64]
+
+FEWEST = 5
+"""Least number of segments on dive, and on climb."""
+LEAST_ERROR = 0.01
+"""Least relative error of drag and lift: that of the velocity's scale."""
+DRAG_AND_LIFT = ("viscous.K_D0", "viscous.K_D", "viscous.K_L")
+_SPEED = 0.05
+"""Least forward velocity of a glide, m/s."""
+
+
+@dataclass(frozen=True)
+class MeasuredPolar:
+    """Factors on a hull's drag and lift, and their standard errors.
+
+    Attributes
+    ----------
+    drag, lift : float
+        Factors on ``K_D0`` and ``K_D``, and on ``K_L``.
+    drag_error, lift_error : float
+        Standard errors of the factors.
+    """
+
+    drag: float
+    lift: float
+    drag_error: float
+    lift_error: float
+
+
+def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: float) -> MeasuredPolar | None:
+    """Fit factors on drag and lift to the segments with a measured velocity.
+
+    Parameters
+    ----------
+    hull : Platform
+        Hull whose buoyancy is that of the records, such as from `gliderhpc.tuning.trim.fit_trim`.
+    segments : SteadySegments
+        Segments of steady flight.
+    velocity_error : float
+        Constant error of the measured velocity, m/s.
+
+    Returns
+    -------
+    MeasuredPolar or None
+        None if fewer than `FEWEST` segments of dive or climb have a velocity, or the factors are not positive.
+    """
+    forward, _, normal = segments.velocity.T
+    measured = segments.straight & np.isfinite(normal) & (forward > _SPEED)
+    chosen = segments.of(measured)
+    heavy = chosen.depth_rate > 0.0
+    if min(np.count_nonzero(heavy), np.count_nonzero(~heavy)) < FEWEST:
+        return None
+    matrix, right, profile = _equations(hull, chosen)
+    found, *_ = np.linalg.lstsq(matrix, right)
+    drag, lift = float(found[0]), float(found[1])
+    if min(drag, lift) <= 0.0:
+        return None
+    scatter = np.sqrt(np.diag(jackknife_covariance(matrix, matrix @ found - right, profile)))
+    relative = velocity_error / float(np.median(chosen.velocity[:, 0]))
+    return MeasuredPolar(
+        drag, lift,
+        float(np.sqrt(scatter[0] ** 2 + (2.0 * relative) ** 2 + LEAST_ERROR**2)),
+        float(np.sqrt(scatter[1] ** 2 + relative**2 + LEAST_ERROR**2)),
+    )  # fmt: skip
+
+
+def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Balances along and across the path: matrix (2n, 4), right side (2n,), N, and profile of each row (2n,).
+
+    The unknowns are the factors on drag and lift, an additional weight (N), and the factor on the lift times the error
+    of the normal velocity (m/s).
+    """
+    seawater = segments.seawater if fits_density(hull, segments) else None
+    glider = Glider(hull)
+    bodies = glider.bodies(model_controls(hull, segments.actuators, seawater))
+    weight = glider.net_weight(bodies, segments.depth)
+    forward, _, normal = segments.velocity.T
+    square, alpha = forward**2 + normal**2, np.arctan2(normal, forward)
+    drag, lift = drag_and_lift(hull, alpha)
+    without, slope = hull.viscous.K_L0, hull.viscous.K_L
+    along, across = -np.sin(segments.pitch - alpha), np.cos(segments.pitch - alpha)
+    none = np.zeros_like(along)
+    by_drag = np.column_stack([square * drag, none, -along, none])
+    by_lift = np.column_stack([none, square * (lift - without), -across, -square * slope / forward])
+    right = np.concatenate([weight * along, weight * across - square * without])
+    return np.vstack([by_drag, by_lift]), right, np.concatenate([segments.profile, segments.profile])
+
+
+def with_measured_polar(
+    platform: Platform, hull: Platform, segments: SteadySegments, velocity_error: float,
+    report: Callable[[str], None] = lambda _: None,
+) -> Platform:  # fmt: skip
+    """Return a platform with drag and lift of the measured velocity, and with their errors as plausible deviations.
+
+    Parameters
+    ----------
+    platform, hull : Platform
+        Platform to change, and the same with the buoyancy of the records.
+    segments, velocity_error
+        As in `measured_polar`.
+    report : callable
+        Called with a line of text if drag and lift are determined.
+
+    Returns
+    -------
+    Platform
+        The platform itself if the velocity is not measured, or in too few segments.
+    """
+    found = measured_polar(hull, segments, velocity_error)
+    if found is None:
+        return platform
+    report(
+        f"measured velocity: drag {found.drag:.3f} +- {found.drag_error:.3f} times, lift {found.lift:.3f} +- "
+        f"{found.lift_error:.3f} times that of the fitted hull"
+    )
+    viscous = hull.viscous
+    drag, induced, lift = (p for key in DRAG_AND_LIFT for p in hull_parameters(platform) if p.key == key)
+    changed = with_values(platform, {
+        drag.key: found.drag * viscous.K_D0, induced.key: found.drag * viscous.K_D, lift.key: found.lift * viscous.K_L,
+    })  # fmt: skip
+    alpha = np.arctan2(segments.velocity[:, 2], segments.velocity[:, 0])
+    unknown = induced.slope(changed, 0.0) * float(np.nanmedian(alpha**2))
+    errors = {
+        drag: float(np.hypot(found.drag_error * changed.viscous.K_D0, unknown)),
+        lift: found.lift_error * abs(changed.viscous.K_L),
+    }
+    uncertainty = platform.uncertainty or Uncertainty()
+    narrowed = {p.key: error / abs(p.value(changed)) if p.factor else error for p, error in errors.items()}
+    deviation = {**uncertainty.deviation, **narrowed}
+    return changed.model_copy(update={"uncertainty": uncertainty.model_copy(update={"deviation": deviation})})
