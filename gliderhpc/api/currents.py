@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
+from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
@@ -81,7 +82,8 @@ def estimate_currents(
         navigation = replace(navigation, heading=navigation.heading + np.radians(declination))
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
-    polar = _polar(navigation, platform)
+    polar, remarks = with_measured_attack(_polar(navigation, platform), usable)
+    navigation = replace(navigation, remarks=(*navigation.remarks, *remarks))
     tracks: list[GlideTrack | None] = []
     notes: list[str] = []
     for record in usable:

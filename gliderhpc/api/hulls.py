@@ -125,9 +125,7 @@ def calibrated_on(
         try:
             with threadpool_limits(limits=1):
                 start = fit_trim(platform, segments, settings.calibration, log.info)
-                base = with_measured_polar(
-                    platform, start, segments, settings.smoother.velocity_error, log.info
-                )
+                base = with_measured_polar(platform, start, segments, settings.smoother.velocity_error, log.info)
                 if base is not platform:
                     start = fit_trim(base, segments, settings.calibration, log.info)
             dives = calibrated_by_dives(

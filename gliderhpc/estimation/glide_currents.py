@@ -100,9 +100,7 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     ProfileError
         Depth, pitch and heading have no time in common, or no sample is steep enough for a glide.
     """
-    duration = float(record.time[-1])
-    step = duration / math.ceil(duration / STEP)
-    series = resample(record, step, longest_bridged(sampling_intervals(record)))
+    series = on_points(record)
     motion = _motion(hulls[0], series)
     if not np.isfinite(motion.total).all() or motion.masked_fraction >= 1.0:
         raise ProfileError(f"profile {record.number}: no part is steep enough for a glide")
@@ -112,6 +110,19 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = np.abs(depth_rate(series) / np.sin(series.measurements[:, 1] - alpha))
     return GlideTrack(series, motion, alpha, speed, current)
+
+
+def on_points(record: ProfileRecord) -> ProfileSeries:
+    """Interpolate a record to the points of a track.
+
+    Raises
+    ------
+    ProfileError
+        Depth, pitch and heading have no time in common.
+    """
+    duration = float(record.time[-1])
+    step = duration / math.ceil(duration / STEP)
+    return resample(record, step, longest_bridged(sampling_intervals(record)))
 
 
 def _motion(platform: Platform, series: ProfileSeries, pitch_offset: float = 0.0) -> SelfMotion:

@@ -68,9 +68,7 @@ def measured_velocity(
         return None
     angles, depth = series.measurements[:, :2], series.measurements[:, 3]
     attack = np.nan_to_num(angle_of_attack(platform, angles[:, 1]))
-    return assess_velocity(
-        series.velocity, series.velocity_std, angles, depth, depth_rate(series), ~vibrating, attack
-    )
+    return assess_velocity(series.velocity, series.velocity_std, angles, depth, depth_rate(series), ~vibrating, attack)
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:

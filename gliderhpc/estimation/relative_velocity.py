@@ -92,9 +92,7 @@ def assess_velocity(
     return RelativeVelocity(values, variance, refusal)
 
 
-def _forward_refusal(
-    values: Array, angles: Array, rate: Array, glide: NDArray[np.bool_], attack: Array
-) -> str:
+def _forward_refusal(values: Array, angles: Array, rate: Array, glide: NDArray[np.bool_], attack: Array) -> str:
     """Reason why the forward and normal velocity contradict the depth rate; empty if they do not."""
     roll, pitch = angles.T
     forward, lateral, normal = values.T

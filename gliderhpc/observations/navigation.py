@@ -14,6 +14,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
+from gliderhpc.observations.format import VELOCITY
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
@@ -61,6 +62,8 @@ class Navigation:
         Their standard deviation in each of north and east (m).
     remarks : tuple of str
         Remarks for the user on the reading of the file.
+    velocity : (n, 3) array or None
+        Measured velocity relative to the water in the body frame (m/s), NaN where missing; None without it.
     """
 
     source: str
@@ -74,6 +77,7 @@ class Navigation:
     fixes: SurfaceFixes
     fix_error: float
     remarks: tuple[str, ...]
+    velocity: FloatArray | None = None
 
     @property
     def numbers(self) -> list[int]:
@@ -94,6 +98,7 @@ class Navigation:
             depth=self.depth[span], battery_position=still, battery_rotation=still, ballast_volume=still, rudder=still,
             entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
             surface_fixes_before=before, surface_fixes_after=after, notes=notes,
+            velocity=None if self.velocity is None else self.velocity[span],
         )  # fmt: skip
 
     def _fixes(self, span: slice) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
@@ -171,8 +176,9 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
             "estimate"
         )
     return Navigation(
-        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks)
-    )
+        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks),
+        _velocity(columns, order),
+    )  # fmt: skip
 
 
 def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
@@ -202,7 +208,24 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
         screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool)),
         max(part.fix_error for part in parts),
         tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+        _joined_velocity(parts, order),
     )  # fmt: skip
+
+
+def _velocity(columns: NavigationColumns, order: IntArray) -> FloatArray | None:
+    """Measured velocity relative to the water ``(n, 3)``, NaN for components that are absent; None if all are."""
+    found = [name for name in VELOCITY if columns.find(name) and columns.lies_along_samples(name)]
+    missing = np.full(len(order), np.nan)
+    parts = [columns.quantity(name)[order] if name in found else missing for name in VELOCITY]
+    return np.column_stack(parts) if found else None
+
+
+def _joined_velocity(parts: Sequence[Navigation], order: IntArray) -> FloatArray | None:
+    """Velocities of several files in an order; NaN for the files that have none."""
+    if all(part.velocity is None for part in parts):
+        return None
+    found = [np.full((len(part.time), 3), np.nan) if part.velocity is None else part.velocity for part in parts]
+    return np.concatenate(found)[order]
 
 
 def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[str]]:

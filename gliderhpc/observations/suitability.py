@@ -2,6 +2,7 @@
 
 from gliderhpc.observations.columns import NamedColumns, Term
 from gliderhpc.observations.foreign import IN_THE_FORMAT, importer_of, is_in_the_format
+from gliderhpc.observations.format import VELOCITY
 from gliderhpc.observations.og1_variables import ATTITUDE, BALLAST, DEPTH, TIME
 
 _ATTITUDE = {
@@ -19,6 +20,7 @@ CURRENT_TERMS = {
     "latitude": Term(("latitude", "LATITUDE", "lat"), "degree"),
     "longitude": Term(("longitude", "LONGITUDE", "lon"), "degree"),
     "profile": Term(("profile",), "1"),
+    **{name: Term((name,), "m s-1") for name in VELOCITY},
 }
 """Quantities needed or used for a current, by name; matching of names ignores case."""
 

@@ -100,8 +100,10 @@ def observe(
     )
 
 
-def measured_velocity(states: FloatArray, errors: SensorErrors, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return the measured velocity relative to the water ``(n, 3)`` along states ``(n, 12)``, and its deviation, m/s."""
+def measured_velocity(
+    states: FloatArray, errors: SensorErrors, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Velocity relative to the water as measured ``(n, 3)``, and its standard deviation, along states ``(n, 12)``."""
     deviation = errors.velocity_deviation or 0.0
     noise = deviation * rng.standard_normal((len(states), 3))
     return states[:, 6:9] + np.array(errors.velocity_offset) + noise, np.full((len(states), 3), deviation)
