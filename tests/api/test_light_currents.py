@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from support.glides import Glide, mission
+from support.glides import Glide, angle_of_attack, mission
 
 import gliderhpc as gh
 from gliderhpc.api.currents import currents
@@ -205,3 +205,46 @@ def test_every_real_file_gives_a_current_or_one_line(shared_data, folder, patter
         else:
             with pytest.raises(InputError, match="a depth-averaged current needs"):
                 currents(path)
+
+
+def _with_velocity(records: xr.Dataset, glide: Glide, **offsets: float) -> xr.Dataset:
+    """Add the true velocity relative to the water to the records of a steady glide, with offsets by component."""
+    diving = np.gradient(records["depth"].values) > 0.0
+    climbing = np.gradient(records["depth"].values) < 0.0
+    sign = diving.astype(float) - climbing
+    alpha = sign * angle_of_attack(-np.radians(glide.pitch), glide.drag)
+    rate = np.gradient(records["depth"].values, glide.interval)
+    path = np.radians(records["pitch"].values) - alpha
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where(sign == 0.0, np.nan, -rate / np.sin(path))
+    units = {"units": "m s-1"}
+    return records.assign(
+        relative_velocity_u=("time", speed * np.cos(alpha) + offsets.get("u", 0.0), units),
+        relative_velocity_v=("time", np.zeros_like(speed), units),
+        relative_velocity_w=("time", speed * np.sin(alpha) + offsets.get("w", 0.0), units),
+    )
+
+
+def test_a_measured_velocity_gives_drag_over_lift():
+    """With twice the drag of the make; a constant error of the sensor's axis is the same on dive and climb."""
+    glide = Glide(drag=2.0)
+    records = mission(glide)
+    plain, exact = currents(records), currents(_with_velocity(records, glide))
+    shifted = currents(_with_velocity(records, glide, w=0.004))
+    usual = plain.attrs["drag_over_lift"]
+    assert exact.attrs["drag_over_lift"] / usual == pytest.approx(2.0, rel=0.05)
+    assert shifted.attrs["drag_over_lift"] / usual == pytest.approx(2.0, rel=0.05)
+    assert exact.attrs["drag_over_lift_relative_std"] < 0.1 < plain.attrs["drag_over_lift_relative_std"]
+    assert "in 3 profiles" in exact.attrs["comment"]
+    off, right = (np.abs(found["dac_north"] - glide.current[0]).max() for found in (plain, exact))
+    assert right < 8e-3 < 0.5 * off
+    assert (exact["dac_north_std"] < plain["dac_north_std"]).all()
+
+
+def test_a_velocity_that_contradicts_the_depth_rate_is_not_used():
+    glide = Glide(drag=2.0)
+    records = _with_velocity(mission(glide), glide)
+    records["relative_velocity_w"] = -records["relative_velocity_w"]
+    found = currents(records)
+    assert "contradicts the depth rate" in found.attrs["comment"]
+    assert found.attrs["drag_over_lift"] == currents(mission(glide)).attrs["drag_over_lift"]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
 from support.hull_errors import hull_only, profile_of, steady_controls, step_slope
-from support.smoothing import GLIDE, MEASURED, PETREL, fly, with_measured
+from support.smoothing import GLIDE, MEASURED, PETREL, SAMPLED, fly, with_measured, with_velocity
 from support.specimens import lopsided_platform, random_disturbances, random_state
 
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.estimation.smoother.forcing import hull_forcing
+from gliderhpc.estimation.smoother.forcing import hull_forcing, with_velocity_offsets
 from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import Glider
@@ -52,14 +52,19 @@ def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
         np.testing.assert_allclose(row, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=parameter.key)
 
 
-@pytest.fixture(scope="module", params=[1, 3], ids=["steps", "segments"])
-def longest(request):
-    """Return the largest number of steps of a segment."""
+@pytest.fixture(scope="module", params=[(1, False), (3, False), (3, True)], ids=["steps", "segments", "velocity"])
+def case(request):
+    """Return the largest number of steps of a segment, and whether the velocity relative to the water is measured."""
     return request.param
 
 
 @pytest.fixture(scope="module")
-def problem(longest):
+def longest(case):
+    return case[0]
+
+
+@pytest.fixture(scope="module")
+def problem(case):
     """Return a dive with gaps, a path that does not follow from its disturbances, and all parameters of its hull."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
@@ -67,6 +72,9 @@ def problem(longest):
     measured[60, 2] = np.nan
     measured[70, [0, 3]] = np.nan
     dive = with_measured(flown.dive, measured)
+    if case[1]:
+        measured, variance = with_velocity(flown, measured)
+        dive = with_measured(dive._replace(variance=variance), measured)
     dive.noise[30:40] *= 30.0
     rng = np.random.default_rng(4)
     path = flown.glide
@@ -78,6 +86,8 @@ def problem(longest):
     # The actuators are at rest, and their lag has no effect.
     parameters = [p for p in hull_parameters(PETREL.platform) if p.key != ACTUATOR_LAG]
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
+    if case[1]:
+        forcing = with_velocity_offsets(forcing, 0.003)
     return dive, Trajectory(states, disturbances), forcing, parameters
 
 
@@ -87,7 +97,7 @@ class DenseHull:
     def __init__(self, dive, path, forcing, parameters):
         dense = DenseLeastSquares(dive, path, GLIDE.control)
         raw = steady_controls(PETREL.platform, 1)[0]
-        n, p = len(dive.bodies), len(parameters)
+        n, p = len(dive.bodies), len(forcing.start)
         self.slopes = np.zeros((n + 1, 18, p))
         self.slopes[0, :16] = forcing.start.T
         own = [j for j, parameter in enumerate(parameters) if not parameter.key.startswith("sensors.")]
@@ -107,7 +117,7 @@ class DenseHull:
             by_eta = self.slopes[k, channel] - by_records
             # The two cancel for the offset of the compass, on which a dive has no information.
             sizes.append((self.slopes[k, channel] ** 2 + by_records**2) / deviation**2)
-            residual = dive.measured[k, channel] - path.states[k, MEASURED[channel]]
+            residual = dive.measured[k, channel] - path.states[k, SAMPLED[channel]]
             offset = dense.offsets[k, ORDER[channel]]
             rows.append(maps[k, channel][None] / deviation)
             columns.append(by_eta[None] / deviation)

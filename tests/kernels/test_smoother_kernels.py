@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
-from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
+from support.smoothing import GLIDE, PETREL, SAMPLED, H, fly, with_measured, with_velocity
 from support.specimens import random_controls, random_disturbances, random_state
 
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory, segment_rows
@@ -16,14 +16,19 @@ from gliderhpc.kernels.smoother_segments import linearise_segments
 STEPS = 4 * BLOCK + 10
 
 
-@pytest.fixture(scope="module", params=[1, 3], ids=["steps", "segments"])
-def longest(request):
-    """Return the largest number of steps of a segment."""
+@pytest.fixture(scope="module", params=[(1, False), (3, False), (3, True)], ids=["steps", "segments", "velocity"])
+def case(request):
+    """Return the largest number of steps of a segment, and whether the velocity relative to the water is measured."""
     return request.param
 
 
 @pytest.fixture(scope="module")
-def problem(longest):
+def longest(case):
+    return case[0]
+
+
+@pytest.fixture(scope="module")
+def problem(case):
     """Return a dive whose path does not follow from its disturbances, with gaps in channels and heading near north."""
     flown = fly(3, STEPS, turn=0.02)
     measured = flown.dive.measured.copy()
@@ -32,6 +37,9 @@ def problem(longest):
     measured[70, [0, 3]] = np.nan
     measured[:, 2] = np.mod(measured[:, 2], 2.0 * np.pi)
     dive = with_measured(flown.dive, measured)
+    if case[1]:
+        measured, variance = with_velocity(flown, measured)
+        dive = with_measured(dive._replace(variance=variance), measured)
     dive.noise[30:40] *= 30.0
     rng = np.random.default_rng(4)
     path = flown.glide
@@ -122,7 +130,7 @@ def test_costs_and_defects_are_those_of_the_path(problem, smoothed):
     dive, path = problem
     iterate, _, _ = smoothed
     start = np.concatenate([path.states[0, SENSED], path.disturbances[0]])
-    residual = dive.measured - path.states[:, MEASURED]
+    residual = dive.measured - path.states[:, SAMPLED[: dive.measured.shape[1]]]
     residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
     noise = np.diff(path.disturbances, axis=0) + (1.0 - dive.decay) * path.disturbances[:-1]
     expected = [

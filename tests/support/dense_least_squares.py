@@ -4,7 +4,7 @@ import numpy as np
 
 from gliderhpc.flight.glider import SENSED
 from support import reference
-from support.smoothing import MEASURED, PETREL, H
+from support.smoothing import PETREL, SAMPLED, H
 
 ORDER = np.concatenate([SENSED, np.arange(12, 18), [3, 4]])
 """Places of the smoother's sixteen states, X and Y among eq. 16's twelve and the disturbances."""
@@ -47,7 +47,7 @@ class DenseLeastSquares:
             self.offsets[k + 1] -= np.concatenate([path.states[k + 1], path.disturbances[k + 1]])
         rows, values = [np.eye(size)], [np.zeros(size)]
         for k, channel in np.argwhere(np.isfinite(dive.measured)):
-            index, deviation = MEASURED[channel], np.sqrt(dive.variance[k, channel])
+            index, deviation = SAMPLED[channel], np.sqrt(dive.variance[k, channel])
             residual = dive.measured[k, channel] - path.states[k, index]
             if channel == 2:
                 residual = np.arctan2(np.sin(residual), np.cos(residual))

@@ -16,6 +16,8 @@ PETREL = Glider(read_platform("petrel-l"))
 H = 0.1
 GLIDE = steady_glide(PETREL, 0.4, -np.radians(23.0), 100.0)
 MEASURED = [0, 1, 2, 5]
+SAMPLED = [*MEASURED, 6, 7, 8]
+"""Places of the samples among eq. 16's states where the velocity relative to the water is measured too."""
 DEVIATION = np.array([0.08, 0.05, 0.05, 0.025, 0.01, 0.25])
 TIME = np.array([60.0, 30.0, 60.0, 30.0, 60.0, 20.0])
 START_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.05, 0.02, 0.03, 0.02, 0.02, 0.02])
@@ -86,3 +88,16 @@ def with_measured(dive, measured):
     """Give a problem with other measurements, and variances of its own."""
     fed = np.isfinite(measured).any(axis=1)
     return dive._replace(measured=measured, fed=fed, variance=dive.variance.copy(), noise=dive.noise.copy())
+
+
+def with_velocity(flown, measured, seed=8):
+    """Add samples of the velocity relative to the water, some of them missing, to ``measured (n+1, 4)``.
+
+    They have a deviation of 0.02 m/s; the variances are returned too.
+    """
+    rng = np.random.default_rng(seed)
+    velocity = flown.states[:, 6:9] + 0.02 * rng.standard_normal((len(measured), 3))
+    velocity[~np.isfinite(measured).any(axis=1)] = np.nan
+    velocity[10, 0] = np.nan
+    variance = np.hstack([flown.dive.variance, np.full((len(measured), 3), 4e-4)])
+    return np.hstack([measured, velocity]), variance
