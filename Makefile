@@ -30,6 +30,10 @@ $(VENV)/dev: $(VENV)/run
 	$(BIN)/pip install --quiet --editable '.[dev,docs]'
 	@touch $@
 
+$(VENV)/compliance: $(VENV)/dev
+	$(BIN)/pip install --quiet --editable '.[dev,docs,compliance]'
+	@touch $@
+
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
 

@@ -254,13 +254,24 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
     return values
 
 
+_STANDARD_NAMES = {
+    "dac_north_std": "northward_sea_water_velocity standard_error",
+    "dac_east_std": "eastward_sea_water_velocity standard_error",
+    "surface_drift_north": "surface_northward_sea_water_velocity",
+    "surface_drift_east": "surface_eastward_sea_water_velocity",
+    "sample_count": "number_of_observations",
+}
+"""Standard names that the archive's columns do not have."""
+
+
 def _attributes(name: str) -> dict[str, Any]:
-    """Return the attributes of a column, as in the archive."""
+    """Return the attributes of a column, as in the archive, with further standard names."""
     variable = MISSION["/"][name]
     # Units of times belong to the encoding.
     wanted = ("long_name", "standard_name") if variable.is_time else ("long_name", "standard_name", "units")
     attributes = variable.all_attributes()
-    return {key: attributes[key] for key in wanted if key in attributes}
+    found = {key: attributes[key] for key in wanted if key in attributes}
+    return found | ({"standard_name": _STANDARD_NAMES[name]} if name in _STANDARD_NAMES else {})
 
 
 def _global_attributes(
