@@ -66,6 +66,23 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
+class WithVelocityErrors:
+    """Information of a dive on its hull and on the three constant errors of its measured velocity, together.
+
+    Attributes
+    ----------
+    score, information : (p+3,), (p+3, p+3)
+        As in `DiveInformation`; the errors of forward, lateral and normal velocity come last.
+    sensitivity : Sensitivity
+        Sensitivities to all of them.
+    """
+
+    score: Array
+    information: Array
+    sensitivity: Sensitivity
+
+
+@dataclass(frozen=True, eq=False)
 class DiveInformation:
     """Information of one dive on ``p`` errors of its hull and records, in plausible deviations from the platform.
 
@@ -84,9 +101,9 @@ class DiveInformation:
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
         Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
-    velocity : Sensitivity, optional
-        Change with the constant errors of a measured velocity relative to the water: forward, lateral and normal.
-        Score and information are those on the hull alone, whatever these errors are.
+    with_velocity : WithVelocityErrors, optional
+        Information on the hull and on the constant errors of a measured velocity relative to the water, if there is
+        one. Score and information above are those on the hull alone, whatever these errors are.
     """
 
     parameters: tuple[HullParameter, ...]
@@ -98,7 +115,7 @@ class DiveInformation:
     displacement: Array
     states: Array
     disturbances: Array
-    velocity: "Sensitivity | None" = None
+    with_velocity: WithVelocityErrors | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -196,7 +213,11 @@ def dive_information(
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     (score, information), *others = (on_hull_alone(one, len(parameters)) for one in found)
-    by_hull, by_velocity = _smoothed_sensitivities(sensitivity, rows < len(dive.bodies), len(parameters))
+    by_all = _at_records(sensitivity, rows < len(dive.bodies))
+    together = None
+    if len(found[0].score) > len(parameters):
+        together = WithVelocityErrors(found[0].score, symmetric(found[0].matrix), by_all)
+    by_hull = _of_first(by_all, len(parameters))
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
@@ -207,7 +228,7 @@ def dive_information(
         displacement=by_hull.displacement,
         states=by_hull.states,
         disturbances=by_hull.disturbances,
-        velocity=by_velocity if by_velocity.displacement.size else None,
+        with_velocity=together,
     )
 
 
@@ -223,19 +244,19 @@ def on_hull_alone(found: Information, parameters: int) -> tuple[Array, Array]:
     return score[own] - through @ score[others], 0.5 * (left + left.T)
 
 
-def _smoothed_sensitivities(
-    found: SmoothedSensitivity, with_step: NDArray[np.bool_], parameters: int
-) -> tuple[Sensitivity, Sensitivity]:
-    """Sensitivities at the records by the hull's parameters, and by those after them."""
+def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sensitivity:
+    """Sensitivities at the records; no step follows the last row."""
     states = np.empty((len(found.states), 12, found.states.shape[1]))
     states[:, SENSED] = found.states[:, :, :10].swapaxes(1, 2)
     states[:, 3:5] = found.track.swapaxes(1, 2)
-    disturbances, displacement = found.states[with_step, :, 10:].swapaxes(1, 2), found.displacement.T
-    hull, velocity = (
-        Sensitivity(*(np.ascontiguousarray(values[..., part]) for values in (displacement, states, disturbances)))
-        for part in (slice(parameters), slice(parameters, None))
-    )
-    return hull, velocity
+    disturbances = found.states[with_step, :, 10:].swapaxes(1, 2)
+    return Sensitivity(np.ascontiguousarray(found.displacement.T), states, np.ascontiguousarray(disturbances))
+
+
+def _of_first(found: Sensitivity, parameters: int) -> Sensitivity:
+    """Sensitivities to the first parameters."""
+    columns = (found.displacement, found.states, found.disturbances)
+    return Sensitivity(*(np.ascontiguousarray(each[..., :parameters]) for each in columns))
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

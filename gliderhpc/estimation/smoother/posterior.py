@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.information import DiveInformation
+from gliderhpc.estimation.smoother.information import DiveInformation, Sensitivity, WithVelocityErrors
 from gliderhpc.flight.hull_parameters import HullParameter
 from gliderhpc.platform import Platform
 
@@ -27,6 +27,10 @@ class HullErrors:
     mean: Array
     covariance: Array
 
+    def of(self, chosen: NDArray[np.bool_]) -> "HullErrors":
+        """Return the distribution of the chosen errors."""
+        return HullErrors(self.mean[chosen], self.covariance[np.ix_(chosen, chosen)])
+
 
 def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
     """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""
@@ -40,7 +44,7 @@ def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> Hu
     return HullErrors(np.zeros(len(covariance)), covariance)
 
 
-def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
+def after_dive(errors: HullErrors, information: DiveInformation | WithVelocityErrors) -> HullErrors:
     """Errors after a dive, with covariance ``(I + C^-1)^-1``; C, which may be singular, is not inverted."""
     smaller = np.linalg.solve(np.eye(len(errors.mean)) + errors.covariance @ information.information, errors.covariance)
     covariance = 0.5 * (smaller + smaller.T)
@@ -83,9 +87,10 @@ def with_hull_errors(
     information : DiveInformation
         Information of the dive, with sensitivities at the same records.
     errors : HullErrors
-        The hull's errors after the dive.
+        The hull's errors after the dive, and those of a measured velocity after them (`errors_after`).
     corrected : bool
-        Whether the estimate moves to the mean of the errors; otherwise it remains that for the platform's values.
+        Whether the estimate moves to the mean of the hull's errors; otherwise it remains that for the platform's
+        values. It always moves to the mean of the errors of a measured velocity.
 
     Notes
     -----
@@ -95,36 +100,50 @@ def with_hull_errors(
     dive, since a dive increases ``m m'`` by as much as it decreases ``C``. Both are exact if the problem is linear in
     the errors.
     """
-    mean = errors.mean if corrected else np.zeros_like(errors.mean)
-    square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
-    V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
-    of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
-    of_displacement = V @ square @ V.T
-    smoothed = _with_velocity_errors(smoothed, information)
+    hull = np.arange(len(errors.mean)) < len(information.parameters)
+    held = hull & (not corrected)
+    mean, left = np.where(held, 0.0, errors.mean), np.where(held, errors.mean, 0.0)
+    square = errors.covariance + np.outer(left, left)
+    by = _sensitivity(information)
+    of_states, of_disturbances = _variance(by.states, square), _variance(by.disturbances, square)
+    of_displacement = by.displacement @ square @ by.displacement.T
     result = replace(
         smoothed,
-        states=smoothed.states + by_state @ mean,
+        states=smoothed.states + by.states @ mean,
         states_std=np.sqrt(smoothed.states_std**2 + of_states),
-        disturbances=smoothed.disturbances + by_disturbance @ mean,
+        disturbances=smoothed.disturbances + by.disturbances @ mean,
         disturbances_std=np.sqrt(smoothed.disturbances_std**2 + of_disturbances),
-        displacement=smoothed.displacement + V @ mean,
+        displacement=smoothed.displacement + by.displacement @ mean,
         displacement_covariance=smoothed.displacement_covariance + of_displacement,
     )
+    if information.with_velocity is not None:
+        errors, square, V = errors.of(hull), square[np.ix_(hull, hull)], information.displacement
+        of_states, of_disturbances = (_variance(x, square) for x in (information.states, information.disturbances))
+        of_displacement = V @ square @ V.T
     shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
     return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
 
 
-def _with_velocity_errors(smoothed: SmoothedEstimate, information: DiveInformation) -> SmoothedEstimate:
-    """Add the part of the measured velocity's constant errors, which have unit deviations, to the uncertainty."""
-    if information.velocity is None:
-        return smoothed
-    by, unit = information.velocity, np.eye(information.velocity.displacement.shape[1])
-    return replace(
-        smoothed,
-        states_std=np.sqrt(smoothed.states_std**2 + _variance(by.states, unit)),
-        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + _variance(by.disturbances, unit)),
-        displacement_covariance=smoothed.displacement_covariance + by.displacement @ by.displacement.T,
-    )
+def _sensitivity(information: DiveInformation) -> Sensitivity:
+    """Sensitivities to the errors of the hull, and to those of a measured velocity if there is one."""
+    if information.with_velocity is not None:
+        return information.with_velocity.sensitivity
+    return Sensitivity(information.displacement, information.states, information.disturbances)
+
+
+def errors_after(errors: HullErrors, information: DiveInformation) -> HullErrors:
+    """Errors of hull and measured velocity after a dive, from those of the hull before it.
+
+    A dive whose information is not sound leaves them as they were.
+    """
+    together = information.with_velocity
+    if together is None:
+        return after_dive(errors, information) if information.narrows_errors else errors
+    hull, count = len(errors.mean), len(together.score)
+    covariance = np.eye(count)
+    covariance[:hull, :hull] = errors.covariance
+    before = HullErrors(np.concatenate([errors.mean, np.zeros(count - hull)]), covariance)
+    return after_dive(before, together) if information.narrows_errors else before
 
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:
