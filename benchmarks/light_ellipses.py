@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 import gliderhpc as gh
 from gliderhpc import Glider
+from gliderhpc.errors import InputError
 from gliderhpc.estimation.glide_currents import GlideErrors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.glide_polar import MAKE_DEVIATION, with_drag
-from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import Platform
-from gliderhpc.simulator import simulate_mission
+from gliderhpc.simulator import Scenario, simulate_mission
+from gliderhpc.simulator.plan import plan_flight
 from gliderhpc.simulator.scenario import load_scenario
 
 HULL, DEPTH = "petrel-l", 250.0
@@ -63,13 +64,16 @@ class MissionEllipses:
     stated: list[float]
 
 
-def drawn_hull(rng: np.random.Generator) -> tuple[Platform, float]:
-    """Draw a hull with more or less drag; one that cannot glide is drawn again."""
+def drawn_hull(scenario: Scenario, rng: np.random.Generator) -> tuple[Platform, float]:
+    """Draw a hull with more or less drag; one that cannot fly the scenario is drawn again."""
     while True:
         factor = math.exp(MAKE_DEVIATION * rng.standard_normal())
         hull = with_drag(gh.load_platform(HULL), factor)
-        if glides_stably(Glider(hull)):
-            return hull, factor
+        try:
+            plan_flight(Glider(hull), scenario)
+        except InputError:
+            continue
+        return hull, factor
 
 
 def fly(job: tuple[str, int, int, Path]) -> MissionEllipses:
@@ -83,10 +87,10 @@ def fly(job: tuple[str, int, int, Path]) -> MissionEllipses:
 
 def _flown(kind: str, seed: int, dives: int, records: Path) -> MissionEllipses:
     rng, stated = np.random.default_rng([seed, 7]), GlideErrors()
-    hull, drag = drawn_hull(rng)
     scenario = load_scenario(kind).replaced({
         "profiles": dives, "depth": DEPTH, "depth_spread": 0.0, "coefficients": {"spread": 0.0},
     })  # fmt: skip
+    hull, drag = drawn_hull(scenario, rng)
     sensors = {
         "pitch_offset": math.degrees(stated.pitch_offset) * rng.standard_normal(),
         "heading_offset": stated.course * rng.standard_normal(),
