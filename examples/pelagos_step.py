@@ -22,6 +22,8 @@ class DepthAveragedCurrents(BaseStep):
         """Add the currents to the context under ``currents``."""
         self.check_data()
         given = self.parameters
+        if "output_path" not in given:
+            raise ValueError(f"step {self.name}: give output_path, the netCDF file to write")
         found = gh.currents(
             self.context["data"], platform=given.get("platform"), declination=float(given.get("declination", 0.0))
         )

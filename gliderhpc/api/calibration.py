@@ -14,6 +14,7 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS_BY_DENSITY,
     hull_parameters,
     with_covariance,
+    with_deviations_of,
     with_values,
 )
 from gliderhpc.flight.steady_glide import glides_stably
@@ -71,8 +72,9 @@ class DiveCalibration:
 
 
 def calibrated_by_dives(
-    observations: Observations, platform: Platform, start: Platform, segments: SteadySegments, apart: SteadySegments,
-    settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress, *, rounds: int,
+    observations: Observations, platform: Platform, base: Platform, start: Platform, segments: SteadySegments,
+    apart: SteadySegments, settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress, *,
+    rounds: int,
 ) -> DiveCalibration:  # fmt: skip
     """Calibrate on the dives that have steady segments.
 
@@ -80,8 +82,9 @@ def calibrated_by_dives(
     ----------
     observations : Observations
         The observation file.
-    platform, start : Platform
-        Hull from which plausible deviations are measured, and hull found from the steady glides.
+    platform, base, start : Platform
+        Hull that the result is compared with, hull from which plausible deviations are measured (the same, or with drag
+        and lift of a measured velocity), and hull found from the steady glides.
     segments, apart : SteadySegments
         Steady segments of the fitted and of the held-out profiles.
     settings : CalibrateSettings
@@ -98,14 +101,14 @@ def calibrated_by_dives(
         deviations allow, or is worse than the platform.
     """
     if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
-        platform = with_values(platform, {"viscous.K_delta": platform.viscous.K_delta})
-    known = hull_parameters(platform)
+        base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
+    known = hull_parameters(base)
     held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
     parameters = tuple(p for p in known if p.key not in held)
     fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
     with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
         found = DiveRounds(
-            observations, platform, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
+            observations, base, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
             most=rounds, turn_test=settings.turn_test, executor=opened, report=advance,
         ).run(start)  # fmt: skip
     _check_plausible(found)
@@ -114,7 +117,7 @@ def calibrated_by_dives(
             "calibration: the hull that fits the dives best has no stable dive and climb, so nothing is written; start "
             "from another platform, or choose other --profiles"
         )
-    hull = with_covariance(found.platform, errors_in_units(found))
+    hull = with_deviations_of(platform, with_covariance(found.platform, errors_in_units(found)))
     with threadpool_limits(limits=1):
         try:
             ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
@@ -142,7 +145,8 @@ def _check_plausible(found: HullRounds) -> None:
             f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
             f"deviations allow ({found.parameters[farthest].key} by {found.eta[farthest]:+.1f} of them; chi-square "
             f"{distance:.0f}, expected {expected:.0f}): motion of the water can act like errors of the hull; if the "
-            "hull does differ that much, give larger uncertainty.deviation in the platform file"
+            "hull does differ that much, give larger uncertainty.deviation in the platform file (where the records have "
+            "a measured velocity, the deviations of drag and lift are those that it leaves)"
         )
 
 

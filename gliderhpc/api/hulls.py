@@ -21,6 +21,7 @@ from gliderhpc.api.found_hulls import CalibratedHull, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
+from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
@@ -28,12 +29,12 @@ from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings
+from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
 from gliderhpc.tuning.likelihood import spread_over, tuning_requests
 from gliderhpc.tuning.measured_polar import with_measured_polar
-from gliderhpc.tuning.segment_errors import choose_buoyancy
+from gliderhpc.tuning.segment_errors import choose_buoyancy, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 from gliderhpc.tuning.trim import fit_trim
 from gliderhpc.wording import speaks_python
@@ -120,28 +121,42 @@ def calibrated_on(
         segments, apart = divided(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))
-    dives, trouble = None, ""
-    if rounds > 0:
-        try:
+    base, dives, trouble = platform, None, ""
+    try:
+        measured = bool(np.isfinite(segments.velocity).any())
+        if observations.has_velocity and not measured:
+            log.warning("the measured velocity is not used: no steady flight has one that agrees with the depth rate")
+        if rounds > 0 or measured:
             with threadpool_limits(limits=1):
-                start = fit_trim(platform, segments, settings.calibration, log.info)
-                base = with_measured_polar(platform, start, segments, settings.smoother.velocity_error, log.info)
-                if base is not platform:
-                    start = fit_trim(base, segments, settings.calibration, log.info)
+                base, start = _before_rounds(platform, segments, settings)
+        if rounds > 0:
             dives = calibrated_by_dives(
-                observations, base, start, segments, apart, settings, executor, progress, rounds=rounds
+                observations, platform, base, start, segments, apart, settings, executor, progress, rounds=rounds
             )
-        except CalibrationError as error:
-            trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
-            log.warning(trouble)
+    except CalibrationError as error:
+        trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
+        log.warning(trouble)
     if dives is not None:
         found = CalibratedHull(dives.platform, None, dives)
     else:
         with threadpool_limits(limits=1):
-            steady = fit(platform, segments, apart, settings.calibration, log.info)
-        found = CalibratedHull(steady.platform, steady, trouble=trouble)
+            steady = fit(base, segments, apart, settings.calibration, log.info)
+        found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, trouble=trouble)
     made = _provenance(found, observations.path.name, observations.digest(), assignments)
     return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
+
+
+def _before_rounds(
+    platform: Platform, segments: SteadySegments, settings: CalibrateSettings
+) -> tuple[Platform, Platform]:
+    """Return the hull about which the calibration has its prior, and the start of the rounds.
+
+    The former is the platform, with drag and lift of the measured velocity where there is one.
+    """
+    start = fit_trim(platform, segments, settings.calibration, log.info)
+    held = keys_of(settings.calibration.hold, (*hull_parameters(platform), *steady_parameters(platform, segments)))
+    base = with_measured_polar(platform, start, segments, settings.smoother.velocity_error, held, log.info)
+    return base, start if base is platform else fit_trim(base, segments, settings.calibration, log.info)
 
 
 def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:

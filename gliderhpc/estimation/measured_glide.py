@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.glide_currents import on_points
-from gliderhpc.estimation.relative_velocity import RelativeVelocity, assess_velocity
-from gliderhpc.estimation.self_motion import angle_of_attack, depth_rate
+from gliderhpc.estimation.relative_velocity import MIN_DEPTH, MIN_GLIDE_PITCH, RelativeVelocity, measured_velocity
+from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glide_polar import GlidePolar, with_drag
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -18,15 +18,24 @@ from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
 
-LEAST_ERROR = 0.02
+MIN_ATTACK_ERROR = 0.02
 """Least relative error of the measured angle of attack: that of the velocity's axes and scale."""
 
-_STEEP = np.radians(8.0)
-_LEAST_DEPTH = 5.0
-_FEWEST = 10
-"""Least number of samples of a dive, and of a climb."""
-_WIDEST, _POINTS = 3.0, 241
+_MIN_SAMPLES = 10
+"""Least number of samples of a dive, and of a climb, for an angle of attack."""
+_WIDEST, _POINTS = 4.0, 321
 """Reach of the factors tried, in standard deviations of the prior, and their number."""
+_PLAUSIBLE = 3.0
+"""Largest change of drag over lift, in standard deviations of the prior, that is attributed to the hull."""
+
+
+@dataclass(frozen=True)
+class _HalfDifference:
+    """Median pitches of dive and climb, and half the difference of their median angles of attack, rad."""
+
+    dive_pitch: float
+    climb_pitch: float
+    attack: float
 
 
 def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) -> tuple[GlidePolar, tuple[str, ...]]:
@@ -42,7 +51,7 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
     Returns
     -------
     GlidePolar
-        Drag and lift with the most probable ratio and its uncertainty; unchanged without a measured velocity.
+        Drag and lift with the most probable ratio and its uncertainty; unchanged without a usable velocity.
     tuple of str
         Remarks: from how many profiles, and why others are not used.
 
@@ -52,7 +61,8 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
     It is compared with that of the hull with its drag multiplied by a factor, whose logarithm has the prior of the
     polar.
     """
-    found, refusals = [], []
+    found: list[_HalfDifference] = []
+    refusals: list[str] = []
     for record in records:
         if record.velocity is None:
             continue
@@ -61,50 +71,60 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
         except ProfileError:
             # Its current is refused with the reason.
             continue
-        velocity = _assessed(polar.platform, series)
-        refusals += [velocity.refusal] if velocity.refusal else []
-        found += _half_differences(series, velocity)
-    remarks = tuple(f"{refusals.count(text)} profiles: {text}" for text in dict.fromkeys(refusals[:1]))
+        velocity = measured_velocity(polar.platform, series, np.ones(len(series.time), dtype=bool))
+        if velocity is None:
+            continue
+        refusals += [velocity.refusal] if velocity.refusal and velocity.is_empty else []
+        found += _half_difference(series, velocity)
+    remarks = (f"in {len(refusals)} profiles, the first of them: {refusals[0]}",) if refusals else ()
     if not found:
         return polar, remarks
-    pitch, attack = np.array(found)[:, :2], np.array(found)[:, 2]
-    logarithms = polar.deviation * np.linspace(-_WIDEST, _WIDEST, _POINTS)
-    modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), pitch) for x in logarithms])
+    corrected, remark = _corrected(polar, found)
+    return corrected, (remark, *remarks)
+
+
+def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePolar, str]:
+    """Drag over lift from the posterior of the drag's factor on a grid, and a remark."""
+    attack = np.array([each.attack for each in found])
     usual = float(np.median(attack))
+    if not usual > 0.0:
+        return polar, (
+            f"the relative velocity is not used: its angle of attack, half of dives less climbs, is "
+            f"{math.degrees(usual):.1f} degrees, and no glider's is negative"
+        )
     scatter = float(np.std(attack)) / math.sqrt(len(attack)) if len(attack) > 1 else 0.5 * usual
-    error = math.hypot(scatter, LEAST_ERROR * usual)
+    error = math.hypot(scatter, MIN_ATTACK_ERROR * usual)
+    logarithms = polar.deviation * np.linspace(-_WIDEST, _WIDEST, _POINTS)
+    modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), found) for x in logarithms])
     cost = ((modelled - float(attack.mean())) / error) ** 2 + (logarithms / polar.deviation) ** 2
     cost = np.where(np.isfinite(cost), cost, np.inf)
-    weights = np.exp(-0.5 * (cost - cost.min()))
-    mean = float(np.sum(weights * logarithms) / weights.sum())
+    weights = np.exp(-0.5 * (cost - cost.min())) if np.isfinite(cost.min()) else np.zeros_like(cost)
+    mean = float(np.sum(weights * logarithms) / max(weights.sum(), np.finfo(float).tiny))
+    if not weights.any() or abs(mean) > _PLAUSIBLE * polar.deviation:
+        return polar, (
+            f"the relative velocity is not used: its angle of attack of {math.degrees(usual):.1f} degrees is not "
+            f"plausible for {polar.make}; u is forward, w downward in the body frame"
+        )
     deviation = math.sqrt(float(np.sum(weights * (logarithms - mean) ** 2) / weights.sum()))
-    remark = f"drag over lift from the measured velocity relative to the water in {len(found)} profiles"
     changed = replace(polar, platform=with_drag(polar.platform, math.exp(mean)), deviation=deviation)
-    return changed, (remark, *remarks)
+    return changed, f"drag over lift from the measured velocity relative to the water in {len(found)} profiles"
 
 
-def _assessed(platform: Platform, series: ProfileSeries) -> RelativeVelocity:
-    assert series.velocity is not None
-    assert series.velocity_std is not None
-    angles, depth = series.measurements[:, :2], series.measurements[:, 3]
-    attack = np.nan_to_num(angle_of_attack(platform, angles[:, 1]))
-    steady = series.weights > 0.0
-    return assess_velocity(series.velocity, series.velocity_std, angles, depth, depth_rate(series), steady, attack)
-
-
-def _half_differences(series: ProfileSeries, velocity: RelativeVelocity) -> list[tuple[float, float, float]]:
-    """Median pitch of dive and climb, and half the difference of their median angles of attack (rad); or nothing."""
+def _half_difference(series: ProfileSeries, velocity: RelativeVelocity) -> list[_HalfDifference]:
+    """Half the difference of a profile's angles of attack; none with too few samples of dive or climb."""
     forward, _, normal = velocity.values.T
     pitch, depth = series.measurements[:, 1], series.measurements[:, 3]
-    known = np.isfinite(forward + normal) & (forward > 0.0) & (depth > _LEAST_DEPTH)
-    dive, climb = (known & (sign * pitch > _STEEP) for sign in (-1.0, 1.0))
-    if min(np.count_nonzero(dive), np.count_nonzero(climb)) < _FEWEST:
+    known = np.isfinite(forward + normal) & (forward > 0.0) & (depth > MIN_DEPTH)
+    dive, climb = (known & (sign * pitch > MIN_GLIDE_PITCH) for sign in (-1.0, 1.0))
+    if min(np.count_nonzero(dive), np.count_nonzero(climb)) < _MIN_SAMPLES:
         return []
     attack = [float(np.arctan2(np.median(normal[part]), np.median(forward[part]))) for part in (dive, climb)]
-    return [(float(np.median(pitch[dive])), float(np.median(pitch[climb])), 0.5 * (attack[0] - attack[1]))]
+    return [
+        _HalfDifference(float(np.median(pitch[dive])), float(np.median(pitch[climb])), 0.5 * (attack[0] - attack[1]))
+    ]
 
 
-def _modelled(platform: Platform, pitch: Array) -> float:
-    """Mean over profiles of half the difference of the hull's angles of attack, for pitches ``(m, 2)``."""
-    attack = angle_of_attack(platform, pitch)
+def _modelled(platform: Platform, found: list[_HalfDifference]) -> float:
+    """Mean over profiles of half the difference of the hull's angles of attack."""
+    attack = angle_of_attack(platform, np.array([[each.dive_pitch, each.climb_pitch] for each in found]))
     return float(np.mean(0.5 * (attack[:, 0] - attack[:, 1])))

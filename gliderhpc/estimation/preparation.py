@@ -11,8 +11,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.relative_velocity import RelativeVelocity, assess_velocity
-from gliderhpc.estimation.self_motion import angle_of_attack, depth_rate
+from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
@@ -56,19 +55,8 @@ def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array 
     platform = glider.platform
     bodies = glider.bodies(controls_of(platform, series))
     vibrating = vibration_set(platform, series)
-    velocity = measured_velocity(platform, series, vibrating)
+    velocity = measured_velocity(platform, series, ~vibrating)
     return PreparedProfile(glider, series, bodies, vibrating, initial_error, velocity)
-
-
-def measured_velocity(
-    platform: Platform, series: ProfileSeries, vibrating: NDArray[np.bool_]
-) -> RelativeVelocity | None:
-    """Judge the measured velocity relative to the water by the rest of the record; None if the record has none."""
-    if series.velocity is None or series.velocity_std is None:
-        return None
-    angles, depth = series.measurements[:, :2], series.measurements[:, 3]
-    attack = np.nan_to_num(angle_of_attack(platform, angles[:, 1]))
-    return assess_velocity(series.velocity, series.velocity_std, angles, depth, depth_rate(series), ~vibrating, attack)
 
 
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:

@@ -22,7 +22,13 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.posterior import HullPart, errors_after, stated_errors, with_hull_errors
+from gliderhpc.estimation.smoother.posterior import (
+    HullPart,
+    after_dive,
+    stated_errors,
+    with_hull_errors,
+    with_velocity_errors,
+)
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.resample import ProfileSeries
@@ -136,7 +142,11 @@ def _finished(
     information = smoothed_dive_information(profile, smoothed, last, settings)
     if not information.has_sensitivities:
         return on_records, None
-    errors = errors_after(stated_errors(profile.glider.platform, information.parameters), information)
+    if information.velocity is not None:
+        on_records = with_velocity_errors(on_records, information.velocity)
+    errors = stated_errors(profile.glider.platform, information.parameters)
+    if information.narrows_errors:
+        errors = after_dive(errors, information)
     if not information.is_sound:
         information = information.saying_nothing()
     return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")

@@ -1,7 +1,7 @@
-"""Measured velocity relative to the water, from a Doppler profiler or a velocimeter on the glider, as data.
+"""Measured velocity relative to the water, from a Doppler profiler or a velocimeter on the glider.
 
-No estimate needs it. Where a record has it, it determines lift and drag, and with them the speed, without the hull.
-It is held against the depth rate first: a sensor with the wrong sign, axis or scale must not spoil the estimate.
+No estimate needs it. Where a record has it, it determines lift, drag and speed. It is compared with the depth rate
+first: a sensor with the wrong sign, axis or scale must not spoil the estimate.
 """
 
 from dataclasses import dataclass
@@ -9,21 +9,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gliderhpc.estimation.self_motion import angle_of_attack, depth_rate
+from gliderhpc.observations.format import MAX_VELOCITY
+from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.platform import Platform
+
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 USUAL_STD = 0.02
 """Standard deviation of a sample (m/s) where the record gives none."""
-FASTEST = 3.0
-"""Magnitude of a velocity (m/s) beyond which a sample is treated as missing."""
 
-_STEEP = np.radians(8.0)
-"""Least pitch of a glide."""
-_LEAST_DEPTH = 5.0
-"""Depth above which waves move the glider, m."""
-_FEWEST = 20
-"""Least number of samples on dive, and on climb, from which a velocity is judged."""
+MIN_GLIDE_PITCH = np.radians(8.0)
+"""Least magnitude of the pitch in a glide, rad."""
+MIN_DEPTH = 5.0
+"""Depth above which waves move the glider, m; samples above it are not used."""
+MIN_SAMPLES = 20
+"""Least number of samples of a dive or a climb from which a velocity is judged."""
 _DISAGREEMENT = (0.01, 0.08)
 """Largest difference between the depth rate and that of the measured velocity: in m/s, and relative to the rate."""
+_ONE_LEG_DISAGREEMENT = (0.05, 0.08)
+"""The same for samples of dives or climbs alone, where the water's vertical velocity is part of the difference."""
 _SIDESLIP = 0.3
 """Largest median of the lateral velocity, relative to that of the forward velocity."""
 _NORMAL = 1.4826
@@ -52,21 +58,47 @@ class RelativeVelocity:
         return not np.isfinite(self.values).any()
 
 
+def measured_velocity(platform: Platform, series: ProfileSeries, steady: Mask) -> RelativeVelocity | None:
+    """Judge a profile's measured velocity by the rest of its record (`assess_velocity`); None if it has none.
+
+    Parameters
+    ----------
+    platform : Platform
+        Hull, whose angle of attack is used where the normal velocity is not measured.
+    series : ProfileSeries
+        Record at its ``n + 1`` points.
+    steady : (n+1,) mask
+        Points outside the vibration set.
+    """
+    if series.velocity is None or series.velocity_std is None:
+        return None
+    angles, depth = series.measurements[:, :2], series.measurements[:, 3]
+    attack = np.nan_to_num(angle_of_attack(platform, angles[:, 1]))
+    usable = steady & (series.weights > 0.0)
+    return assess_velocity(series.velocity, series.velocity_std, angles, depth, depth_rate(series), usable, attack)
+
+
 def assess_velocity(
-    values: Array, std: Array, angles: Array, depth: Array, rate: Array, steady: NDArray[np.bool_], attack: ArrayLike
+    values: Array, std: Array, angles: Array, depth: Array, rate: Array, usable: Mask, attack: ArrayLike
 ) -> RelativeVelocity:
     """Judge the samples of a velocity relative to the water by the rest of the record.
 
     Parameters
     ----------
     values, std : (n+1, 3), (n+1, 3)
-        Samples (m/s) and their standard deviation as the record gives it; NaN where missing.
+        Samples (m/s) and their standard deviation as the record gives it; NaN where missing. Where the deviation is
+        not a positive number, it is `USUAL_STD`.
     angles, depth, rate : (n+1, 2), (n+1,), (n+1,)
         Roll and pitch (rad), depth (m) and its rate (m/s).
-    steady : (n+1,) mask
-        Points outside the vibration set.
+    usable : (n+1,) mask
+        Points outside the vibration set and the gaps of the record.
     attack : (n+1,)
         Steady angle of attack of the hull (rad), used only where the normal velocity is not measured.
+
+    Returns
+    -------
+    RelativeVelocity
+        The samples that are used, with their variances, and the reason why others are not.
 
     Notes
     -----
@@ -75,10 +107,12 @@ def assess_velocity(
     median residuals is therefore the sensor's. Where the samples scatter more than their standard deviation, their
     scatter takes its place.
     """
-    values = np.where(np.abs(values) <= FASTEST, values, np.nan)
-    variance = np.square(np.where(std > 0.0, std, USUAL_STD))
-    glide = steady & (np.abs(angles[:, 1]) > _STEEP) & (depth > _LEAST_DEPTH)
-    refusal = _forward_refusal(values, angles, rate, glide, np.asarray(attack))
+    deep = np.isfinite(depth) & (depth > MIN_DEPTH)
+    sound = (np.abs(values) <= MAX_VELOCITY) & ~np.isinf(std) & deep[:, None]
+    values = np.where(sound, values, np.nan)
+    variance = np.square(np.where((std > 0.0) & np.isfinite(std), std, USUAL_STD))
+    glide = usable & deep & (np.abs(angles[:, 1]) > MIN_GLIDE_PITCH)
+    refusal = _refusal_by_depth_rate(values, angles, rate, glide, np.asarray(attack))
     if refusal:
         return RelativeVelocity(np.full_like(values, np.nan), variance, refusal)
     refusal = _lateral_refusal(values[glide])
@@ -86,14 +120,16 @@ def assess_velocity(
         values[:, 1] = np.nan
     for channel in range(3):
         known = np.flatnonzero(np.isfinite(values[:, channel]))
-        if len(known) > _FEWEST:
+        if len(known) > MIN_SAMPLES:
             scatter = _NORMAL * float(np.median(np.abs(np.diff(values[known, channel])))) / np.sqrt(2.0)
             variance[:, channel] = np.maximum(variance[:, channel], scatter**2)
     return RelativeVelocity(values, variance, refusal)
 
 
-def _forward_refusal(values: Array, angles: Array, rate: Array, glide: NDArray[np.bool_], attack: Array) -> str:
-    """Reason why the forward and normal velocity contradict the depth rate; empty if they do not."""
+def _refusal_by_depth_rate(values: Array, angles: Array, rate: Array, glide: Mask, attack: Array) -> str:
+    """Reason why the velocity cannot be used, by the depth rate; empty if it can, or if there are no samples at all."""
+    if not np.isfinite(values).any():
+        return ""
     roll, pitch = angles.T
     forward, lateral, normal = values.T
     normal = np.where(np.isfinite(normal), normal, forward * np.tan(attack))
@@ -103,23 +139,34 @@ def _forward_refusal(values: Array, angles: Array, rate: Array, glide: NDArray[n
         + normal * np.cos(roll) * np.cos(pitch)
     )
     residual = np.where(glide, rate - expected, np.nan)
-    parts = [residual[(rate > 0.0) & np.isfinite(residual)], residual[(rate < 0.0) & np.isfinite(residual)]]
-    if min(len(part) for part in parts) < _FEWEST:
-        return ""
-    dive, climb = (float(np.median(part)) for part in parts)
+    legs = [residual[leg & np.isfinite(residual)] for leg in (rate > 0.0, rate < 0.0)]
+    judged = [float(np.median(leg)) for leg in legs if len(leg) >= MIN_SAMPLES]
+    if not judged:
+        return (
+            f"the relative velocity is not used: it has fewer than {MIN_SAMPLES} samples of u in steady glide below "
+            f"{MIN_DEPTH:g} m, too few to compare with the depth rate"
+        )
     typical = float(np.median(np.abs(rate[glide])))
-    if 0.5 * abs(dive - climb) <= _DISAGREEMENT[0] + _DISAGREEMENT[1] * typical:
+    both = len(judged) == len(legs)
+    difference = 0.5 * abs(judged[0] - judged[1]) if both else abs(judged[0])
+    absolute, relative = _DISAGREEMENT if both else _ONE_LEG_DISAGREEMENT
+    if difference <= absolute + relative * typical:
         return ""
+    found = " and ".join(
+        f"{float(np.median(leg)):+.3f} m/s on the {name}"
+        for leg, name in zip(legs, ("dive", "climb"), strict=True)
+        if len(leg) >= MIN_SAMPLES
+    )
     return (
-        f"the relative velocity is not used: it contradicts the depth rate by {dive:+.3f} m/s on the dive and "
-        f"{climb:+.3f} m/s on the climb; u is forward, v starboard, w downward in the body frame, in m/s"
+        f"the relative velocity is not used: it contradicts the depth rate by {found}; u is forward, v starboard, w "
+        "downward in the body frame, in m/s"
     )
 
 
 def _lateral_refusal(values: Array) -> str:
     """Reason why the lateral velocity is not plausible; empty if it is."""
     known = np.isfinite(values[:, :2]).all(axis=1)
-    if known.sum() < _FEWEST:
+    if known.sum() < MIN_SAMPLES:
         return ""
     forward, lateral = np.median(values[known, :2], axis=0)
     if abs(lateral) <= _SIDESLIP * abs(forward):

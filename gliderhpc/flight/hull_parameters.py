@@ -118,6 +118,14 @@ def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
     return platform.model_copy(update={"uncertainty": uncertainty.model_copy(update={"covariance": errors})})
 
 
+def with_deviations_of(platform: Platform, found: Platform) -> Platform:
+    """Return a hull found with the plausible deviations that the platform file states."""
+    if found.uncertainty is None:
+        return found
+    stated = {} if platform.uncertainty is None else platform.uncertainty.deviation
+    return found.model_copy(update={"uncertainty": found.uncertainty.model_copy(update={"deviation": stated})})
+
+
 def righting_moment(platform: Platform) -> float:
     """Return the first moment S_z at the neutral oil volume with the battery upright, kg m."""
     outside, inside = ballast_masses(platform, platform.buoyancy.neutral_volume_m3)

@@ -24,6 +24,7 @@ from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.noise import spent_and_resolved
+from gliderhpc.estimation.smoother.posterior import displacement_with
 from gliderhpc.estimation.smoother.problem import FOLLOWS_GUSTS
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
@@ -136,7 +137,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
         _noise(smoothed, smoothed.last_pass, ~profile.vibrating[:-1]),
-        _current(record, profile.series, smoothed, found.displacement[:, chosen]),
+        _current(record, profile.series, displacement_with(smoothed, found.velocity), found.displacement[:, chosen]),
     )  # fmt: skip
 
 
@@ -153,10 +154,10 @@ def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]
 
 
 def _current(
-    record: ProfileRecord, series: ProfileSeries, smoothed: SmoothedEstimate, by_hull: Array
+    record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], by_hull: Array
 ) -> DiveCurrent | None:
     """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
-    between = smoothed_current(record, series, smoothed.displacement, smoothed.displacement_covariance, _NOTHING)
+    between = smoothed_current(record, series, *displacement, _NOTHING)
     if between is None:
         return None
     return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)

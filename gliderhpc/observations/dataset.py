@@ -84,6 +84,11 @@ class Observations:
         """Return whether the file has temperature and salinity."""
         return all(name in self._dataset.variables for name in ("temperature", "practical_salinity"))
 
+    @property
+    def has_velocity(self) -> bool:
+        """Return whether the file has a measured velocity relative to the water."""
+        return any(name in self._dataset.variables for name in VELOCITY)
+
     def start_time(self, number: int) -> np.datetime64:
         """Time of the profile's first sample (UTC)."""
         return self._span(number).start_time

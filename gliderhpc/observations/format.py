@@ -110,6 +110,8 @@ MEASURED = ("roll", "pitch", "heading", "depth")
 SEAWATER = ("temperature", "practical_salinity", "pressure")
 VELOCITY = ("relative_velocity_u", "relative_velocity_v", "relative_velocity_w")
 VELOCITY_STD = tuple(f"{name}_std" for name in VELOCITY)
+MAX_VELOCITY = 3.0
+"""Magnitude of a velocity relative to the water (m/s) beyond which a sample is treated as missing."""
 OPTIONAL = (*SEAWATER, *VELOCITY, *VELOCITY_STD)
 """Variables along ``time`` that are used where a file has them."""
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")

@@ -175,9 +175,10 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
             f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
             "estimate"
         )
+    velocity = _velocity(columns, order, remarks)
     return Navigation(
         source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks),
-        _velocity(columns, order),
+        velocity,
     )  # fmt: skip
 
 
@@ -212,12 +213,24 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     )  # fmt: skip
 
 
-def _velocity(columns: NavigationColumns, order: IntArray) -> FloatArray | None:
-    """Measured velocity relative to the water ``(n, 3)``, NaN for components that are absent; None if all are."""
-    found = [name for name in VELOCITY if columns.find(name) and columns.lies_along_samples(name)]
+def _velocity(columns: NavigationColumns, order: IntArray, remarks: list[str]) -> FloatArray | None:
+    """Measured velocity relative to the water ``(n, 3)``, NaN for components that cannot be used; None if none can.
+
+    The reasons are added to the remarks: a current needs no measured velocity.
+    """
+    found: dict[str, FloatArray] = {}
+    for name in (name for name in VELOCITY if columns.find(name)):
+        if not columns.lies_along_samples(name):
+            remarks.append(
+                f"{name} is not used: it does not lie along {columns.dimension}, the dimension of the samples"
+            )
+            continue
+        try:
+            found[name] = columns.quantity(name)[order]
+        except InputError as error:
+            remarks.append(f"{name} is not used: {error}")
     missing = np.full(len(order), np.nan)
-    parts = [columns.quantity(name)[order] if name in found else missing for name in VELOCITY]
-    return np.column_stack(parts) if found else None
+    return np.column_stack([found.get(name, missing) for name in VELOCITY]) if found else None
 
 
 def _joined_velocity(parts: Sequence[Navigation], order: IntArray) -> FloatArray | None:

@@ -7,19 +7,16 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import NamedColumns, find_name
 from gliderhpc.observations.fixes import SurfaceFixes
-from gliderhpc.observations.format import VELOCITY
+from gliderhpc.observations.format import MAX_VELOCITY, VELOCITY
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
 
 _DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "magvar", "declination")
-FASTEST = 3.0
-"""Largest plausible magnitude of a velocity relative to the water, m/s."""
-
 _LIMITS = {
     "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
-    **dict.fromkeys(VELOCITY, (-FASTEST, FASTEST)),
+    **dict.fromkeys(VELOCITY, (-MAX_VELOCITY, MAX_VELOCITY)),
 }  # fmt: skip
 """Plausible ranges; values outside are undeclared fill values and are treated as missing."""
 

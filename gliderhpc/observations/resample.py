@@ -135,8 +135,8 @@ class ProfileSeries:
     without_seawater : str
         Reason why they are unknown; empty if they are known or were not requested.
     velocity, velocity_std : (n + 1, 3) arrays or None
-        Measured velocity relative to the water at the points nearest to its samples and its standard deviation (m/s),
-        NaN elsewhere; None if the record has none.
+        Measured velocity relative to the water and its standard deviation (m/s), means over the samples nearest to each
+        point, NaN elsewhere; None if the record has none.
     """
 
     number: int
@@ -223,19 +223,18 @@ def resample(
 def _velocity_at_points(
     record: ProfileRecord, start: float, step: float, steps: int
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Velocity and standard deviation ``(n + 1, 3)`` at the nearest points; of several samples at a point, the last."""
+    """Means of velocity and standard deviation ``(n + 1, 3)`` over the samples nearest to each point."""
     if record.velocity is None or not np.isfinite(record.velocity).any():
         return None, None
     nearest = np.rint((record.time - start) / step).astype(np.int64)
-    found = []
-    for columns in (record.velocity, record.velocity_std):
-        points = np.full((steps + 1, 3), np.nan)
-        for channel in range(3):
-            known = np.isfinite(record.velocity[:, channel]) & (nearest >= 0) & (nearest <= steps)
-            if columns is not None:
-                points[nearest[known], channel] = columns[known, channel]
-        found.append(points)
-    return found[0], found[1]
+    std = np.full_like(record.velocity, np.nan) if record.velocity_std is None else record.velocity_std
+    velocity, velocity_std = np.full((2, steps + 1, 3), np.nan)
+    for channel in range(3):
+        known = np.isfinite(record.velocity[:, channel]) & (nearest >= 0) & (nearest <= steps)
+        points, place, count = np.unique(nearest[known], return_inverse=True, return_counts=True)
+        velocity[points, channel] = np.bincount(place, record.velocity[known, channel]) / count
+        velocity_std[points, channel] = np.bincount(place, std[known, channel]) / count
+    return velocity, velocity_std
 
 
 def sampling_intervals(record: ProfileRecord) -> FloatArray:

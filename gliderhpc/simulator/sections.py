@@ -263,6 +263,12 @@ class SensorErrors(Section):
         (0.0, 0.0, 0.0), description="constant error of that velocity, forward, starboard and downward, m/s"
     )
 
+    @model_validator(mode="after")
+    def _offset_has_a_velocity(self) -> Self:
+        if any(self.velocity_offset) and self.velocity_deviation is None:
+            raise ValueError("velocity_offset needs a velocity_deviation: without it no velocity is measured")
+        return self
+
 
 class Surface(Section):
     """Intervals at the surface; a mission begins and ends with half of one."""

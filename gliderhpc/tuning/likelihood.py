@@ -88,6 +88,9 @@ def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
         weights=series.weights[: n + 1],
         controls=series.controls[:n],
         seawater=None if series.seawater is None else series.seawater[:n],
+        # The filter does not use a measured velocity.
+        velocity=None,
+        velocity_std=None,
         sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
     )

@@ -7,7 +7,8 @@ the neutral volume and of the normal velocity are the same on dive and climb, wh
 they are estimated too.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,12 +26,11 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
 
-FEWEST = 5
-"""Least number of segments on dive, and on climb."""
-LEAST_ERROR = 0.01
+MIN_SEGMENTS, MIN_PROFILES = 5, 3
+"""Least number of segments on dives, and on climbs, and of profiles."""
+MIN_RELATIVE_ERROR = 0.01
 """Least relative error of drag and lift: that of the velocity's scale."""
-DRAG_AND_LIFT = ("viscous.K_D0", "viscous.K_D", "viscous.K_L")
-_SPEED = 0.05
+_MIN_SPEED = 0.05
 """Least forward velocity of a glide, m/s."""
 
 
@@ -67,13 +67,15 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     Returns
     -------
     MeasuredPolar or None
-        None if fewer than `FEWEST` segments of dive or climb have a velocity, or the factors are not positive.
+        None if too few segments or profiles have a velocity (`MIN_SEGMENTS`, `MIN_PROFILES`), or a factor is not
+        positive.
     """
     forward, _, normal = segments.velocity.T
-    measured = segments.straight & np.isfinite(normal) & (forward > _SPEED)
+    measured = segments.straight & np.isfinite(normal) & (forward > _MIN_SPEED)
     chosen = segments.of(measured)
     heavy = chosen.depth_rate > 0.0
-    if min(np.count_nonzero(heavy), np.count_nonzero(~heavy)) < FEWEST:
+    too_few = min(np.count_nonzero(heavy), np.count_nonzero(~heavy)) < MIN_SEGMENTS
+    if too_few or len(np.unique(chosen.profile)) < MIN_PROFILES:
         return None
     matrix, right, profile = _equations(hull, chosen)
     found, *_ = np.linalg.lstsq(matrix, right)
@@ -84,8 +86,8 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     relative = velocity_error / float(np.median(chosen.velocity[:, 0]))
     return MeasuredPolar(
         drag, lift,
-        float(np.sqrt(scatter[0] ** 2 + (2.0 * relative) ** 2 + LEAST_ERROR**2)),
-        float(np.sqrt(scatter[1] ** 2 + relative**2 + LEAST_ERROR**2)),
+        float(np.sqrt(scatter[0] ** 2 + (2.0 * relative) ** 2 + MIN_RELATIVE_ERROR**2)),
+        float(np.sqrt(scatter[1] ** 2 + relative**2 + MIN_RELATIVE_ERROR**2)),
     )  # fmt: skip
 
 
@@ -112,7 +114,7 @@ def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, 
 
 
 def with_measured_polar(
-    platform: Platform, hull: Platform, segments: SteadySegments, velocity_error: float,
+    platform: Platform, hull: Platform, segments: SteadySegments, velocity_error: float, held: Collection[str] = (),
     report: Callable[[str], None] = lambda _: None,
 ) -> Platform:  # fmt: skip
     """Return a platform with drag and lift of the measured velocity, and with their errors as plausible deviations.
@@ -123,33 +125,52 @@ def with_measured_polar(
         Platform to change, and the same with the buoyancy of the records.
     segments, velocity_error
         As in `measured_polar`.
+    held : collection of str
+        Keys of the parameters that keep the platform's value.
     report : callable
-        Called with a line of text if drag and lift are determined.
+        Called with a line of text if the velocity is measured.
 
     Returns
     -------
     Platform
         The platform itself if the velocity is not measured, or in too few segments.
+
+    Notes
+    -----
+    The platform's value, with its plausible deviation, and the measured one, with its standard error, are averaged with
+    the weights of their precisions, in logarithms. The induced drag ``K_D`` stays at the platform's value.
     """
+    if not np.isfinite(segments.velocity[:, 0]).any():
+        return platform
     found = measured_polar(hull, segments, velocity_error)
     if found is None:
+        report(
+            "drag and lift are not computed from the measured velocity: that needs its forward and normal component in "
+            f"{MIN_SEGMENTS} segments of straight flight on dives, as many on climbs, and {MIN_PROFILES} profiles"
+        )
         return platform
     report(
         f"measured velocity: drag {found.drag:.3f} +- {found.drag_error:.3f} times, lift {found.lift:.3f} +- "
-        f"{found.lift_error:.3f} times that of the fitted hull"
+        f"{found.lift_error:.3f} times that of the hull with the records' buoyancy"
     )
-    viscous = hull.viscous
-    drag, induced, lift = (p for key in DRAG_AND_LIFT for p in hull_parameters(platform) if p.key == key)
-    changed = with_values(platform, {
-        drag.key: found.drag * viscous.K_D0, induced.key: found.drag * viscous.K_D, lift.key: found.lift * viscous.K_L,
-    })  # fmt: skip
-    alpha = np.arctan2(segments.velocity[:, 2], segments.velocity[:, 0])
-    unknown = induced.slope(changed, 0.0) * float(np.nanmedian(alpha**2))
-    errors = {
-        drag: float(np.hypot(found.drag_error * changed.viscous.K_D0, unknown)),
-        lift: found.lift_error * abs(changed.viscous.K_L),
-    }
+    viscous, known = hull.viscous, {p.key: p for p in hull_parameters(platform)}
+    square = float(np.nanmedian(np.arctan2(segments.velocity[:, 2], segments.velocity[:, 0]) ** 2))
+    drag = found.drag * (viscous.K_D0 + viscous.K_D * square) - platform.viscous.K_D * square
+    induced = known["viscous.K_D"].slope(platform, 0.0) * square if "viscous.K_D" in known else 0.0
+    values, deviations = {}, {}
+    for key, value, error in (
+        ("viscous.K_D0", drag, math.hypot(found.drag_error, induced / drag) if drag > 0.0 else math.inf),
+        ("viscous.K_L", found.lift * viscous.K_L, found.lift_error),
+    ):
+        if key in held or key not in known or not value > 0.0:
+            continue
+        prior, parameter = known[key].value(platform), known[key]
+        plausible = parameter.deviation(platform) / (1.0 if parameter.factor else abs(prior))
+        precision = 1.0 / plausible**2 + 1.0 / error**2
+        values[key] = prior * math.exp(math.log(value / prior) / error**2 / precision)
+        deviations[key] = (1.0 if parameter.factor else values[key]) / math.sqrt(precision)
+    if not values:
+        return platform
     uncertainty = platform.uncertainty or Uncertainty()
-    narrowed = {p.key: error / abs(p.value(changed)) if p.factor else error for p, error in errors.items()}
-    deviation = {**uncertainty.deviation, **narrowed}
-    return changed.model_copy(update={"uncertainty": uncertainty.model_copy(update={"deviation": deviation})})
+    narrowed = uncertainty.model_copy(update={"deviation": {**uncertainty.deviation, **deviations}})
+    return with_values(platform, values).model_copy(update={"uncertainty": narrowed})

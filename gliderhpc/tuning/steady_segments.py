@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import measured_velocity, on_steps, vibration_set
-from gliderhpc.estimation.relative_velocity import RelativeVelocity
+from gliderhpc.estimation.preparation import on_steps, vibration_set
+from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
@@ -199,7 +199,8 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     bounds = _parts(usable, series, steady)
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
-    found = _averaged(series, bounds, steady, measured_velocity(platform, series, vibrating))
+    velocity = measured_velocity(platform, series, ~vibrating)
+    found = _averaged(series, bounds, steady, velocity)
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")

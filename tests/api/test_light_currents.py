@@ -248,3 +248,35 @@ def test_a_velocity_that_contradicts_the_depth_rate_is_not_used():
     found = currents(records)
     assert "contradicts the depth rate" in found.attrs["comment"]
     assert found.attrs["drag_over_lift"] == currents(mission(glide)).attrs["drag_over_lift"]
+
+
+def test_a_log_filled_with_zeros_is_not_used():
+    glide = Glide()
+    records = _with_velocity(mission(glide), glide)
+    records["relative_velocity_w"] = 0.0 * records["relative_velocity_w"]
+    found = currents(records)
+    assert "is not used" in found.attrs["comment"]
+    np.testing.assert_array_equal(found["dac_north"], currents(mission(glide))["dac_north"])
+
+
+def test_a_velocity_that_cannot_be_read_is_named_and_costs_nothing():
+    glide = Glide()
+    records = _with_velocity(mission(glide), glide)
+    records["relative_velocity_u"].attrs["units"] = "knot"
+    elsewhere = records.drop_vars("relative_velocity_u").assign(
+        relative_velocity_u=("ping", np.full(7, 0.3), {"units": "m s-1"})
+    )
+    for given, why in ((records, "in 'knot'"), (elsewhere, "does not lie along time")):
+        found = currents(given)
+        assert why in found.attrs["comment"]
+        np.testing.assert_array_equal(found["dac_north"], currents(mission(glide))["dac_north"])
+
+
+def test_centimetres_per_second_are_converted():
+    glide = Glide(drag=2.0)
+    records = _with_velocity(mission(glide), glide)
+    exact = currents(records).attrs["drag_over_lift"]
+    for name in ("relative_velocity_u", "relative_velocity_v", "relative_velocity_w"):
+        records[name] = 100.0 * records[name]
+        records[name].attrs["units"] = "cm/s"
+    assert currents(records).attrs["drag_over_lift"] == pytest.approx(exact)

@@ -1,5 +1,8 @@
 """Measured velocity relative to the water: its judgement by the record, and what it gives on a hull that is off."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,13 +10,21 @@ from support.records import record
 
 import gliderhpc as gh
 from gliderhpc.estimation.relative_velocity import USUAL_STD, assess_velocity
-from gliderhpc.estimation.smoother.information import on_hull_alone
+from gliderhpc.estimation.smoother.estimate import filter_fallback
+from gliderhpc.estimation.smoother.information import (
+    Sensitivity,
+    VelocityErrors,
+    _with_velocity_errors_left,
+    on_hull_alone,
+)
+from gliderhpc.estimation.smoother.posterior import with_velocity_errors
 from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.kernels.sensitivity_memory import Information
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
 from gliderhpc.observations.resample import resample
 from gliderhpc.platform import read_platform
+from gliderhpc.platform_sections import Uncertainty
 from gliderhpc.simulator import Scenario, simulate_mission
 
 PETREL = read_platform("petrel-l")
@@ -32,11 +43,16 @@ def _glide(n=400, speed=0.36, attack=0.046, pitch=0.4):
     return velocity, angles, np.full(n, 50.0), rate, alpha
 
 
-def _assessed(change=lambda velocity: velocity, std=0.02):
-    velocity, angles, depth, rate, alpha = _glide()
+def _assessed(change=lambda velocity: velocity, std=0.02, n=400):
+    velocity, angles, depth, rate, alpha = _glide(n)
     return assess_velocity(
         change(velocity), np.full_like(velocity, std), angles, depth, rate, np.ones(len(rate), bool), alpha
     )
+
+
+def _on_the_dive(velocity):
+    velocity[len(velocity) // 2 :] = np.nan
+    return velocity
 
 
 def test_a_velocity_that_agrees_with_the_depth_rate_is_used_as_it_is():
@@ -53,8 +69,10 @@ def test_a_velocity_that_agrees_with_the_depth_rate_is_used_as_it_is():
         lambda v: v * [-1.0, 1.0, 1.0],  # u backwards
         lambda v: 2.0 * v,
         lambda v: 0.5 * v,
-        lambda v: v + [0.1, 0.0, 0.0],
+        lambda v: v + np.array([0.1, 0.0, 0.0]),
         lambda v: np.roll(v, len(v) // 2, axis=0),  # another time
+        lambda v: -_on_the_dive(v),  # on one leg alone
+        lambda v: v * [1.0, 0.0, 0.0] + np.array([0.1, 0.0, 0.0]),
     ],
 )
 def test_a_velocity_that_contradicts_the_depth_rate_is_refused(change):
@@ -71,8 +89,43 @@ def test_vertical_motion_of_the_water_is_no_contradiction():
     assert found.refusal == ""
 
 
+def test_one_leg_alone_is_judged_too_and_few_samples_are_not_used():
+    assert _assessed(_on_the_dive).refusal == ""
+    few = _assessed(n=30)
+    assert few.is_empty
+    assert "too few" in few.refusal
+
+
+@pytest.mark.parametrize("left", [[np.nan, 1.0, 1.0], [np.nan, np.nan, 1.0], [np.nan, 1.0, np.nan]])
+def test_without_the_forward_velocity_the_others_cannot_be_judged(left):
+    found = _assessed(lambda v: v * left)
+    assert found.is_empty
+    assert "too few" in found.refusal
+
+
+@pytest.mark.parametrize("std", [np.nan, 0.0, -0.1])
+def test_a_deviation_that_is_no_positive_number_is_the_usual_one(std):
+    assert _assessed(std=std).variance == pytest.approx(USUAL_STD**2)
+
+
+def test_samples_of_infinite_deviation_are_missing():
+    found = _assessed(std=np.inf)
+    assert found.is_empty
+    assert np.isfinite(found.variance).all()
+
+
+def test_samples_near_the_surface_are_not_used():
+    velocity, angles, _, rate, alpha = _glide()
+    depth = np.linspace(0.0, 100.0, len(rate))
+    found = assess_velocity(
+        velocity, np.full_like(velocity, 0.02), angles, depth, rate, np.ones(len(rate), bool), alpha
+    )
+    assert np.isnan(found.values[depth <= 5.0]).all()
+    assert np.isfinite(found.values[depth > 5.0]).all()
+
+
 def test_an_implausible_sideslip_costs_the_lateral_velocity_alone():
-    found = _assessed(lambda v: v + [0.0, 0.2, 0.0])
+    found = _assessed(lambda v: v + np.array([0.0, 0.2, 0.0]))
     assert "lateral" in found.refusal
     assert np.isnan(found.values[:, 1]).all()
     assert np.isfinite(found.values[:, [0, 2]]).all()
@@ -83,10 +136,6 @@ def test_samples_that_scatter_more_than_stated_have_less_weight():
     found = _assessed(lambda v: v + noise)
     assert found.refusal == ""
     np.testing.assert_allclose(np.sqrt(found.variance), 0.1, rtol=0.2)
-
-
-def test_without_a_stated_deviation_there_is_a_usual_one():
-    assert _assessed(std=np.nan).variance == pytest.approx(USUAL_STD**2)
 
 
 def test_fill_values_are_missing_samples():
@@ -117,6 +166,55 @@ def test_information_on_the_hull_alone_is_that_with_the_other_errors_integrated_
     whole = np.linalg.inv(matrix + np.eye(6))
     np.testing.assert_allclose(np.linalg.inv(information + np.eye(4)), whole[:4, :4], rtol=1e-12)
     np.testing.assert_allclose(np.linalg.solve(information + np.eye(4), own), (whole @ score)[:4], rtol=1e-12)
+
+
+def _sensitivity(rng, p):
+    shapes = ((2, p), (5, 12, p), (4, 6, p))
+    return Sensitivity(*(rng.standard_normal(shape) for shape in shapes))
+
+
+def test_the_estimate_moves_to_the_mean_of_the_sensor_s_errors():
+    """``x + V m`` with variance ``P + V C V'``, of states, disturbances and displacement (docs/smoother.md)."""
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((3, 3))
+    errors = VelocityErrors(rng.standard_normal(3), root @ root.T, _sensitivity(rng, 3))
+    smoothed = replace(
+        filter_fallback(SimpleNamespace(states=rng.standard_normal((5, 12)), disturbances=rng.standard_normal((5, 6)))),
+        states_std=np.ones((5, 12)), disturbances_std=np.ones((4, 6)), displacement_covariance=np.eye(2),
+    )  # fmt: skip
+    found = with_velocity_errors(smoothed, errors)
+    V = errors.sensitivity
+    np.testing.assert_allclose(found.states[3, 6], smoothed.states[3, 6] + V.states[3, 6] @ errors.mean)
+    variance = 1.0 + V.disturbances[2, 4] @ errors.covariance @ V.disturbances[2, 4]
+    np.testing.assert_allclose(found.disturbances_std[2, 4] ** 2, variance)
+    np.testing.assert_allclose(found.displacement, smoothed.displacement + V.displacement @ errors.mean)
+    expected = np.eye(2) + V.displacement @ errors.covariance @ V.displacement.T
+    np.testing.assert_allclose(found.displacement_covariance, expected)
+
+
+def test_sensitivities_to_the_hull_are_those_of_the_moved_estimate():
+    """Another hull changes the mean of the sensor's errors too; held to the joint problem solved for both hulls."""
+    rng = np.random.default_rng(6)
+    root = rng.standard_normal((12, 6))
+    matrix, score, V = root.T @ root, rng.standard_normal(6), _sensitivity(rng, 6)
+    by_hull, errors = _with_velocity_errors_left(V, Information(np.tril(matrix), score, np.zeros(0)), 3)
+    h = np.array([0.3, -0.2, 0.5])
+    moved = np.linalg.solve(matrix[3:, 3:] + np.eye(3), score[3:] - matrix[3:, :3] @ h)
+    change = V.states[..., :3] @ h + V.states[..., 3:] @ (moved - errors.mean)
+    np.testing.assert_allclose(by_hull.states @ h, change, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(errors.covariance, np.linalg.inv(matrix[3:, 3:] + np.eye(3)))
+
+
+@pytest.mark.parametrize("spoilt", [np.nan, -50.0])
+def test_information_that_is_not_sound_leaves_the_sensor_s_errors_as_they_were(spoilt):
+    rng = np.random.default_rng(7)
+    matrix = np.eye(6)
+    matrix[5, 5] = spoilt
+    V = _sensitivity(rng, 6)
+    by_hull, errors = _with_velocity_errors_left(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), 3)
+    np.testing.assert_array_equal(errors.mean, 0.0)
+    np.testing.assert_array_equal(errors.covariance, np.eye(3))
+    np.testing.assert_array_equal(by_hull.displacement, V.displacement[:, :3])
 
 
 # Records
@@ -210,8 +308,25 @@ def test_a_contradicting_velocity_is_named_and_changes_nothing(records, without)
 
 @pytest.mark.compiled
 def test_calibration_finds_drag_and_lift(records):
-    found = gh.calibrate(records, WRONG, workers=0, rounds={"most": 1}, hold_out=4).platform.viscous
+    platform = with_values(WRONG, {}).model_copy(update={"uncertainty": Uncertainty(deviation={"viscous.K_D0": 0.5})})
+    calibrated = gh.calibrate(records, platform, workers=0, rounds={"most": 1}, hold_out=4).platform
+    # The file keeps the user's plausible deviations; what the mission says is in the covariance.
+    assert calibrated.uncertainty.deviation == {"viscous.K_D0": 0.5}
+    found = calibrated.viscous
     attack = 0.046**2
     drag = (found.K_D0 + found.K_D * attack) / (PETREL.viscous.K_D0 + PETREL.viscous.K_D * attack)
     assert drag == pytest.approx(1.0, abs=0.05)
-    assert found.K_L / PETREL.viscous.K_L == pytest.approx(1.0, abs=0.05)
+    assert pytest.approx(1.0, abs=0.05) == found.K_L / PETREL.viscous.K_L
+
+
+@pytest.mark.compiled
+def test_a_hull_is_tuned_on_such_records(records):
+    gh.tune(records, PETREL, profiles=1, tuning={"longest": 150, "max_rounds": 1})
+
+
+def test_several_samples_at_a_point_are_averaged():
+    time = np.arange(0.0, 60.0, 0.5)
+    velocity = np.column_stack([np.arange(len(time)) % 2 * 0.2, *np.zeros((2, len(time)))])
+    found = resample(record(time, velocity=velocity), 2.0, 10.0)
+    np.testing.assert_allclose(found.velocity[3:-3, 0], 0.1, atol=0.05)
+    assert np.isnan(found.velocity_std).all()

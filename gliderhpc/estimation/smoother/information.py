@@ -66,19 +66,19 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class WithVelocityErrors:
-    """Information of a dive on its hull and on the three constant errors of its measured velocity, together.
+class VelocityErrors:
+    """Constant errors of the measured velocity relative to the water after a dive, for the platform's hull.
 
     Attributes
     ----------
-    score, information : (p+3,), (p+3, p+3)
-        As in `DiveInformation`; the errors of forward, lateral and normal velocity come last.
+    mean, covariance : (3,), (3, 3)
+        Mean and covariance of the errors of forward, lateral and normal velocity, in plausible deviations.
     sensitivity : Sensitivity
-        Sensitivities to all of them.
+        Change of the smoothed estimate with these errors.
     """
 
-    score: Array
-    information: Array
+    mean: Array
+    covariance: Array
     sensitivity: Sensitivity
 
 
@@ -101,9 +101,10 @@ class DiveInformation:
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
         Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
-    with_velocity : WithVelocityErrors, optional
-        Information on the hull and on the constant errors of a measured velocity relative to the water, if there is
-        one. Score and information above are those on the hull alone, whatever these errors are.
+    velocity : VelocityErrors, optional
+        Constant errors of a measured velocity relative to the water, if there is one. Score and information are those
+        on the hull whatever these errors are, and the sensitivities those of the estimate that is moved to their mean
+        (`gliderhpc.estimation.smoother.posterior.with_velocity_errors`).
     """
 
     parameters: tuple[HullParameter, ...]
@@ -115,7 +116,7 @@ class DiveInformation:
     displacement: Array
     states: Array
     disturbances: Array
-    with_velocity: WithVelocityErrors | None = None
+    velocity: VelocityErrors | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -214,10 +215,9 @@ def dive_information(
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     (score, information), *others = (on_hull_alone(one, len(parameters)) for one in found)
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
-    together = None
+    by_hull, velocity = by_all, None
     if len(found[0].score) > len(parameters):
-        together = WithVelocityErrors(found[0].score, symmetric(found[0].matrix), by_all)
-    by_hull = _of_first(by_all, len(parameters))
+        by_hull, velocity = _with_velocity_errors_left(by_all, found[0], len(parameters))
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
@@ -228,7 +228,7 @@ def dive_information(
         displacement=by_hull.displacement,
         states=by_hull.states,
         disturbances=by_hull.disturbances,
-        with_velocity=together,
+        velocity=velocity,
     )
 
 
@@ -253,10 +253,24 @@ def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sen
     return Sensitivity(np.ascontiguousarray(found.displacement.T), states, np.ascontiguousarray(disturbances))
 
 
-def _of_first(found: Sensitivity, parameters: int) -> Sensitivity:
-    """Sensitivities to the first parameters."""
-    columns = (found.displacement, found.states, found.disturbances)
-    return Sensitivity(*(np.ascontiguousarray(each[..., :parameters]) for each in columns))
+def _with_velocity_errors_left(
+    by_all: Sensitivity, found: Information, parameters: int
+) -> tuple[Sensitivity, VelocityErrors]:
+    """Sensitivities to the hull of the estimate that is moved to the mean of the other errors, and these errors.
+
+    With information ``M``, the mean of the others is ``C (g - M_oh h)`` for errors ``h`` of the hull, where ``C = (1 +
+    M_oo)^-1``; the estimate's sensitivity to the hull is therefore ``V_h - V_o C M_oh``. Information that is negative
+    or not finite, as a wrong hull may give, leaves the errors at their plausible deviations.
+    """
+    matrix, score, hull, others = symmetric(found.matrix), found.score, slice(parameters), slice(parameters, None)
+    if not _is_sound(score[others], matrix[others, others]) or not np.isfinite(matrix[others, hull]).all():
+        matrix, score = np.zeros_like(matrix), np.zeros_like(score)
+    covariance = np.asarray(np.linalg.inv(matrix[others, others] + np.eye(len(matrix) - parameters)), dtype=np.float64)
+    follows = covariance @ matrix[others, hull]
+    columns = (by_all.displacement, by_all.states, by_all.disturbances)
+    by_others = Sensitivity(*(np.ascontiguousarray(each[..., others]) for each in columns))
+    by_hull = Sensitivity(*(each[..., hull] - each[..., others] @ follows for each in columns))
+    return by_hull, VelocityErrors(covariance @ score[others], covariance, by_others)
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

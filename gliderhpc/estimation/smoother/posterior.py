@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.information import DiveInformation, Sensitivity, WithVelocityErrors
+from gliderhpc.estimation.smoother.information import DiveInformation, VelocityErrors
 from gliderhpc.flight.hull_parameters import HullParameter
 from gliderhpc.platform import Platform
 
@@ -27,10 +27,6 @@ class HullErrors:
     mean: Array
     covariance: Array
 
-    def of(self, chosen: NDArray[np.bool_]) -> "HullErrors":
-        """Return the distribution of the chosen errors."""
-        return HullErrors(self.mean[chosen], self.covariance[np.ix_(chosen, chosen)])
-
 
 def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
     """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""
@@ -44,7 +40,7 @@ def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> Hu
     return HullErrors(np.zeros(len(covariance)), covariance)
 
 
-def after_dive(errors: HullErrors, information: DiveInformation | WithVelocityErrors) -> HullErrors:
+def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
     """Errors after a dive, with covariance ``(I + C^-1)^-1``; C, which may be singular, is not inverted."""
     smaller = np.linalg.solve(np.eye(len(errors.mean)) + errors.covariance @ information.information, errors.covariance)
     covariance = 0.5 * (smaller + smaller.T)
@@ -87,10 +83,9 @@ def with_hull_errors(
     information : DiveInformation
         Information of the dive, with sensitivities at the same records.
     errors : HullErrors
-        The hull's errors after the dive, and those of a measured velocity after them (`errors_after`).
+        The hull's errors after the dive.
     corrected : bool
-        Whether the estimate moves to the mean of the hull's errors; otherwise it remains that for the platform's
-        values. It always moves to the mean of the errors of a measured velocity.
+        Whether the estimate moves to the mean of the errors; otherwise it remains that for the platform's values.
 
     Notes
     -----
@@ -100,50 +95,58 @@ def with_hull_errors(
     dive, since a dive increases ``m m'`` by as much as it decreases ``C``. Both are exact if the problem is linear in
     the errors.
     """
-    hull = np.arange(len(errors.mean)) < len(information.parameters)
-    held = hull & (not corrected)
-    mean, left = np.where(held, 0.0, errors.mean), np.where(held, errors.mean, 0.0)
-    square = errors.covariance + np.outer(left, left)
-    by = _sensitivity(information)
-    of_states, of_disturbances = _variance(by.states, square), _variance(by.disturbances, square)
-    of_displacement = by.displacement @ square @ by.displacement.T
+    mean = errors.mean if corrected else np.zeros_like(errors.mean)
+    square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
+    V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
+    of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
+    of_displacement = V @ square @ V.T
     result = replace(
         smoothed,
-        states=smoothed.states + by.states @ mean,
+        states=smoothed.states + by_state @ mean,
         states_std=np.sqrt(smoothed.states_std**2 + of_states),
-        disturbances=smoothed.disturbances + by.disturbances @ mean,
+        disturbances=smoothed.disturbances + by_disturbance @ mean,
         disturbances_std=np.sqrt(smoothed.disturbances_std**2 + of_disturbances),
-        displacement=smoothed.displacement + by.displacement @ mean,
+        displacement=smoothed.displacement + V @ mean,
         displacement_covariance=smoothed.displacement_covariance + of_displacement,
     )
-    if information.with_velocity is not None:
-        errors, square, V = errors.of(hull), square[np.ix_(hull, hull)], information.displacement
-        of_states, of_disturbances = (_variance(x, square) for x in (information.states, information.disturbances))
-        of_displacement = V @ square @ V.T
     shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
     return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
 
 
-def _sensitivity(information: DiveInformation) -> Sensitivity:
-    """Sensitivities to the errors of the hull, and to those of a measured velocity if there is one."""
-    if information.with_velocity is not None:
-        return information.with_velocity.sensitivity
-    return Sensitivity(information.displacement, information.states, information.disturbances)
+def with_velocity_errors(smoothed: SmoothedEstimate, velocity: VelocityErrors) -> SmoothedEstimate:
+    """Move an estimate at the records to the mean of the measured velocity's errors, and add their uncertainty.
 
+    Parameters
+    ----------
+    smoothed : SmoothedEstimate
+        Estimate at the records (`SmoothedEstimate.thinned`), for a velocity without constant errors.
+    velocity : VelocityErrors
+        These errors after the dive, with sensitivities at the same records.
 
-def errors_after(errors: HullErrors, information: DiveInformation) -> HullErrors:
-    """Errors of hull and measured velocity after a dive, from those of the hull before it.
-
-    A dive whose information is not sound leaves them as they were.
+    Returns
+    -------
+    SmoothedEstimate
+        The estimate ``x + V m`` with the variance ``P + V C V'``.
     """
-    together = information.with_velocity
-    if together is None:
-        return after_dive(errors, information) if information.narrows_errors else errors
-    hull, count = len(errors.mean), len(together.score)
-    covariance = np.eye(count)
-    covariance[:hull, :hull] = errors.covariance
-    before = HullErrors(np.concatenate([errors.mean, np.zeros(count - hull)]), covariance)
-    return after_dive(before, together) if information.narrows_errors else before
+    by, mean, covariance = velocity.sensitivity, velocity.mean, velocity.covariance
+    displacement, displacement_covariance = displacement_with(smoothed, velocity)
+    return replace(
+        smoothed,
+        states=smoothed.states + by.states @ mean,
+        states_std=np.sqrt(smoothed.states_std**2 + _variance(by.states, covariance)),
+        disturbances=smoothed.disturbances + by.disturbances @ mean,
+        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + _variance(by.disturbances, covariance)),
+        displacement=displacement,
+        displacement_covariance=displacement_covariance,
+    )
+
+
+def displacement_with(smoothed: SmoothedEstimate, velocity: VelocityErrors | None) -> tuple[Array, Array]:
+    """Displacement ``(2,)``, m, and its covariance, m2, with the errors of a measured velocity if there is one."""
+    if velocity is None:
+        return smoothed.displacement, smoothed.displacement_covariance
+    V = velocity.sensitivity.displacement
+    return smoothed.displacement + V @ velocity.mean, smoothed.displacement_covariance + V @ velocity.covariance @ V.T
 
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:

@@ -147,6 +147,8 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         weights=series.weights[first : last + 1],
         controls=series.controls[first:last],
         sample_index=index - first,
+        velocity=None,
+        velocity_std=None,
     )
 
 
