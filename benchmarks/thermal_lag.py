@@ -1,4 +1,4 @@
-"""How much the thermal lag of the conductivity cell, which is not corrected, can change buoyancy and vertical velocity.
+"""Estimate how much the thermal lag of the conductivity cell, which is not corrected, changes buoyancy and depth rate.
 
 Usage: ``python -m benchmarks.thermal_lag OBSERVATIONS.nc [...]``, files in the observation format with a CTD. Writes
 ``docs/thermal-lag.md``.
@@ -21,8 +21,8 @@ from gliderhpc.observations.seawater import SeawaterMissingError, seawater_on_st
 from gliderhpc.platform import Platform
 
 GRAVITY = 9.81
-FLOW = 0.4
-"""Speed of the water in the cell, m/s."""
+FLOWS = (0.4, 0.1)
+"""Speed of the water in the cell, m/s: pumped, and flushed by the motion of the glider alone."""
 STEP = 2.0
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "thermal-lag.md"
@@ -65,12 +65,12 @@ def with_corrected_salinity(record: ProfileRecord, flow: float) -> ProfileRecord
     return replace(record, practical_salinity=corrected)
 
 
-def effects(record: ProfileRecord, hull: Platform) -> tuple[Array, Array, float] | None:
+def effects(record: ProfileRecord, hull: Platform, flow: float) -> tuple[Array, Array, float] | None:
     """Changes of density (kg/m3) and of weight in water (N) on steps, and the net weight (N); None without a CTD."""
     try:
         series = resample(record, STEP, longest_bridged(sampling_intervals(record)))
         found, corrected = (
-            seawater_on_steps(series, each)[:, 1] for each in (record, with_corrected_salinity(record, FLOW))
+            seawater_on_steps(series, each)[:, 1] for each in (record, with_corrected_salinity(record, flow))
         )
     except (ProfileError, SeawaterMissingError):
         return None
@@ -80,7 +80,7 @@ def effects(record: ProfileRecord, hull: Platform) -> tuple[Array, Array, float]
     return change, -GRAVITY * volume * change, float(0.5 * range_ * hull.buoyancy.water_density * GRAVITY)
 
 
-def row(path: Path) -> list[str]:
+def row(path: Path, flow: float) -> list[str]:
     """Effects over a mission: root mean square and 95th percentile of the sizes."""
     with open_observations(path) as observations:
         hull = gh.load_platform(observations.platform_name)
@@ -89,7 +89,7 @@ def row(path: Path) -> list[str]:
             if number not in observations.faults
         ]  # fmt: skip
         found = [each for record in records if record.temperature is not None
-                 for each in [effects(record, hull)] if each is not None]  # fmt: skip
+                 for each in [effects(record, hull, flow)] if each is not None]  # fmt: skip
         speed = [
             float(np.nanmedian(np.abs(np.diff(record.depth) / np.diff(record.time)))) for record in records
         ]  # fmt: skip
@@ -97,7 +97,7 @@ def row(path: Path) -> list[str]:
     weight = np.concatenate([change for _, change, _ in found])
     relative = np.concatenate([0.5 * change / net for _, change, net in found])
     velocity = 100.0 * float(np.median(speed)) * relative
-    cells = [path.stem, str(len(found))]
+    cells = [path.stem, f"{flow:g}", str(len(found))]
     for values, digits in ((density, 4), (weight, 3), (velocity, 3)):
         sizes = np.abs(values[np.isfinite(values)])
         cells.append(f"{np.sqrt(np.mean(sizes**2)):.{digits}f}; {np.quantile(sizes, 0.95):.{digits}f}")
@@ -109,12 +109,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("observations", nargs="+", type=Path)
     given = parser.parse_args(arguments)
-    anomaly, relaxation = error_and_time(FLOW)
-    heads = ["mission", "profiles", "density, kg/m3", "weight in water, N", "depth rate, cm/s"]
-    table = markdown(heads, [row(path) for path in given.observations])
-    PAGE.write_text(
-        TEMPLATE.read_text("utf-8").format(table=table, flow=FLOW, anomaly=anomaly, relaxation=relaxation), "utf-8"
-    )
+    cells = "; ".join(f"{flow:g} m/s: {x:.3f}, {t:.1f} s" for flow in FLOWS for x, t in [error_and_time(flow)])
+    heads = ["mission", "flow, m/s", "profiles", "density, kg/m3", "weight in water, N", "depth rate, cm/s"]
+    table = markdown(heads, [row(path, flow) for path in given.observations for flow in FLOWS])
+    PAGE.write_text(TEMPLATE.read_text("utf-8").format(table=table, cells=cells), "utf-8")
 
 
 if __name__ == "__main__":

@@ -145,8 +145,8 @@ def _check_plausible(found: HullRounds) -> None:
             f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
             f"deviations allow ({found.parameters[farthest].key} by {found.eta[farthest]:+.1f} of them; chi-square "
             f"{distance:.0f}, expected {expected:.0f}): motion of the water can act like errors of the hull; if the "
-            "hull does differ that much, give larger uncertainty.deviation in the platform file (where the records have "
-            "a measured velocity, the deviations of drag and lift are those that it leaves)"
+            "hull does differ that much, give larger uncertainty.deviation in the platform file (with a measured "
+            "velocity, the deviations of drag and lift are those that it leaves)"
         )
 
 
