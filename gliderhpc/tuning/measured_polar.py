@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import hull_parameters, with_values
+from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters, with_values
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import Uncertainty
@@ -164,13 +164,18 @@ def with_measured_polar(
     ):
         if key in held or key not in known or not value > 0.0:
             continue
-        prior, parameter = known[key].value(platform), known[key]
-        plausible = parameter.deviation(platform) / (1.0 if parameter.factor else abs(prior))
-        precision = 1.0 / plausible**2 + 1.0 / error**2
-        values[key] = prior * math.exp(math.log(value / prior) / error**2 / precision)
-        deviations[key] = (1.0 if parameter.factor else values[key]) / math.sqrt(precision)
+        values[key], deviations[key] = _averaged(known[key], platform, value, error)
     if not values:
         return platform
     uncertainty = platform.uncertainty or Uncertainty()
     narrowed = uncertainty.model_copy(update={"deviation": {**uncertainty.deviation, **deviations}})
     return with_values(platform, values).model_copy(update={"uncertainty": narrowed})
+
+
+def _averaged(parameter: HullParameter, platform: Platform, value: float, error: float) -> tuple[float, float]:
+    """Average a measured value of a relative error with the platform's; return it with its plausible deviation."""
+    prior = parameter.value(platform)
+    plausible = parameter.deviation(platform) / (1.0 if parameter.factor else abs(prior))
+    precision = 1.0 / plausible**2 + 1.0 / error**2
+    mean = prior * math.exp(math.log(value / prior) / error**2 / precision)
+    return mean, (1.0 if parameter.factor else mean) / math.sqrt(precision)

@@ -14,8 +14,8 @@ from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.information import (
     Sensitivity,
     VelocityErrors,
-    _with_velocity_errors_left,
     on_hull_alone,
+    split_sensitivity,
 )
 from gliderhpc.estimation.smoother.posterior import with_velocity_errors
 from gliderhpc.flight.hull_parameters import with_values
@@ -197,7 +197,7 @@ def test_sensitivities_to_the_hull_are_those_of_the_moved_estimate():
     rng = np.random.default_rng(6)
     root = rng.standard_normal((12, 6))
     matrix, score, V = root.T @ root, rng.standard_normal(6), _sensitivity(rng, 6)
-    by_hull, errors = _with_velocity_errors_left(V, Information(np.tril(matrix), score, np.zeros(0)), 3)
+    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), score, np.zeros(0)), 3)
     h = np.array([0.3, -0.2, 0.5])
     moved = np.linalg.solve(matrix[3:, 3:] + np.eye(3), score[3:] - matrix[3:, :3] @ h)
     change = V.states[..., :3] @ h + V.states[..., 3:] @ (moved - errors.mean)
@@ -211,7 +211,7 @@ def test_information_that_is_not_sound_leaves_the_sensor_s_errors_as_they_were(s
     matrix = np.eye(6)
     matrix[5, 5] = spoilt
     V = _sensitivity(rng, 6)
-    by_hull, errors = _with_velocity_errors_left(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), 3)
+    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), 3)
     np.testing.assert_array_equal(errors.mean, 0.0)
     np.testing.assert_array_equal(errors.covariance, np.eye(3))
     np.testing.assert_array_equal(by_hull.displacement, V.displacement[:, :3])

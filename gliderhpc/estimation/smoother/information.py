@@ -217,7 +217,7 @@ def dive_information(
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
     by_hull, velocity = by_all, None
     if len(found[0].score) > len(parameters):
-        by_hull, velocity = _with_velocity_errors_left(by_all, found[0], len(parameters))
+        by_hull, velocity = split_sensitivity(by_all, found[0], len(parameters))
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
@@ -253,9 +253,7 @@ def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sen
     return Sensitivity(np.ascontiguousarray(found.displacement.T), states, np.ascontiguousarray(disturbances))
 
 
-def _with_velocity_errors_left(
-    by_all: Sensitivity, found: Information, parameters: int
-) -> tuple[Sensitivity, VelocityErrors]:
+def split_sensitivity(by_all: Sensitivity, found: Information, parameters: int) -> tuple[Sensitivity, VelocityErrors]:
     """Sensitivities to the hull of the estimate that is moved to the mean of the other errors, and these errors.
 
     With information ``M``, the mean of the others is ``C (g - M_oh h)`` for errors ``h`` of the hull, where ``C = (1 +
