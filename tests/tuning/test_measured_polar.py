@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_calibration import PETREL, glides
+from support.steady_glides import glides
 
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values
+from gliderhpc.flight.steady_glide import glides_stably
+from gliderhpc.platform import read_platform
 from gliderhpc.platform_sections import Uncertainty
 from gliderhpc.tuning.measured_polar import measured_polar, with_measured_polar
 from gliderhpc.tuning.segment_errors import SegmentErrors
 
+PETREL = read_platform("petrel-l")
 TRUTH = with_values(PETREL, {"viscous.K_D0": 11.0, "viscous.K_L": 390.0})
 
 
@@ -80,6 +83,4 @@ def test_too_few_segments_change_nothing(left_out):
 
 
 def test_the_hull_found_still_glides():
-    from gliderhpc.flight.steady_glide import glides_stably
-
     assert glides_stably(Glider(with_measured_polar(PETREL, PETREL, segments(), 0.003)))
