@@ -92,10 +92,11 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
 
 
 def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Balances along and across the path: matrix (2n, 4), right side (2n,), N, and profile of each row (2n,).
+    """Balances along and across the path: matrix (2m, 4), right side (2m,), N, and profile of each row (2m,).
 
     The unknowns are the factors on drag and lift, an additional weight (N), and the factor on the lift times the error
-    of the normal velocity (m/s).
+    of the normal velocity (m/s). The rows are means over the dive or the climb of a profile: in a single segment the
+    normal velocity, hardly larger than its noise, would make the lift appear too small.
     """
     seawater = segments.seawater if fits_density(hull, segments) else None
     glider = Glider(hull)
@@ -109,8 +110,11 @@ def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, 
     none = np.zeros_like(along)
     by_drag = np.column_stack([square * drag, none, -along, none])
     by_lift = np.column_stack([none, square * (lift - without), -across, -square * slope / forward])
-    right = np.concatenate([weight * along, weight * across - square * without])
-    return np.vstack([by_drag, by_lift]), right, np.concatenate([segments.profile, segments.profile])
+    right = np.column_stack([weight * along, weight * across - square * without])
+    legs, place = np.unique(np.column_stack([segments.profile, segments.depth_rate > 0.0]), axis=0, return_inverse=True)
+    means = np.equal.outer(np.arange(len(legs)), place.ravel()) / np.bincount(place.ravel())[:, None]
+    matrix = np.vstack([means @ by_drag, means @ by_lift])
+    return matrix, (means @ right).T.ravel(), np.concatenate([legs[:, 0], legs[:, 0]])
 
 
 def with_measured_polar(

@@ -44,6 +44,15 @@ def test_errors_that_dive_and_climb_share_do_not_matter():
     assert found.lift == pytest.approx(exact.lift, rel=0.01)
 
 
+def test_noise_of_the_samples_does_not_make_the_lift_seem_small():
+    """Of single segments it would: their normal velocity is hardly larger than its noise."""
+    exact, found = segments(profiles=8), []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 0.005, exact.velocity.shape)
+        found.append(measured_polar(PETREL, replace(exact, velocity=exact.velocity + noise), 0.003).lift)
+    assert np.mean(found) == pytest.approx(390.0 / PETREL.viscous.K_L, rel=0.02)
+
+
 def test_the_platform_gets_the_weighted_mean_of_its_own_and_the_measured():
     found = with_measured_polar(PETREL, PETREL, segments(), 0.003)
     assert pytest.approx(11.0, rel=0.04) == found.viscous.K_D0
