@@ -142,6 +142,8 @@ _REFERENCE_TABLE = (
     Variable("reference_speed", SAMPLE, "m s-1", "speed through the water by the source's flight model"),
     Variable("reference_horizontal_speed", SAMPLE, "m s-1", "horizontal part of reference_speed"),
     Variable("reference_vertical_speed", SAMPLE, "m s-1", "vertical part of reference_speed, upward"),
+    Variable("reference_depth_rate", SAMPLE, "m s-1", "vertical velocity of the vehicle from its depth, upward"),
+    Variable("reference_vertical_current", SAMPLE, "m s-1", "vertical velocity of the water by the source, upward"),
     Variable(
         "reference_slope_speed", SAMPLE, "m s-1", "speed by the source's lift and drag and the measured depth rate"
     ),

@@ -77,6 +77,8 @@ SPEED = {
     "reference_speed": Term(("GLIDE_SPEED",), "m s-1"),
     "reference_horizontal_speed": Term(("GLIDER_HORZ_VELO_MODEL",), "m s-1"),
     "reference_vertical_speed": Term(("GLIDER_VERT_VELO_MODEL",), "m s-1"),
+    "reference_depth_rate": Term(("GLIDER_VERT_VELO_DZDT",), "m s-1"),
+    "reference_vertical_current": Term(("VERT_CURR_MODEL",), "m s-1"),
 }
 
 

@@ -263,6 +263,14 @@ def test_vertical_velocities_of_the_study(content, changed, tmp_path):
         here = known & (found["DIVE_NUMBER"].values == number)
         assert set(flags[here]) <= {2 if apart <= 2.0 else 3 if np.isfinite(apart) else 0}
     assert found["VERT_CURR_MODEL"].attrs["ancillary_variables"] == "VERT_CURR_MODEL_QC VERT_CURR_MODEL_STD"
+    assert program("import", "og1", path, tmp_path / "back.nc").status == 0
+    back = read_reference(tmp_path / "back.nc")
+    time = back["reference_time"].values
+    rows = np.searchsorted(found["TIME"].values, time)
+    for name, sent in (("vertical_current", water), ("vertical_speed", model), ("depth_rate", by_depth)):
+        values = back[f"reference_{name}"].values
+        assert np.isfinite(values).sum() > 100
+        np.testing.assert_allclose(values, sent[rows], rtol=1e-6)
 
 
 def test_a_difference_between_descent_and_ascent_is_flagged(changed, tmp_path):
