@@ -191,7 +191,10 @@ def _currents() -> Iterator[Term]:
                 comment="one value per dive, on all of its rows",
             )
             yield quantity(
-                f"DAVG_CURR_{along}{suffix}_STD", "m s-1", f"standard deviation of DAVG_CURR_{along}{suffix}"
+                f"DAVG_CURR_{along}{suffix}_STD",
+                "m s-1",
+                f"standard deviation of DAVG_CURR_{along}{suffix}",
+                standard_name=f"{towards}ward_sea_water_velocity standard_error",
             )
     yield flags(
         "DAVG_CURR_ESTIMATE",
@@ -202,14 +205,31 @@ def _currents() -> Iterator[Term]:
     )
 
 
+_STANDARD_NAMES = {
+    "ROLL": "platform_roll_starboard_down",
+    "PITCH": "platform_pitch_fore_up",
+    "HEADING": "platform_orientation",
+    "P": "platform_roll_rate_starboard_down",
+    "Q": "platform_pitch_rate_fore_up",
+    "R": "platform_yaw_rate_fore_starboard",
+}
+"""CF standard names of what is estimated; forces, moments and displacements through the water have none."""
+
+
 def _estimates(estimator: str) -> Iterator[Term]:
     for name, (units, long_name) in {**CHANNELS, **MOTION}.items():
         over = ", mean over the record's interval" if name in CHANNELS and estimator == "ADJOINT" else ""
-        yield quantity(f"{name.upper()}_{estimator}", units, f"{long_name}, {estimator.lower()} estimate{over}")
+        yield _estimate(name, estimator, units, f"{long_name}, {estimator.lower()} estimate{over}")
     for name in TRACKED:
         variable = MISSION["state"][name]
         long_name = variable.long_name.replace("reconstructed ", "")
-        yield quantity(f"{name.upper()}_{estimator}", variable.units, f"{long_name}, {estimator.lower()} estimate")
+        yield _estimate(name, estimator, variable.units, f"{long_name}, {estimator.lower()} estimate")
+
+
+def _estimate(name: str, estimator: str, units: str, long_name: str) -> Term:
+    standard = _STANDARD_NAMES.get(name.upper())
+    more = {} if standard is None else {"standard_name": standard}
+    return quantity(f"{name.upper()}_{estimator}", units, long_name, **more)
 
 
 def quantity(name: str, units: str, long_name: str, **more: str) -> Term:
@@ -222,6 +242,7 @@ _SPEEDS = (
         "GLIDE_SPEED",
         "m s-1",
         "speed through the water, adjoint estimate",
+        standard_name="platform_speed_wrt_sea_water",
         observation_type="calculated",
         comment="of the motion under the estimated disturbance, not of the hull's undisturbed flight model",
     ),
@@ -286,6 +307,8 @@ def deviation_of(term: Term) -> Term:
         "units": term.attributes["units"],
         "coordinates": _AT,
     }
+    if "standard_name" in term.attributes:
+        attributes["standard_name"] = f"{term.attributes['standard_name']} standard_error"
     return Term(f"{term.name}_STD", term.dtype, attributes)
 
 
