@@ -118,7 +118,7 @@ def run_mission(
     """
     check_engine(settings)
     check_seawater(platform, settings)
-    _log_unused_seawater(observations, platform, settings)
+    _log_use_of_optional_variables(observations, platform, settings)
     began = time.monotonic()
     plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
@@ -150,13 +150,15 @@ def run_mission(
     return result
 
 
-def _log_unused_seawater(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
+def _log_use_of_optional_variables(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
     if settings.seawater == "auto" and observations.has_seawater and platform.buoyancy.compressibility is None:
         log.info(
             "buoyancy from the depth slope: temperature and salinity are measured, but the platform %s states no "
             "buoyancy.compressibility; `gliderhpc calibrate` estimates one",
             platform.name,
         )
+    if observations.has_velocity:
+        log.info("the smoother uses the measured velocity relative to the water where it agrees with the depth rate")
 
 
 def _warn_of_slope(platform: Platform, result: MissionResult) -> None:

@@ -307,6 +307,15 @@ def test_a_contradicting_velocity_is_named_and_changes_nothing(records, without)
 
 
 @pytest.mark.compiled
+def test_a_run_says_that_the_velocity_is_used(records, without, tmp_path, caplog):
+    caplog.set_level("INFO", logger="gliderhpc")
+    for path in (records, without):
+        gh.run_mission(path, PETREL, tmp_path / f"{path.parent.name}.zarr", profiles=1, workers=0)
+        assert ("measured velocity" in caplog.text) == (path is records)
+        caplog.clear()
+
+
+@pytest.mark.compiled
 def test_calibration_finds_drag_and_lift(records):
     platform = with_values(WRONG, {}).model_copy(update={"uncertainty": Uncertainty(deviation={"viscous.K_D0": 0.5})})
     calibrated = gh.calibrate(records, platform, workers=0, rounds={"most": 1}, hold_out=4).platform
