@@ -16,8 +16,9 @@ from benchmarks.hull_commands import flown_hull
 from gliderhpc import Glider
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.information import DiveInformation
-from gliderhpc.estimation.smoother.posterior import HullErrors, after_dive, stated_errors, with_hull_errors
+from gliderhpc.estimation.smoother.posterior import after_dive, with_hull_errors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably

@@ -20,15 +20,10 @@ from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.posterior import (
-    HullPart,
-    after_dive,
-    stated_errors,
-    with_hull_errors,
-    with_velocity_errors,
-)
+from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, with_hull_errors, with_velocity_errors
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.resample import ProfileSeries

@@ -19,8 +19,8 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.settings import Settings
+from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import semidefinite
-from gliderhpc.estimation.smoother.posterior import stated_errors
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform

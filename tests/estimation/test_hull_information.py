@@ -11,6 +11,7 @@ from gliderhpc.estimation.preparation import corrected, on_steps, prepare_profil
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
+from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import (
     DiveInformation,
     flyable,
@@ -21,7 +22,7 @@ from gliderhpc.estimation.smoother.information import (
 )
 from gliderhpc.estimation.smoother.iterate import iterate_passes
 from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
-from gliderhpc.estimation.smoother.posterior import after_dive, stated_errors, with_hull_errors
+from gliderhpc.estimation.smoother.posterior import after_dive, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import (

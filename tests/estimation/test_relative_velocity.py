@@ -192,26 +192,47 @@ def test_the_estimate_moves_to_the_mean_of_the_sensor_s_errors():
     np.testing.assert_allclose(found.displacement_covariance, expected)
 
 
-def test_sensitivities_to_the_hull_are_those_of_the_moved_estimate():
-    """Another hull changes the mean of the sensor's errors too; held to the joint problem solved for both hulls."""
-    rng = np.random.default_rng(6)
-    root = rng.standard_normal((12, 6))
-    matrix, score, V = root.T @ root, rng.standard_normal(6), _sensitivity(rng, 6)
-    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), score, np.zeros(0)), 3)
-    h = np.array([0.3, -0.2, 0.5])
-    moved = np.linalg.solve(matrix[3:, 3:] + np.eye(3), score[3:] - matrix[3:, :3] @ h)
-    change = V.states[..., :3] @ h + V.states[..., 3:] @ (moved - errors.mean)
-    np.testing.assert_allclose(by_hull.states @ h, change, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(errors.covariance, np.linalg.inv(matrix[3:, 3:] + np.eye(3)))
+def _joint(seed):
+    """Information, score and sensitivities of three errors of the hull and three others, and the hull's covariance."""
+    rng = np.random.default_rng(seed)
+    root, spread = rng.standard_normal((12, 6)), rng.standard_normal((3, 3))
+    found = Information(np.tril(root.T @ root), rng.standard_normal(6), np.zeros(0))
+    return found, _sensitivity(rng, 6), spread @ spread.T
+
+
+def test_the_sensor_s_errors_and_the_hull_s_are_those_of_the_joint_problem():
+    """Mean and variance of the moved estimate, as if all six errors were solved for at once."""
+    found, V, P = _joint(6)
+    by_hull, errors = split_sensitivity(V, found, P)
+    matrix = np.tril(found.matrix) + np.tril(found.matrix, -1).T
+    before = np.eye(6)
+    before[:3, :3] = P
+    after = np.linalg.inv(matrix + np.linalg.inv(before))
+    np.testing.assert_allclose(errors.mean, (after @ found.score)[3:], rtol=1e-10)
+    # Averaged over dives, the hull's errors have the covariance that they had before.
+    part = by_hull.states @ P @ by_hull.states.swapaxes(1, 2)
+    part = part + V.states[..., 3:] @ errors.covariance @ V.states[..., 3:].swapaxes(1, 2)
+    joint = np.block([[P, after[:3, 3:]], [after[3:, :3], after[3:, 3:]]])
+    expected = V.states @ joint @ V.states.swapaxes(1, 2)
+    np.testing.assert_allclose(np.diagonal(part, axis1=1, axis2=2), np.diagonal(expected, axis1=1, axis2=2), rtol=1e-9)
+
+
+def test_a_known_hull_leaves_the_errors_of_the_sensor_alone():
+    found, V, _ = _joint(7)
+    by_hull, errors = split_sensitivity(V, found, np.zeros((3, 3)))
+    matrix = np.tril(found.matrix) + np.tril(found.matrix, -1).T
+    alone = np.linalg.inv(matrix[3:, 3:] + np.eye(3))
+    np.testing.assert_allclose(errors.covariance, alone, rtol=1e-10)
+    np.testing.assert_allclose(errors.mean, alone @ found.score[3:], rtol=1e-10)
+    np.testing.assert_allclose(by_hull.states, V.states[..., :3] - V.states[..., 3:] @ (alone @ matrix[3:, :3]))
 
 
 @pytest.mark.parametrize("spoilt", [np.nan, -50.0])
 def test_information_that_is_not_sound_leaves_the_sensor_s_errors_as_they_were(spoilt):
-    rng = np.random.default_rng(7)
     matrix = np.eye(6)
     matrix[5, 5] = spoilt
-    V = _sensitivity(rng, 6)
-    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), 3)
+    V = _sensitivity(np.random.default_rng(7), 6)
+    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), np.eye(3))
     np.testing.assert_array_equal(errors.mean, 0.0)
     np.testing.assert_array_equal(errors.covariance, np.eye(3))
     np.testing.assert_array_equal(by_hull.displacement, V.displacement[:, :3])

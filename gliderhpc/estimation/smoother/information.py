@@ -16,6 +16,7 @@ from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing, with_velocity_offsets
+from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import steered_run
@@ -67,12 +68,13 @@ class Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class VelocityErrors:
-    """Constant errors of the measured velocity relative to the water after a dive, for the platform's hull.
+    """Constant errors of the measured velocity relative to the water after a dive.
 
     Attributes
     ----------
     mean, covariance : (3,), (3, 3)
-        Mean and covariance of the errors of forward, lateral and normal velocity, in plausible deviations.
+        Mean of the errors of forward, lateral and normal velocity, in plausible deviations, and the covariance of what
+        is left of them beside what follows the hull's errors (`split_sensitivity`).
     sensitivity : Sensitivity
         Change of the smoothed estimate with these errors.
     """
@@ -217,7 +219,8 @@ def dive_information(
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
     by_hull, velocity = by_all, None
     if len(found[0].score) > len(parameters):
-        by_hull, velocity = split_sensitivity(by_all, found[0], len(parameters))
+        stated = stated_errors(platform, parameters).covariance
+        by_hull, velocity = split_sensitivity(by_all, found[0], stated)
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
@@ -253,22 +256,39 @@ def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sen
     return Sensitivity(np.ascontiguousarray(found.displacement.T), states, np.ascontiguousarray(disturbances))
 
 
-def split_sensitivity(by_all: Sensitivity, found: Information, parameters: int) -> tuple[Sensitivity, VelocityErrors]:
+def split_sensitivity(
+    by_all: Sensitivity, found: Information, hull_covariance: Array
+) -> tuple[Sensitivity, VelocityErrors]:
     """Sensitivities to the hull of the estimate that is moved to the mean of the other errors, and these errors.
 
-    With information ``M``, the mean of the others is ``C (g - M_oh h)`` for errors ``h`` of the hull, where ``C = (1 +
-    M_oo)^-1``; the estimate's sensitivity to the hull is therefore ``V_h - V_o C M_oh``. Information that is negative
-    or not finite, as a wrong hull may give, leaves the errors at their plausible deviations.
+    Parameters
+    ----------
+    by_all, found : Sensitivity, Information
+        Sensitivities to, and information on, the hull's ``p`` errors and the others after them, which have unit
+        deviations.
+    hull_covariance : (p, p)
+        Covariance ``P`` of the hull's errors before the dive.
+
+    Notes
+    -----
+    With the information ``M``, the covariance of all errors after the dive is ``C = (M + diag(P, 1)^-1)^-1``. The mean
+    of the others is the part ``o`` of ``C g``, which follows the hull's errors ``h`` by ``-K h``, ``K = (C M)_oh``. The
+    estimate's sensitivity to the hull is therefore ``V_h - V_o K``, and what is left of the others has the covariance
+    ``C_oo - K P K'``. Information that is negative or not finite, as a wrong hull may give, is not used.
     """
+    parameters = len(hull_covariance)
     matrix, score, hull, others = symmetric(found.matrix), found.score, slice(parameters), slice(parameters, None)
-    if not _is_sound(score[others], matrix[others, others]) or not np.isfinite(matrix[others, hull]).all():
+    if not _is_sound(score, matrix):
         matrix, score = np.zeros_like(matrix), np.zeros_like(score)
-    covariance = np.asarray(np.linalg.inv(matrix[others, others] + np.eye(len(matrix) - parameters)), dtype=np.float64)
-    follows = covariance @ matrix[others, hull]
+    before = np.eye(len(matrix))
+    before[hull, hull] = hull_covariance
+    after = np.linalg.solve(np.eye(len(matrix)) + before @ matrix, before)
+    follows = (after @ matrix)[others, hull]
+    left = after[others, others] - follows @ hull_covariance @ follows.T
     columns = (by_all.displacement, by_all.states, by_all.disturbances)
     by_others = Sensitivity(*(np.ascontiguousarray(each[..., others]) for each in columns))
     by_hull = Sensitivity(*(each[..., hull] - each[..., others] @ follows for each in columns))
-    return by_hull, VelocityErrors(covariance @ score[others], covariance, by_others)
+    return by_hull, VelocityErrors((after @ score)[others], 0.5 * (left + left.T), by_others)
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

@@ -1,43 +1,15 @@
-"""Errors of the hull from the platform file and one dive, and the smoothed estimate with these errors."""
+"""Errors of the hull after one dive, and the smoothed estimate with these errors and those of a measured velocity."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.hull_errors import HullErrors
 from gliderhpc.estimation.smoother.information import DiveInformation, VelocityErrors
-from gliderhpc.flight.hull_parameters import HullParameter
-from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class HullErrors:
-    """Distribution of the errors ``eta`` of a hull and its records, in plausible deviations.
-
-    Attributes
-    ----------
-    mean, covariance : (p,), (p, p)
-        Mean, relative to the platform's values, and covariance.
-    """
-
-    mean: Array
-    covariance: Array
-
-
-def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
-    """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""
-    covariance, names = np.eye(len(parameters)), [p.key for p in parameters]
-    stated = None if platform.uncertainty is None else platform.uncertainty.covariance
-    if stated is not None:
-        theirs = [i for i, key in enumerate(stated.parameters) if key in names]
-        mine = [names.index(stated.parameters[i]) for i in theirs]
-        slope = np.array([parameters[j].slope(platform, 0.0) for j in mine])
-        covariance[np.ix_(mine, mine)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(slope, slope)
-    return HullErrors(np.zeros(len(covariance)), covariance)
 
 
 def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
