@@ -11,6 +11,7 @@ archives and scores, and with ``--reuse`` missions that have a score are not flo
 import argparse
 import json
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -239,7 +240,7 @@ def scored_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int, 
     return score
 
 
-def coverage_rows(ways: dict[str, list[MissionScore]]) -> list[list[str]]:
+def coverage_rows(ways: Mapping[str, Sequence[MissionScore]]) -> list[list[str]]:
     """Share of the truth in the 68 and 95 % intervals and RMSE, a row a quantity, for every way."""
     rows = []
     for name in QUANTITIES:

@@ -22,10 +22,10 @@ import gliderhpc as gh
 from benchmarks.hull_commands import (
     HULL,
     NORMAL,
-    QUANTITIES,
     TITLES,
     MissionScore,
     believed_hull,
+    coverage_rows,
     flown_hull,
     run_commands,
     scenario_of,
@@ -154,18 +154,6 @@ def summary_row(kind: str, way: str, scores: list[VelocityScore]) -> list[str]:
     ]  # fmt: skip
 
 
-def coverage_rows(by_way: list[list[VelocityScore]]) -> list[list[str]]:
-    """Share of the truth in the 68 and 95 % intervals and RMSE, a row a quantity, for every way."""
-    rows = []
-    for name in QUANTITIES:
-        cells = [name]
-        for scores in by_way:
-            shares = np.mean([score.inside[name] for score in scores], axis=0)
-            cells += [f"{_rms([score.rmse[name] for score in scores]):.3g}", " / ".join(f"{x:.2f}" for x in shares)]
-        rows.append(cells)
-    return rows
-
-
 def page(found: dict[str, list[list[VelocityScore]]], dives: int, seeds: str) -> str:
     """Page of the missions by kind."""
     names = ["missions", "velocity", "current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses", "drag off, RMS",
@@ -176,10 +164,10 @@ def page(found: dict[str, list[list[VelocityScore]]], dives: int, seeds: str) ->
         for i, way in enumerate(WAYS)
     ]
     levels = " / ".join(f"{100 * level:.0f}" for level in NORMAL)
-    heads = ["quantity", *(head for way in WAYS for head in (f"{way}: RMSE", f"in {levels} %"))]
+    heads = ["quantity", *(head for way in WAYS for head in (f"{way}: in {levels} %", "RMSE"))]
     tables = [
         f"### {TITLES[kind]}\n\n"
-        + markdown(heads, coverage_rows([[mission[i] for mission in missions] for i in range(len(WAYS))]))
+        + markdown(heads, coverage_rows({way: [mission[i] for mission in missions] for i, way in enumerate(WAYS)}))
         for kind, missions in found.items()
     ]
     return TEMPLATE.read_text("utf-8").format(

@@ -1,4 +1,4 @@
-"""A watch that is killed at random, and whose files arrive truncated and twice: what is lost, what is told twice.
+"""A watch that is killed at random, and whose files arrive truncated and twice: what is lost, what is reported twice.
 
 Usage: ``python -m benchmarks.watch_kills [--kills 30] [--dives 8] [--seed 0]``; prints a table.
 
@@ -99,13 +99,15 @@ def main() -> None:
         same = subprocess.run(
             [sys.executable, "-m", "gliderhpc", "compare", str(calm), str(rough)], check=False, capture_output=True
         )
-        expected, told = messages(calm), messages(rough)
+        expected, reported = messages(calm), messages(rough)
     rows = {
         "dives": str(given.dives),
         "kills while the watch was running": str(killed),
         "archive equal to the undisturbed one": "yes" if same.returncode == 0 else f"no: {same.stdout.decode()[-300:]}",
-        "dives with one message": str(len(told)),
-        "messages equal to the undisturbed ones": str(sum(told.get(name) == value for name, value in expected.items())),
+        "dives with one message": str(len(reported)),
+        "messages equal to the undisturbed ones": str(
+            sum(reported.get(name) == value for name, value in expected.items())
+        ),
     }
     print(markdown(list(rows), [list(rows.values())]))
 

@@ -80,15 +80,15 @@ def test_a_hull_without_induced_drag():
 
 @pytest.mark.parametrize("left_out", ["climbs", "profiles", "normal", "all"])
 def test_too_few_segments_change_nothing(left_out):
-    given, told = segments(profiles=2 if left_out == "profiles" else 4), []
+    given, remarks = segments(profiles=2 if left_out == "profiles" else 4), []
     velocity = given.velocity.copy()
     if left_out == "climbs":
         velocity[given.depth_rate < 0.0] = np.nan
     if left_out in ("normal", "all"):
         velocity[:, 2 if left_out == "normal" else slice(None)] = np.nan
-    found = with_measured_polar(PETREL, PETREL, replace(given, velocity=velocity), 0.003, report=told.append)
+    found = with_measured_polar(PETREL, PETREL, replace(given, velocity=velocity), 0.003, report=remarks.append)
     assert found is PETREL
-    assert len(told) == (left_out != "all")
+    assert len(remarks) == (left_out != "all")
 
 
 def test_the_hull_found_still_glides():
