@@ -120,10 +120,13 @@ def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
 
 def with_deviations_of(platform: Platform, found: Platform) -> Platform:
     """Return a hull found with the plausible deviations that the platform file states."""
-    if found.uncertainty is None:
-        return found
     stated = {} if platform.uncertainty is None else platform.uncertainty.deviation
-    return found.model_copy(update={"uncertainty": found.uncertainty.model_copy(update={"deviation": stated})})
+    if found.uncertainty is None or found.uncertainty.deviation == stated:
+        return found
+    entries = {name: getattr(found.uncertainty, name) for name in found.uncertainty.model_fields_set - {"deviation"}}
+    if stated:
+        entries["deviation"] = stated
+    return found.model_copy(update={"uncertainty": Uncertainty(**entries)})
 
 
 def righting_moment(platform: Platform) -> float:

@@ -7,9 +7,9 @@ import pytest
 from support.steady_glides import glides
 
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import with_values
+from gliderhpc.flight.hull_parameters import with_deviations_of, with_values
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.platform import read_platform
+from gliderhpc.platform import platform_yaml, read_platform
 from gliderhpc.platform_sections import Uncertainty
 from gliderhpc.tuning.measured_polar import measured_polar, with_measured_polar
 from gliderhpc.tuning.segment_errors import SegmentErrors
@@ -63,6 +63,15 @@ def test_the_platform_gets_the_weighted_mean_of_its_own_and_the_measured():
     unmoved = with_measured_polar(PETREL.model_copy(update={"uncertainty": sure}), PETREL, segments(), 0.003)
     assert pytest.approx(PETREL.viscous.K_D0, rel=0.001) == unmoved.viscous.K_D0
     assert unmoved.uncertainty.deviation["viscous.K_D0"] <= 0.001
+
+
+def test_the_plausible_deviations_of_the_file_come_back():
+    narrowed = with_measured_polar(PETREL, PETREL, segments(), 0.003)
+    assert "deviation" not in platform_yaml(with_deviations_of(PETREL, narrowed))
+    stated = PETREL.model_copy(update={"uncertainty": Uncertainty(deviation={"viscous.K_L": 0.2})})
+    narrowed = with_measured_polar(stated, PETREL, segments(), 0.003)
+    assert with_deviations_of(stated, narrowed).uncertainty.deviation == {"viscous.K_L": 0.2}
+    assert with_deviations_of(stated, stated) is stated
 
 
 def test_held_parameters_stay():
