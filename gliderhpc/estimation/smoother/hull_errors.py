@@ -25,6 +25,15 @@ class HullErrors:
     mean: Array
     covariance: Array
 
+    def after(self, score: Array, information: Array) -> "HullErrors":
+        """Errors after a dive's score ``(p,)`` and information ``(p, p)``.
+
+        Their covariance is ``(I + C^-1)^-1``; C, which may be singular, is not inverted.
+        """
+        smaller = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ information, self.covariance)
+        covariance = 0.5 * (smaller + smaller.T)
+        return HullErrors(self.mean + covariance @ (score - information @ self.mean), covariance)
+
 
 def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
     """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""

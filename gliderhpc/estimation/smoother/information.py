@@ -16,7 +16,7 @@ from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing, with_velocity_offsets
-from gliderhpc.estimation.smoother.hull_errors import stated_errors
+from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import steered_run
@@ -282,13 +282,13 @@ def split_sensitivity(
         matrix, score = np.zeros_like(matrix), np.zeros_like(score)
     before = np.eye(len(matrix))
     before[hull, hull] = hull_covariance
-    after = np.linalg.solve(np.eye(len(matrix)) + before @ matrix, before)
-    follows = (after @ matrix)[others, hull]
-    left = after[others, others] - follows @ hull_covariance @ follows.T
+    after = HullErrors(np.zeros(len(matrix)), before).after(score, matrix)
+    follows = (after.covariance @ matrix)[others, hull]
+    left = after.covariance[others, others] - follows @ hull_covariance @ follows.T
     columns = (by_all.displacement, by_all.states, by_all.disturbances)
     by_others = Sensitivity(*(np.ascontiguousarray(each[..., others]) for each in columns))
     by_hull = Sensitivity(*(each[..., hull] - each[..., others] @ follows for each in columns))
-    return by_hull, VelocityErrors((after @ score)[others], 0.5 * (left + left.T), by_others)
+    return by_hull, VelocityErrors(after.mean[others], 0.5 * (left + left.T), by_others)
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

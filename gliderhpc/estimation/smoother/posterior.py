@@ -13,12 +13,8 @@ Array = NDArray[np.float64]
 
 
 def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
-    """Errors after a dive, with covariance ``(I + C^-1)^-1``; C, which may be singular, is not inverted."""
-    smaller = np.linalg.solve(np.eye(len(errors.mean)) + errors.covariance @ information.information, errors.covariance)
-    covariance = 0.5 * (smaller + smaller.T)
-    return HullErrors(
-        errors.mean + covariance @ (information.score - information.information @ errors.mean), covariance
-    )
+    """Errors after a dive."""
+    return errors.after(information.score, information.information)
 
 
 @dataclass(frozen=True, eq=False)
