@@ -6,10 +6,12 @@ imports it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import zarr
-from zarr.codecs import BloscCodec, vlen_utf8
+from zarr.abc.codec import BaseCodec
+from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, vlen_utf8
 from zarr.registry import register_codec
 
 MAX_INLINE_BYTES = 2**20
@@ -19,8 +21,30 @@ _LENGTH_BYTES = 4
 """Size of the number of texts, and of the length before each text, bytes."""
 
 
+class _OneByOne(BaseCodec[Any, Any]):
+    """Coding of chunks one after the other.
+
+    Zarr starts a task for every chunk and codec, which takes as long as the coding of a row of an archive. It hands
+    over one chunk at a time unless its setting ``codec_pipeline.batch_size`` says otherwise.
+    """
+
+    async def decode(self, chunks_and_specs: Iterable[tuple[Any, Any]]) -> list[Any]:
+        return [None if chunk is None else await self._decode_single(chunk, spec) for chunk, spec in chunks_and_specs]
+
+    async def encode(self, chunks_and_specs: Iterable[tuple[Any, Any]]) -> list[Any]:
+        return [None if chunk is None else await self._encode_single(chunk, spec) for chunk, spec in chunks_and_specs]
+
+
+class InlineBytesCodec(_OneByOne, BytesCodec):
+    """Zarr's codec from arrays to bytes, chunk by chunk."""
+
+
+class InlineCrc32cCodec(_OneByOne, Crc32cCodec):
+    """Zarr's checksum, chunk by chunk."""
+
+
 # Zarr selects the text codec by this class name.
-class VLenUTF8Codec(vlen_utf8.VLenUTF8Codec):
+class VLenUTF8Codec(_OneByOne, vlen_utf8.VLenUTF8Codec):
     """Zarr's text codec, which refuses a chunk too short for the number of texts that it claims.
 
     A chunk of texts begins with their number, and zarr's decoder allocates memory for that many before it reads the
@@ -54,7 +78,7 @@ _DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
 """Whether this version of zarr can decode without another thread."""
 
 
-class InlineBloscCodec(BloscCodec):
+class InlineBloscCodec(_OneByOne, BloscCodec):
     """Zarr's Blosc codec, which handles a chunk of ordinary size in the calling thread.
 
     Zarr hands every chunk to another thread, which takes several times as long as decoding a row of an archive.
@@ -71,6 +95,9 @@ class InlineBloscCodec(BloscCodec):
         return self._encode_sync(chunk_bytes, chunk_spec)
 
 
-for _name, _codec in (("vlen-utf8", VLenUTF8Codec), ("blosc", InlineBloscCodec)):
+_CODECS: dict[str, type] = {
+    "vlen-utf8": VLenUTF8Codec, "blosc": InlineBloscCodec, "bytes": InlineBytesCodec, "crc32c": InlineCrc32cCodec
+}  # fmt: skip
+for _name, _codec in _CODECS.items():
     register_codec(_name, _codec)
     zarr.config.set({f"codecs.{_name}": f"{_codec.__module__}.{_codec.__qualname__}"})

@@ -117,6 +117,33 @@ class FolderStore(LocalStore):
         self._size(key)
         return super().get_sync(key, **options)
 
+    async def set(self, key: str, value: Buffer) -> None:
+        """Store a value; a file is complete as soon as it has its name."""
+        if len(value) > MAX_INLINE_BYTES or not self._is_open:
+            return await super().set(key, value)
+        self._check_writable()
+        path = self.root / key
+        partial = path.with_suffix(f".{secrets.token_hex(16)}.partial")
+        try:
+            try:
+                partial.write_bytes(value.to_bytes())
+            except FileNotFoundError:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                partial.write_bytes(value.to_bytes())
+            partial.replace(path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+
+    async def delete(self, key: str) -> None:
+        """Delete a value, or a folder of values, if it exists."""
+        self._check_writable()
+        path = self.root / key
+        try:
+            path.unlink(missing_ok=True)
+        except (IsADirectoryError, PermissionError):
+            await super().delete(key)
+
     def content(self, key: str) -> bytes:
         """Read a file in this thread; errors as in `get`, and FileNotFoundError where there is none."""
         self._size(key)

@@ -1,7 +1,7 @@
 """Errors of a hull's balance over steady segments as a function of its parameters, with density or depth slope."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Literal
@@ -22,7 +22,7 @@ from gliderhpc.flight.hull_parameters import (
 )
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
-from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balance
+from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
@@ -79,12 +79,22 @@ class SegmentErrors:
         """All errors (n, 4), SI."""
         return self._balance(steps).errors
 
-    def _balance(self, steps: Array, velocity: Array | None = None) -> SteadyBalance:
-        hull = self.hull(steps)
+    def _balance(self, steps: Array) -> SteadyBalance:
+        (balance,) = self._balances([steps])
+        return balance
+
+    def _balances(self, moves: Sequence[Array], velocity: Array | None = None) -> Iterator[SteadyBalance]:
+        """Yield the balance of the hull with each of several steps."""
+        gliders = [Glider(self.hull(steps)) for steps in moves]
+        bodies = [
+            glider.bodies(self._controls(glider.platform, steps)) for glider, steps in zip(gliders, moves, strict=True)
+        ]
+        return steady_balances(gliders, bodies, self.segments.motion, velocity)
+
+    def _controls(self, hull: Platform, steps: Array) -> Array:
         controls = model_controls(hull, self.segments.actuators, self._seawater)
         controls[:, 3] += hull.buoyancy.water_density * CUBIC_CENTIMETRE * self.trend(steps) * self._days
-        glider = Glider(hull)
-        return steady_balance(glider, glider.bodies(controls), self.segments.motion, velocity)
+        return controls
 
     def hull(self, steps: Array) -> Platform:
         """Hull with some steps; parameters that have not moved have exactly the platform's values."""
@@ -106,12 +116,9 @@ class SegmentErrors:
         The solution for the velocity starts from the velocity at the steps themselves, which is close to it.
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
-
-        def at(moved: Array) -> Array:
-            return np.asarray(self._balance(moved, velocity).errors[self.counted])
-
-        here = at(steps)
-        return np.column_stack([(at(steps + moves[i]) - here) / DIFFERENCE for i in columns])
+        balances = self._balances([steps, *(steps + moves[i] for i in columns)], velocity)
+        here, *moved = (np.asarray(balance.errors[self.counted]) for balance in balances)
+        return np.column_stack([(errors - here) / DIFFERENCE for errors in moved])
 
     def flatness(self, steps: Array) -> float:
         """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured pitch; at least zero.

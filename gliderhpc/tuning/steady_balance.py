@@ -6,7 +6,8 @@ The vertical force and the three moments remain. They are converted to errors of
 the vertical force, pitch from the pitch moment, roll and rate of turn together from the other two.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,10 @@ class SteadyMotion(MeasuredAttitude):
 
     depth_rate: Array
 
+    def repeated(self, times: int) -> "SteadyMotion":
+        """Return all stretches several times, one after the other."""
+        return SteadyMotion(**{field.name: np.tile(getattr(self, field.name), times) for field in fields(self)})
+
 
 @dataclass(frozen=True, eq=False)
 class SteadyBalance:
@@ -96,6 +101,35 @@ class SteadyBalance:
 
 
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
+
+
+_ROWS_AT_ONCE = 4096
+"""Largest number of stretches, over all hulls, that are solved in one go."""
+
+
+def steady_balances(
+    gliders: Sequence[Glider], bodies: Sequence[Array], motion: SteadyMotion, velocity: Array | None = None
+) -> Iterator[SteadyBalance]:
+    """Yield the balance of each of several hulls over the same n stretches, as `steady_balance` finds it for one.
+
+    Parameters
+    ----------
+    gliders : sequence of Glider
+        The hulls.
+    bodies : sequence of (n, 11)
+        Mass properties of the controls for each hull.
+    motion, velocity : SteadyMotion, (n, 3)
+        As for `steady_balance`; all hulls start from the same velocity.
+    """
+    at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
+    for first in range(0, len(gliders), at_once):
+        lot = slice(first, first + at_once)
+        flight = _Flight(gliders[lot], bodies[lot], motion, velocity)
+        flight.solve_velocity()
+        errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
+        count = len(flight.gliders)
+        found = (np.column_stack(errors), flight.states[:, VELOCITY])
+        yield from map(SteadyBalance, *(np.split(values, count) for values in found))
 
 
 def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
@@ -122,10 +156,8 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity
     measured attitude would look like a weaker righting moment. Roll and turn are predicted together from the controls,
     because a turn that the water causes also rolls the hull.
     """
-    flight = _Flight(glider, bodies, motion, velocity)
-    flight.solve_velocity()
-    errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
-    return SteadyBalance(np.column_stack(errors), flight.states[:, VELOCITY])
+    (balance,) = steady_balances([glider], [bodies], motion, velocity)
+    return balance
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,30 +172,52 @@ class _Frame:
 
 
 class _Flight:
-    """States of the stretches, their rates and derivatives, during the solution for the velocity."""
+    """States of the stretches, their rates and derivatives, during the solution for the velocity.
 
-    def __init__(self, glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None) -> None:
-        self._glider, self._bodies, self._motion = glider, bodies, motion
-        self._masses = np.array(glider.hull[:3])
-        self._frame = _frame_of(motion)
+    Several hulls fly the same n stretches; the rows (h n, ...) are those of the first hull, then of the next.
+    """
+
+    def __init__(
+        self, gliders: Sequence[Glider], bodies: Sequence[Array], motion: SteadyMotion, velocity: Array | None
+    ) -> None:
+        self.gliders, self._bodies = gliders, bodies
+        count = len(motion.pitch)
         if velocity is None:
-            velocity = _straight_glide_velocity(glider.platform, motion)
-        self.states = _states(motion, self._frame.down, velocity)
+            velocities = [_straight_glide_velocity(glider.platform, motion) for glider in gliders]
+        else:
+            velocities = [velocity] * len(gliders)
+        self._rows = [slice(hull * count, (hull + 1) * count) for hull in range(len(gliders))]
+        self._motion = motion.repeated(len(gliders))
+        self._frame = _frame_of(self._motion)
+        self._masses = np.repeat([glider.hull[:3] for glider in gliders], count, axis=0)
+        self.states = _states(self._motion, self._frame.down, np.concatenate(velocities))
         self._evaluate()
 
     def solve_velocity(self) -> None:
-        """Solve by Newton's method for the velocity with the measured depth rate and no horizontal force."""
+        """Solve by Newton's method for the velocity with the measured depth rate and no horizontal force.
+
+        A hull whose velocities have all converged is left as it is, whatever the others still need.
+        """
+        moving = np.ones(len(self.gliders), dtype=bool)
         for _ in range(ITERATIONS):
             step = _solved(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
             shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
-            self.states[:, VELOCITY] += step * shortened[:, None]
+            for hull in np.flatnonzero(moving):
+                rows = self._rows[hull]
+                self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
+                moving[hull] = length[rows].max(initial=0.0) >= CONVERGED
             self._evaluate()
-            if length.max(initial=0.0) < CONVERGED:
+            if not moving.any():
                 break
 
     def depth_rate_error(self) -> Array:
-        weight = self._glider.net_weight(self._bodies, self._motion.depth)
+        depth = self._motion.depth
+        weights = [
+            glider.net_weight(bodies, depth[rows])
+            for glider, bodies, rows in zip(self.gliders, self._bodies, self._rows, strict=True)
+        ]
+        weight = np.concatenate(weights)
         ratio = weight / (weight - _dot(self._force, self._frame.down))
         known = np.maximum(ratio, MIN_RATIO)
         root = np.sqrt(known) + 0.5 * (ratio - known) / np.sqrt(known)
@@ -205,7 +259,8 @@ class _Flight:
     def _evaluate(self) -> None:
         n = len(self.states)
         self._values, entries = np.empty((n, 10)), np.empty((n, ENTRIES))
-        rates_and_partials(self._glider.hull, self._bodies, self.states, self._values, entries)
+        for glider, bodies, rows in zip(self.gliders, self._bodies, self._rows, strict=True):
+            rates_and_partials(glider.hull, bodies, self.states[rows], self._values[rows], entries[rows])
         self._jacobian = np.zeros((n, 10, 10))
         self._jacobian[:, ENTRY_ROW, ENTRY_COLUMN] = entries
         self._force = self._values[:, VELOCITY] * self._masses
@@ -321,7 +376,7 @@ def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_r
     """Depth rate and speed at which no vertical force remains; NaN where the rounds do not converge."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
-        flight = _Flight(glider, bodies, motion, None)
+        flight = _Flight([glider], [bodies], motion, None)
         flight.solve_velocity()
         change = flight.depth_rate_error()
         depth_rate = depth_rate + change

@@ -105,7 +105,7 @@ def test_the_pitch_error_is_newtons_step_where_the_weight_is_wrong_too(petrel, k
     heavier[:, NET_WEIGHT] += 1.0
 
     def nodding(pitch):
-        flight = _Flight(petrel, heavier, replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
+        flight = _Flight([petrel], [heavier], replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
         flight.solve_velocity()
         return flight._values[0, NOD], flight
 
@@ -122,7 +122,7 @@ def test_the_lateral_errors_are_newtons_step_where_the_weight_is_wrong_too(petre
 
     def accelerations(roll, turn_rate):
         off = replace(motion, roll=motion.roll + 0.1 + roll, turn_rate=motion.turn_rate + turn_rate)
-        flight = _Flight(petrel, heavier, off, None)
+        flight = _Flight([petrel], [heavier], off, None)
         flight.solve_velocity()
         return flight._values[0, LATERAL], flight
 
