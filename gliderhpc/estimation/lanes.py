@@ -4,7 +4,7 @@ Dives are independent of each other. The windows of one dive are solved in turn,
 determines where a window begins and how long it is. If windows start from a given path, nothing else depends on it: the
 lanes then take the windows that will probably follow as well, and another dive only when these do not fill them. A
 window that turns out to be another one is dropped. A solution does not depend on its lane, its neighbours, or when it
-was found.
+was found. Where one window is left and none can be foreseen, it is solved alone, without lanes.
 """
 
 import time
@@ -52,12 +52,15 @@ MAX_WINDOWS_AHEAD = 2 * LANES
 
 
 class LaneBatch:
-    """`LANES` windows solved in step, with the tolerance, iteration limit and history of the settings."""
+    """`LANES` windows solved in step, or one `alone`, with the tolerance, iteration limit and history of the settings.
 
-    def __init__(self, settings: EstimationSettings, run: Run = run_until_done) -> None:
-        self._run, self._settings = run, settings
-        self._problem, self._descent, self._progress = allocate(1, settings.optimizer.history)
-        self._tasks: list[WindowTask | None] = [None] * LANES
+    The kernels of `run_until_done` alone solve a window alone.
+    """
+
+    def __init__(self, settings: EstimationSettings, run: Run = run_until_done, *, alone: bool = False) -> None:
+        self._run, self._settings, self._alone = run, settings, alone
+        self._problem, self._descent, self._progress = self._allocated(1)
+        self._tasks: list[WindowTask | None] = [None] * len(self._progress.status)
 
     def put(self, lane: int, task: WindowTask) -> None:
         """Put a window into a lane; `run` solves it."""
@@ -71,14 +74,19 @@ class LaneBatch:
             self._settings.tolerance * data.step,
         )  # fmt: skip
 
+    def _allocated(self, steps: int) -> tuple[Problem, Descent, Progress]:
+        return allocate(steps, self._settings.optimizer.history, alone=self._alone)
+
     def _make_room(self, steps: int) -> None:
         """Grow the memory for a longer window; windows under way continue, with added steps of no duration."""
-        if steps <= len(self._problem.bodies):
-            return
-        problem, descent, _ = allocate(steps, self._settings.optimizer.history)
-        for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
-            new[tuple(slice(0, length) for length in old.shape)] = old
-        self._problem, self._descent = problem, descent
+        room = len(self._problem.bodies)
+        if self._alone and steps != room:
+            self._problem, self._descent, self._progress = self._allocated(steps)
+        elif steps > room:
+            problem, descent, _ = self._allocated(steps)
+            for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
+                new[tuple(slice(0, length) for length in old.shape)] = old
+            self._problem, self._descent = problem, descent
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Continue until a window is solved; return finished lanes with their solutions, and leave them idle."""
@@ -171,6 +179,11 @@ class _DiveUnderWay(Generic[Key]):
         expected = chain([window], islice(ahead, MAX_WINDOWS_AHEAD))
         self.wanted = [each for each in expected if each.identity not in self.solved]
 
+    @property
+    def is_alone(self) -> bool:
+        """Whether only the next window is known, since those after it start from its end."""
+        return self.problem.path is None and len(self.wanted) == 1
+
 
 _Lanes = dict[int, tuple[_DiveUnderWay[Key], PosedWindow]]
 
@@ -184,13 +197,15 @@ def solve_in_lanes(
     lanes: _Lanes[Key] = {}
     while True:
         _take_dives(active, waiting)
+        if run is run_until_done and not lanes and len(active) == 1 and active[0].is_alone:
+            _finish_alone(active[0], settings)
         _occupy(batch, lanes, active)
         if lanes:
             _run(batch, lanes)
         # Only the results of a dive that has ended are kept while the next one is posed.
         ended = [(dive.key, dive.solution) for dive in active if dive.solution is not None]
         active = [dive for dive in active if dive.solution is None]
-        _occupy(batch, lanes, active)
+        _release(batch, lanes)
         yield from ended
         if not active and not ended:
             return
@@ -200,6 +215,25 @@ def _take_dives(active: list[_DiveUnderWay[Key]], waiting: Iterator[tuple[Key, D
     """Take dives until their windows fill the lanes; each of them occupies memory."""
     while sum(len(dive.wanted) for dive in active) < LANES and (posed := next(waiting, None)) is not None:
         active.append(_DiveUnderWay(*posed))
+
+
+def _release(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
+    """Drop the windows of dives that have ended."""
+    for lane, (dive, _) in list(lanes.items()):
+        if dive.solution is not None:
+            batch.drop(lane)
+            del lanes[lane]
+
+
+def _finish_alone(dive: _DiveUnderWay[Key], settings: EstimationSettings) -> None:
+    """Solve the windows of the last dive one after the other, each without lanes."""
+    batch = LaneBatch(settings, alone=True)
+    while dive.wanted:
+        window, began = dive.wanted[0], time.perf_counter()
+        batch.put(0, window.task)
+        ((_, solution),) = batch.run()
+        dive.seconds += time.perf_counter() - began
+        dive.add(window, solution)
 
 
 def _run(batch: LaneBatch, lanes: _Lanes[Key]) -> None:

@@ -54,6 +54,21 @@ def store(array, index, value):
     array[index] = value
 
 
+def entry(array, index, lane):
+    """Return the number of one lane at ``index``; of an array of numbers, the number there."""
+    return array[_with_lane(array, index, lane)]
+
+
+def set_entry(array, index, lane, value):
+    """Write the number of one lane to the place from which `entry` reads it."""
+    array[_with_lane(array, index, lane)] = value
+
+
+def _with_lane(array, index, lane):
+    own = index if isinstance(index, tuple) else (index,)
+    return own if array.ndim == len(own) else (*own, lane)
+
+
 def clear(array):
     """Set a contiguous array to zero."""
     array[...] = 0.0
@@ -125,6 +140,16 @@ def _lower_store(context, builder, sig, args):
     return context.get_dummy_value()
 
 
+def _lower_entry(context, builder, sig, args):
+    return builder.load(_address(context, builder, sig, args, args[2]), align=_alignment(sig.return_type))
+
+
+def _lower_set_entry(context, builder, sig, args):
+    value = context.cast(builder, args[3], sig.args[3], types.float64)
+    builder.store(value, _address(context, builder, sig, args, args[2]), align=_alignment(types.float64))
+    return context.get_dummy_value()
+
+
 def _lower_clear(context, builder, sig, args):
     data, size = _bytes(context, builder, sig.args[0], args[0])
     cgutils.memset(builder, data, size, 0)
@@ -163,8 +188,8 @@ def _axes(index):
     return len(index) if isinstance(index, types.BaseTuple) else 1
 
 
-def _address(context, builder, sig, args):
-    """Return the address of a number or of the first lane; indices are not negative, and lanes are contiguous."""
+def _address(context, builder, sig, args, lane=None):
+    """Return the address of a number, of all lanes, or of one; indices are not negative, and lanes are contiguous."""
     kind, index_kind = sig.args[:2]
     if isinstance(index_kind, types.BaseTuple):
         values, kinds = cgutils.unpack_tuple(builder, args[1]), tuple(index_kind)
@@ -175,11 +200,14 @@ def _address(context, builder, sig, args):
     data, shape, strides = _members(context, builder, kind, args[0], "data", "shape", "strides")
     shape, strides = cgutils.unpack_tuple(builder, shape), cgutils.unpack_tuple(builder, strides)
     if has_lanes:
-        indices.append(ir.Constant(ir.IntType(64), 0))
+        whole = lane is None
+        indices.append(
+            ir.Constant(ir.IntType(64), 0) if whole else context.cast(builder, lane, sig.args[2], types.intp)
+        )
         # With a constant length of the last axis, the compiler addresses neighbours at constant distances.
         shape[-1] = ir.Constant(ir.IntType(64), LANES)
     pointer = cgutils.get_item_pointer2(context, builder, data, shape, strides, kind.layout, indices, wraparound=False)
-    return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes else pointer
+    return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes and lane is None else pointer
 
 
 def lane_array(*shape: int):
@@ -195,7 +223,11 @@ operation(square_root, _widest, _lower_root)
 operation(zero_like, _widest, _lower_zero)
 operation(load, kind_loaded, lower_load)
 operation(store, lambda array, index, value: types.void, _lower_store)
+operation(entry, lambda array, index, lane: types.float64, _lower_entry)
+operation(set_entry, lambda array, index, lane, value: types.void, _lower_set_entry)
 operation(clear, _nothing_of_contiguous, _lower_clear)
 operation(copy, _nothing_of_contiguous, _lower_copy)
 
-__all__ = ["LANES", "Lanes", "lane_array", "load", "select", "square_root", "store", "zero_like"]
+__all__ = [
+    "LANES", "Lanes", "entry", "lane_array", "load", "select", "set_entry", "square_root", "store", "zero_like"
+]  # fmt: skip

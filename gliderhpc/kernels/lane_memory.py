@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gliderhpc.kernels.elementwise import LANES, lane_array
+from gliderhpc.kernels.elementwise import LANES, entry, lane_array, set_entry
 from gliderhpc.kernels.jit import kernel
 from gliderhpc.kernels.line_search import Search
 from gliderhpc.kernels.window import TAPE
@@ -97,7 +97,7 @@ class Descent(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Progress of each lane, as numbers: arrays ``(LANES,)`` except for the last three.
+    """Progress of each lane, as numbers: arrays ``(LANES,)``, ``(1,)`` for a window alone, except for the last three.
 
     Attributes
     ----------
@@ -128,33 +128,42 @@ class Progress(NamedTuple):
     change_change: Array
 
 
-def allocate(steps: int, history: int) -> tuple[Problem, Descent, Progress]:
-    """Allocate the memory for `LANES` windows of up to ``steps`` steps and ``history`` pairs, with all lanes idle."""
-    n, m = steps, history
+def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem, Descent, Progress]:
+    """Allocate the memory for windows of up to ``steps`` steps and ``history`` pairs, with all lanes idle.
+
+    There are `LANES` windows, or one if it is ``alone``: its arrays have no axis of lanes, and take a fraction of the
+    memory and of the time.
+    """
+    n, m, count = steps, history, 1 if alone else LANES
+    array = _numbers if alone else lane_array
     problem = Problem(
-        hull=lane_array(24), bodies=lane_array(n, 11), state0=lane_array(1, 10), measurements=lane_array(n + 1, 4),
-        weights=lane_array(n + 1), durations=lane_array(n), scale=lane_array(6), trial=lane_array(n, 6),
-        states=lane_array(n + 1, 10), tape=lane_array(n, TAPE), gradient=lane_array(n, 6),
-        gradient_state0=lane_array(10), cost=lane_array(1),
+        hull=array(24), bodies=array(n, 11), state0=array(1, 10), measurements=array(n + 1, 4),
+        weights=array(n + 1), durations=array(n), scale=array(6), trial=array(n, 6),
+        states=array(n + 1, 10), tape=array(n, TAPE), gradient=array(n, 6),
+        gradient_state0=array(10), cost=array(1),
     )  # fmt: skip
     # A lane that is never used computes, too: it flies straight ahead.
     problem.hull[...] = 1.0
     problem.scale[...] = 1.0
     problem.state0[0, 4] = 1.0
     descent = Descent(
-        point=lane_array(n, 6), slope=lane_array(n, 6), direction=lane_array(n, 6), taken=lane_array(n, 6),
-        change=lane_array(n, 6), steps=lane_array(m, n, 6), changes=lane_array(m, n, 6), measured=lane_array(6),
-        products=lane_array(5, m), weights=lane_array(2 * m + 1), aimed=lane_array(2), accepted=lane_array(1),
-        aiming=lane_array(1), reach=lane_array(1),
+        point=array(n, 6), slope=array(n, 6), direction=array(n, 6), taken=array(n, 6),
+        change=array(n, 6), steps=array(m, n, 6), changes=array(m, n, 6), measured=array(6),
+        products=array(5, m), weights=array(2 * m + 1), aimed=array(2), accepted=array(1),
+        aiming=array(1), reach=array(1),
     )  # fmt: skip
-    status, iterations, evaluations, tries, pairs, newest = np.zeros((6, LANES), dtype=np.int64)
-    value, norm, least_norm, curvature = np.zeros((4, LANES))
+    status, iterations, evaluations, tries, pairs, newest = np.zeros((6, count), dtype=np.int64)
+    value, norm, least_norm, curvature = np.zeros((4, count))
     progress = Progress(
         status, iterations, evaluations, tries, pairs, newest, value, norm, least_norm, curvature,
-        search=np.zeros((LANES, len(Search._fields))), step_change=np.zeros((LANES, m, m)),
-        change_change=np.zeros((LANES, m, m)),
+        search=np.zeros((count, len(Search._fields))), step_change=np.zeros((count, m, m)),
+        change_change=np.zeros((count, m, m)),
     )  # fmt: skip
     return problem, descent, progress
+
+
+def _numbers(*shape: int) -> Array:
+    return np.zeros(shape)
 
 
 @kernel
@@ -164,27 +173,27 @@ def load_window(
     """Load a window into a lane: arrays as in `WindowData`, ``start (n, 6)``, and the norm at which to stop."""
     own = bodies.shape[0]
     for i in range(24):
-        problem.hull[i, lane] = hull[i]
+        set_entry(problem.hull, i, lane, hull[i])
     for i in range(10):
-        problem.state0[0, i, lane] = state0[i]
+        set_entry(problem.state0, (0, i), lane, state0[i])
     for i in range(6):
-        problem.scale[i, lane] = scale[i]
+        set_entry(problem.scale, i, lane, scale[i])
     for k in range(problem.bodies.shape[0]):
         inside = k < own
         row = k if inside else own - 1
-        problem.durations[k, lane] = step if inside else 0.0
-        problem.weights[k + 1, lane] = weights[k + 1] if inside else 0.0
+        set_entry(problem.durations, k, lane, step if inside else 0.0)
+        set_entry(problem.weights, k + 1, lane, weights[k + 1] if inside else 0.0)
         for i in range(11):
-            problem.bodies[k, i, lane] = bodies[row, i]
+            set_entry(problem.bodies, (k, i), lane, bodies[row, i])
         for i in range(4):
-            problem.measurements[k + 1, i, lane] = measurements[row + 1, i]
+            set_entry(problem.measurements, (k + 1, i), lane, measurements[row + 1, i])
         for i in range(6):
             x = start[k, i] / scale[i] if inside else 0.0
-            descent.point[k, i, lane] = x
-            descent.slope[k, i, lane] = 0.0
-            descent.direction[k, i, lane] = 0.0
-            problem.trial[k, i, lane] = scale[i] * x
-    descent.reach[0, lane] = 0.0
+            set_entry(descent.point, (k, i), lane, x)
+            set_entry(descent.slope, (k, i), lane, 0.0)
+            set_entry(descent.direction, (k, i), lane, 0.0)
+            set_entry(problem.trial, (k, i), lane, scale[i] * x)
+    set_entry(descent.reach, 0, lane, 0.0)
     progress.status[lane] = STARTING
     progress.iterations[lane] = 0
     progress.evaluations[lane] = 0
@@ -200,7 +209,7 @@ def read_window(problem, lane, disturbances, states):
     """Copy a lane's trial ``(n, 6)`` and its states ``(n+1, 10)``."""
     for k in range(states.shape[0]):
         for i in range(10):
-            states[k, i] = problem.states[k, i, lane]
+            states[k, i] = entry(problem.states, (k, i), lane)
     for k in range(disturbances.shape[0]):
         for i in range(6):
-            disturbances[k, i] = problem.trial[k, i, lane]
+            disturbances[k, i] = entry(problem.trial, (k, i), lane)

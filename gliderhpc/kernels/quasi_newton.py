@@ -3,12 +3,14 @@
 Every lane has its own iterations, steps and history. All lanes are evaluated together; then each lane is updated by
 itself. The two-loop recursion (Nocedal, 1980, Math. Comp. 35, 773-782) uses only the products of the pairs (a few
 hundred numbers per lane); the pairs themselves are read only twice per iteration, in long streams. A lane does not
-depend on the others: arithmetic is elementwise, and sums are taken over one lane in a fixed order.
+depend on the others: arithmetic is elementwise, and sums are taken over one lane in a fixed order. A window alone, in
+arrays without an axis of lanes (`gliderhpc.kernels.lane_memory.allocate`), is solved by the same code on numbers, with
+the same result to the bit.
 """
 
 import math
 
-from gliderhpc.kernels.elementwise import LANES, load, select, store, zero_like
+from gliderhpc.kernels.elementwise import entry, load, select, set_entry, store, zero_like
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
 from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, start_search
@@ -87,14 +89,14 @@ def measure_trial(problem, descent):
 def decide(problem, descent, progress, max_iterations):
     """Update each lane with its evaluation; return whether any is done (or none active), accepted, or to be aimed."""
     done, accepted, aiming, working = False, False, False, False
-    for lane in range(LANES):
-        descent.accepted[0, lane] = 0.0
-        descent.aiming[0, lane] = 0.0
+    for lane in range(progress.status.shape[0]):
+        set_entry(descent.accepted, 0, lane, 0.0)
+        set_entry(descent.aiming, 0, lane, 0.0)
         status = progress.status[lane]
         if status == IDLE or status >= ENDED:
             continue
         progress.evaluations[lane] += 1
-        progress.norm[lane] = descent.measured[_NORM, lane]
+        progress.norm[lane] = entry(descent.measured, _NORM, lane)
         if status == STARTING:
             begin_descent(problem, descent, progress, lane)
         elif status == RETURNING:
@@ -103,20 +105,19 @@ def decide(problem, descent, progress, max_iterations):
             search_on(problem, descent, progress, lane, max_iterations)
         done |= progress.status[lane] >= ENDED
         working |= progress.status[lane] < ENDED
-        accepted |= descent.accepted[0, lane] > 0.0
-        aiming |= descent.aiming[0, lane] > 0.0
+        accepted |= entry(descent.accepted, 0, lane) > 0.0
+        aiming |= entry(descent.aiming, 0, lane) > 0.0
     return done or not working, accepted, aiming
 
 
 @kernel
 def flyable(problem, descent, lane):
     """Return whether a lane's trial is finite and stays inside the model's domain."""
-    measured = descent.measured
     return (
-        math.isfinite(problem.cost[0, lane])
-        and math.isfinite(measured[_FINITE, lane])
-        and measured[_PITCH, lane] < MAX_PITCH
-        and measured[_SPEED2, lane] < MAX_SPEED2
+        math.isfinite(entry(problem.cost, 0, lane))
+        and math.isfinite(entry(descent.measured, _FINITE, lane))
+        and entry(descent.measured, _PITCH, lane) < MAX_PITCH
+        and entry(descent.measured, _SPEED2, lane) < MAX_SPEED2
     )
 
 
@@ -126,12 +127,12 @@ def begin_descent(problem, descent, progress, lane):
     if not flyable(problem, descent, lane):
         progress.status[lane] = UNFLYABLE
         return
-    progress.value[lane] = problem.cost[0, lane]
+    progress.value[lane] = entry(problem.cost, 0, lane)
     if progress.norm[lane] <= progress.least_norm[lane]:
         progress.status[lane] = ENDED
         return
-    descent.accepted[0, lane] = 1.0
-    descent.aiming[0, lane] = 1.0
+    set_entry(descent.accepted, 0, lane, 1.0)
+    set_entry(descent.aiming, 0, lane, 1.0)
     progress.status[lane] = SEARCHING
 
 
@@ -157,7 +158,7 @@ def search_on(problem, descent, progress, lane, max_iterations):
     """Advance the lane's line search with the evaluation: accept the trial, give up, or try the next step."""
     search = load_search(progress, lane)
     progress.tries[lane] += 1
-    value, slope = problem.cost[0, lane], descent.measured[_SLOPE, lane]
+    value, slope = entry(problem.cost, 0, lane), entry(descent.measured, _SLOPE, lane)
     verdict = CONTINUE
     if flyable(problem, descent, lane):
         search, verdict = advance_search(search, value, slope)
@@ -172,7 +173,7 @@ def search_on(problem, descent, progress, lane, max_iterations):
     elif verdict != CONTINUE or progress.tries[lane] >= MAX_TRIES:
         give_up_search(descent, progress, lane)
     else:
-        descent.reach[0, lane] = search.step
+        set_entry(descent.reach, 0, lane, search.step)
 
 
 @kernel
@@ -189,8 +190,8 @@ def accept(descent, progress, lane, search, value, slope, max_iterations):
     ):
         progress.status[lane] = ENDED
         return
-    descent.accepted[0, lane] = 1.0
-    descent.aiming[0, lane] = 1.0
+    set_entry(descent.accepted, 0, lane, 1.0)
+    set_entry(descent.aiming, 0, lane, 1.0)
     # A pair without positive curvature is not stored.
     gained = (slope - search.slope0) * search.step
     if gained > -_EPSILON * search.slope0 * search.step:
@@ -198,18 +199,18 @@ def accept(descent, progress, lane, search, value, slope, max_iterations):
         progress.newest[lane] = (progress.newest[lane] + 1) % slots
         progress.pairs[lane] = min(progress.pairs[lane] + 1, slots)
         progress.curvature[lane] = gained
-        descent.accepted[0, lane] = 2.0
+        set_entry(descent.accepted, 0, lane, 2.0)
 
 
 @inner_kernel
 def give_up_search(descent, progress, lane):
     """Restart from the last point along the steepest descent; if that has been tried, return to the point and end."""
     if progress.pairs[lane] == 0:
-        descent.reach[0, lane] = 0.0
+        set_entry(descent.reach, 0, lane, 0.0)
         progress.status[lane] = RETURNING
         return
     clear_pairs(progress, lane)
-    descent.aiming[0, lane] = 1.0
+    set_entry(descent.aiming, 0, lane, 1.0)
 
 
 @inner_kernel
@@ -243,25 +244,25 @@ def accept_trial(problem, descent):
 def keep_pairs(descent, progress):
     """Write the new pairs into their lanes' slots, and update the products of the pairs."""
     most = 0
-    for lane in range(LANES):
-        if descent.accepted[0, lane] == 2.0:
+    for lane in range(progress.status.shape[0]):
+        if entry(descent.accepted, 0, lane) == 2.0:
             slot = progress.newest[lane]
             for k in range(descent.taken.shape[0]):
                 for i in range(6):
-                    descent.steps[slot, k, i, lane] = descent.taken[k, i, lane]
-                    descent.changes[slot, k, i, lane] = descent.change[k, i, lane]
+                    set_entry(descent.steps, (slot, k, i), lane, entry(descent.taken, (k, i), lane))
+                    set_entry(descent.changes, (slot, k, i), lane, entry(descent.change, (k, i), lane))
         most = max(most, progress.pairs[lane])
     for slot in range(most):
         multiply_pair(descent, slot)
-    for lane in range(LANES):
-        if descent.accepted[0, lane] == 2.0:
+    for lane in range(progress.status.shape[0]):
+        if entry(descent.accepted, 0, lane) == 2.0:
             newest = progress.newest[lane]
             for slot in range(progress.pairs[lane]):
-                progress.step_change[lane, slot, newest] = descent.products[2, slot, lane]
-                progress.step_change[lane, newest, slot] = descent.products[3, slot, lane]
-                progress.change_change[lane, slot, newest] = descent.products[4, slot, lane]
-                progress.change_change[lane, newest, slot] = descent.products[4, slot, lane]
-            progress.curvature[lane] /= descent.measured[_CHANGE2, lane]
+                progress.step_change[lane, slot, newest] = entry(descent.products, (2, slot), lane)
+                progress.step_change[lane, newest, slot] = entry(descent.products, (3, slot), lane)
+                progress.change_change[lane, slot, newest] = entry(descent.products, (4, slot), lane)
+                progress.change_change[lane, newest, slot] = entry(descent.products, (4, slot), lane)
+            progress.curvature[lane] /= entry(descent.measured, _CHANGE2, lane)
 
 
 @kernel
@@ -289,35 +290,35 @@ def multiply_pair(descent, slot):
 def combine_pairs(descent, progress):
     """Run the two-loop recursion on the products: weights of pairs and gradient in each requested direction."""
     slots = descent.steps.shape[0]
-    for lane in range(LANES):
-        if descent.aiming[0, lane] == 0.0:
+    for lane in range(progress.status.shape[0]):
+        if entry(descent.aiming, 0, lane) == 0.0:
             continue
         for j in range(2 * slots):
-            descent.weights[j, lane] = 0.0
+            set_entry(descent.weights, j, lane, 0.0)
         count, newest = progress.pairs[lane], progress.newest[lane]
         gamma = progress.curvature[lane] if count > 0 else 1.0
         sy, yy = progress.step_change[lane], progress.change_change[lane]
         for back in range(count):  # from the newest to the oldest
             i = (newest - back) % slots
-            total = descent.products[0, i, lane]
+            total = entry(descent.products, (0, i), lane)
             for newer in range(back):
                 j = (newest - newer) % slots
-                total -= descent.weights[slots + j, lane] * sy[i, j]
-            descent.weights[slots + i, lane] = total / sy[i, i]
+                total -= entry(descent.weights, slots + j, lane) * sy[i, j]
+            set_entry(descent.weights, slots + i, lane, total / sy[i, i])
         for forth in range(count):  # from the oldest to the newest
             i = (newest - count + 1 + forth) % slots
-            total = descent.products[1, i, lane]
+            total = entry(descent.products, (1, i), lane)
             for any_pair in range(count):
                 j = (newest - any_pair) % slots
-                total -= descent.weights[slots + j, lane] * yy[i, j]
+                total -= entry(descent.weights, slots + j, lane) * yy[i, j]
             total *= gamma
             for older in range(forth):
                 j = (newest - count + 1 + older) % slots
-                total -= descent.weights[j, lane] * sy[j, i]
-            descent.weights[i, lane] = total / sy[i, i] - descent.weights[slots + i, lane]
+                total -= entry(descent.weights, j, lane) * sy[j, i]
+            set_entry(descent.weights, i, lane, total / sy[i, i] - entry(descent.weights, slots + i, lane))
         for i in range(slots):
-            descent.weights[slots + i, lane] *= gamma
-        descent.weights[2 * slots, lane] = -gamma
+            set_entry(descent.weights, slots + i, lane, gamma * entry(descent.weights, slots + i, lane))
+        set_entry(descent.weights, 2 * slots, lane, -gamma)
 
 
 @kernel
@@ -325,22 +326,22 @@ def aim(descent, progress):
     """Form the requested directions and start their searches; return whether one is uphill and must be formed again."""
     point_directions(descent, progress)
     again = False
-    for lane in range(LANES):
-        if descent.aiming[0, lane] == 0.0:
+    for lane in range(progress.status.shape[0]):
+        if entry(descent.aiming, 0, lane) == 0.0:
             continue
-        slope = descent.aimed[0, lane]
+        slope = entry(descent.aimed, 0, lane)
         # Uphill, or NaN if rounding has left a pair without curvature.
         if not slope < 0.0 and progress.pairs[lane] > 0:
             clear_pairs(progress, lane)
             again = True
             continue
-        descent.aiming[0, lane] = 0.0
+        set_entry(descent.aiming, 0, lane, 0.0)
         progress.tries[lane] = 0
         # The very first step has no scale; it gets unit length.
         first = progress.iterations[lane] == 0
-        step = 1.0 / math.sqrt(descent.aimed[1, lane]) if first else 1.0
+        step = 1.0 / math.sqrt(entry(descent.aimed, 1, lane)) if first else 1.0
         store_search(progress, lane, start_search(progress.value[lane], slope, step))
-        descent.reach[0, lane] = step
+        set_entry(descent.reach, 0, lane, step)
     return again
 
 
@@ -350,8 +351,8 @@ def point_directions(descent, progress):
     wanted = load(descent.aiming, 0) > 0.0
     slots = descent.steps.shape[0]
     most = 0
-    for lane in range(LANES):
-        if descent.aiming[0, lane] > 0.0:
+    for lane in range(progress.status.shape[0]):
+        if entry(descent.aiming, 0, lane) > 0.0:
             most = max(most, progress.pairs[lane])
     zero = zero_like(load(descent.reach, 0))
     along, square = zero, zero

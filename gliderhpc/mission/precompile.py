@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gliderhpc.kernels.precompiled import LEVELS
 from gliderhpc.mission.kernel_levels import precompile, used_signatures
-from gliderhpc.mission.warm import warm_kernels, warm_simulator
+from gliderhpc.mission.warm import warm_kernels, warm_simulator, warm_window_alone
 
 WHEEL_LEVELS = ("x86-64-v4", "x86-64-v3")
 """Levels in a wheel: processors with AVX-512, and processors with AVX2, that is, all since about 2015."""
@@ -23,6 +23,7 @@ def main(folder: str, *levels: str) -> int:
     warm_simulator()
     for engine in ("lanes", "scipy"):
         warm_kernels(engine)
+    warm_window_alone()
     precompile(Path(folder).absolute(), used_signatures(), levels or WHEEL_LEVELS)
     return 0
 

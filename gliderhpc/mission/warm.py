@@ -48,8 +48,15 @@ def warm_kernels(engine: str = "lanes") -> None:
     if not is_compiled():
         from_prior = settings.model_copy(update={"start": "prior"})
         with compiled_aside("smoother"):
-            list(estimate_profiles([(None, record)], from_prior))
+            # Two, since the windows of one would be solved alone.
+            list(estimate_profiles([(None, record), (None, record)], from_prior))
     list(estimate_profiles([(None, record)], settings, smooth=True))
+
+
+def warm_window_alone() -> None:
+    """Compile the kernels of a window alone, which a run compiles only when it has one."""
+    from_prior = _brief_settings("lanes").model_copy(update={"start": "prior"})
+    list(estimate_profiles([(None, _brief_record())], from_prior))
 
 
 def warm_smoother() -> None:
