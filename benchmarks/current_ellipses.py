@@ -145,7 +145,7 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
     found = {"adjoint": adjoint}
     if smoothed is not None and smoothed.outcome.usable:
         moved, covariance = smoothed.displacement, smoothed.displacement_covariance
-        found["smoothed"] = smoothed_current(record, estimate.series, moved, covariance, errors)
+        found["smoothed"] = smoothed_current(record, estimate.series.time, moved, covariance, errors)
     for name, current in found.items():
         if current is not None:
             drift = current.drift

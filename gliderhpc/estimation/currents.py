@@ -82,6 +82,37 @@ class DepthAveragedCurrent:
 
 
 @dataclass(frozen=True, eq=False)
+class Track:
+    """Displacement through the water at the boundaries of a profile's dive-climb cycles.
+
+    Attributes
+    ----------
+    samples : (k+1,)
+        Samples between which the cycles lie, first 0, last n.
+    clock : (k+1,)
+        Their times, s since the profile's first sample.
+    positions : (k+1, 2)
+        Displacement north and east from the first of them, m.
+    total : (2,)
+        Displacement over the profile, m.
+    bridged : float
+        Length (m) of the displacement that was interpolated (`SelfMotion`).
+    """
+
+    samples: NDArray[np.int64]
+    clock: Array
+    positions: Array
+    total: Array
+    bridged: float
+
+
+def track_of(series: ProfileSeries, motion: SelfMotion, boundaries: NDArray[np.int64]) -> Track:
+    """Return the displacement of a motion at the boundaries ``(k+1,)`` of cycles."""
+    positions = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
+    return Track(boundaries, series.time[boundaries].astype(np.float64), positions, motion.total, motion.bridged)
+
+
+@dataclass(frozen=True, eq=False)
 class SurfaceDrift:
     """Mean drift between the first and the last of consecutive fixes at the surface.
 
@@ -112,23 +143,16 @@ def local_displacement(start: Fix, end: Fix) -> Array:
 
 
 def depth_averaged_current(
-    record: ProfileRecord,
-    series: ProfileSeries,
-    motion: SelfMotion,
-    boundaries: NDArray[np.int64],
-    errors: CurrentErrors,
-    track_covariance: Array | None = None,
+    record: ProfileRecord, track: Track, errors: CurrentErrors, track_covariance: Array | None = None
 ) -> DepthAveragedCurrent | None:
     """Compute the drift of each dive-climb cycle and their mean, or None unless there is a fix on both sides.
 
     Parameters
     ----------
-    record, series : ProfileRecord, ProfileSeries
-        Fixes, and times of the samples.
-    motion : SelfMotion
-        Displacement through the water at each step.
-    boundaries : (k+1,)
-        Samples between which the cycles lie, first 0, last n.
+    record : ProfileRecord
+        Fixes before and after the profile.
+    track : Track
+        Displacement through the water at the boundaries of the cycles (`track_of`).
     errors : CurrentErrors
         Terms of the uncertainty (`current_uncertainty`).
     track_covariance : (2, 2), optional
@@ -144,21 +168,19 @@ def depth_averaged_current(
     The glider has no motion of its own at the surface. The segments close exactly:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
-    between_fixes = _fix_to_fix_drift(record, series, errors)
+    between_fixes = _fix_to_fix_drift(record, track.clock, errors)
     if between_fixes is None:
         return None
-    clock = series.time[boundaries].astype(np.float64)
+    clock = track.clock.copy()
     clock[[0, -1]] = between_fixes.begin, between_fixes.end
     times = np.diff(clock)
     total = float(times.sum())
-    track = np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])[boundaries]
-    velocities = between_fixes.moved / total - np.diff(track, axis=0) / times[:, None]
+    velocities = between_fixes.moved / total - np.diff(track.positions, axis=0) / times[:, None]
     velocity = times @ velocities / total
-    segments = tuple(
-        Segment(int(a), int(b), v) for a, b, v in zip(boundaries[:-1], boundaries[1:], velocities, strict=True)
-    )
+    ends = zip(track.samples[:-1], track.samples[1:], velocities, strict=True)
+    segments = tuple(Segment(int(a), int(b), v) for a, b, v in ends)
     drift = Drift(
-        velocity, motion.total, total, between_fixes.variance, motion.bridged,
+        velocity, track.total, total, between_fixes.variance, track.bridged,
         np.zeros((2, 2)) if track_covariance is None else track_covariance, with_hull=track_covariance is not None,
     )  # fmt: skip
     covariance = current_uncertainty(drift, errors).covariance
@@ -176,18 +198,14 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([*boundaries, int(found[-1])], dtype=np.int64)
 
 
-def glide_angle_current(
-    record: ProfileRecord, series: ProfileSeries, motion: SelfMotion, errors: CurrentErrors
-) -> Array | None:
-    """Conventional estimate ``(2,)`` (m/s) from the glide-angle track, or None unless there is a fix on both sides."""
-    boundaries = np.array([0, len(series.time) - 1])
-    current = depth_averaged_current(record, series, motion, boundaries, errors)
-    return None if current is None else current.velocity
+def whole_profile(series: ProfileSeries) -> NDArray[np.int64]:
+    """Samples ``(2,)`` at both ends of a profile, the boundaries of a single cycle."""
+    return np.array([0, len(series.time) - 1])
 
 
 def smoothed_current(
     record: ProfileRecord,
-    series: ProfileSeries,
+    clock: Array,
     displacement: Array,
     displacement_covariance: Array,
     errors: CurrentErrors,
@@ -198,8 +216,10 @@ def smoothed_current(
 
     Parameters
     ----------
-    record, series : ProfileRecord, ProfileSeries
-        Fixes, and times of the samples.
+    record : ProfileRecord
+        Fixes before and after the profile.
+    clock : (k,)
+        Times, s since the profile's first sample; first and last are those of the profile.
     displacement, displacement_covariance : (2,), (2, 2)
         Displacement north and east from the profile's start to its end, and its covariance, m and m2.
     errors : CurrentErrors
@@ -215,7 +235,7 @@ def smoothed_current(
     added to the covariance (`with_hull`) or enter through the terms of the budget (`current_uncertainty`). Vibration
     intervals are not bridged, because the smoother itself adds noise there.
     """
-    between_fixes = _fix_to_fix_drift(record, series, errors)
+    between_fixes = _fix_to_fix_drift(record, clock, errors)
     if between_fixes is None:
         return None
     elapsed = between_fixes.end - between_fixes.begin
@@ -277,11 +297,11 @@ class _FixToFixDrift:
         return self.entry.variance + self.exit.variance
 
 
-def _fix_to_fix_drift(record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> _FixToFixDrift | None:
+def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors) -> _FixToFixDrift | None:
     """Displacement and time from fix to fix less the drift at the surface, or None unless both sides have a fix."""
     if record.entry_fix is None or record.exit_fix is None:
         return None
-    begin, end = float(series.time[0]), float(series.time[-1])
+    begin, end = float(clock[0]), float(clock[-1])
     before = _surface_interval(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, errors)
     after = _surface_interval(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, errors)
     return _FixToFixDrift(

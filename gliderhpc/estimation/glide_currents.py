@@ -105,7 +105,7 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     if not np.isfinite(motion.total).all() or motion.masked_fraction >= 1.0:
         raise ProfileError(f"profile {record.number}: no part is steep enough for a glide")
     covariance = _displacement_covariance(hulls, series, motion, errors)
-    current = smoothed_current(record, series, motion.total, covariance, errors.of_current)
+    current = smoothed_current(record, series.time, motion.total, covariance, errors.of_current)
     alpha = angle_of_attack(hulls[0], series.measurements[:, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = np.abs(depth_rate(series) / np.sin(series.measurements[:, 1] - alpha))

@@ -157,7 +157,7 @@ def _current(
     record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], by_hull: Array
 ) -> DiveCurrent | None:
     """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
-    between = smoothed_current(record, series, *displacement, _NOTHING)
+    between = smoothed_current(record, series.time, *displacement, _NOTHING)
     if between is None:
         return None
     return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)

@@ -26,15 +26,21 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor, one_line, was_killed
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_size
-from gliderhpc.mission.profile_rows import Row, derive_and_write, epoch_seconds
+from gliderhpc.mission.profile_currents import epoch_seconds
+from gliderhpc.mission.profile_rows import Row, derive_and_write, with_other_fixes
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import ArchiveRows, Commit, read_attributes, read_commits
+from gliderhpc.store_schema.commits import damages
+from gliderhpc.store_schema.digests import Digests
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
+
+FIXES = "fixes"
+"""Kind of input that only the currents follow from."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +139,12 @@ class _Batch:
                 self._results.append(ProfileResult(number, index, dict(commit.row)))
                 continue
             check_held(self._job.store, self._job.token)
+            if isinstance(commit, Commit) and differs_in_fixes_only(commit, inputs):
+                if damages(self._job.store, {index: commit}):
+                    log.warning("profile %d: chunks are damaged; it is computed again", number)
+                else:
+                    self._amend(number, index, commit, inputs)
+                    continue
             row = extent_of(self._observations, number, self._job.mission_start)
             try:
                 record = self._observations.profile(number)
@@ -149,21 +161,40 @@ class _Batch:
         began, seconds = time.perf_counter(), work.seconds
         check_held(self._job.store, self._job.token)
         self._rows.begin(work.index)
+        kept: Row = {}
         if isinstance(estimate, ProfileError):
             row = failed_row(str(estimate))
         else:
             seconds += estimate.seconds
             try:
-                row = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
+                row, kept = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
                 row["status"] = "done"
             except ProfileError as error:
                 row = failed_row(str(error))
-        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began)
+        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, kept)
 
-    def _close(self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float) -> None:
-        row["run_seconds"] = seconds
-        close_profile(self._rows, index, row, inputs)
+    def _amend(self, number: int, index: int, commit: Commit, inputs: dict[str, str]) -> None:
+        """Derive a committed profile's currents from its new fixes."""
+        log.info("profile %d: only its fixes have changed; its currents are derived again", number)
+        record = self._observations.profile(number)
+        self._rows.begin(index)
+        row = with_other_fixes(self._rows, index, record, commit, self._job.settings, self._job.platform)
+        close_profile(self._rows, index, row, inputs, kept=commit.kept, amended=commit.manifest)
         self._results.append(ProfileResult(number, index, row))
+
+    def _close(
+        self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, kept: Row | None = None
+    ) -> None:
+        row["run_seconds"] = seconds
+        close_profile(self._rows, index, row, inputs, kept=kept)
+        self._results.append(ProfileResult(number, index, row))
+
+
+def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
+    """Return whether a profile was estimated from the same inputs but for its fixes, and what that takes was kept."""
+    others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
+    same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
+    return same and bool(commit.kept) and commit.row.get("status") == "done"
 
 
 def inputs_of(
@@ -187,6 +218,7 @@ def inputs_of(
         "settings": _digest(settings.model_dump(mode="json")),
         "platform": _digest(platform.model_dump(mode="json")),
         "record": _record_digest(observations, number, mission_start),
+        FIXES: observations.fix_digest(number),
     }
 
 
@@ -213,12 +245,13 @@ def is_made_from(place: Place, observations: Observations, profiles: Mapping[int
         return False
     commits, start = read_commits(place, profiles.values()), first_start(observations)
     records = {
-        number: commit.inputs.get("record")
+        number: (commit.inputs.get("record"), commit.inputs.get(FIXES))
         for number, index in profiles.items()
         if isinstance(commit := commits.get(index), Commit)
     }
     return bool(records) and all(
-        _record_digest(observations, number, start) == record for number, record in records.items()
+        (_record_digest(observations, number, start), observations.fix_digest(number)) == made_from
+        for number, made_from in records.items()
     )
 
 
@@ -241,10 +274,19 @@ def extent_of(observations: Observations, number: int, mission_start: np.datetim
     }
 
 
-def close_profile(rows: ArchiveRows, index: int, row: Row, inputs: dict[str, str]) -> None:
-    """Commit a profile; NaN, which JSON cannot represent, is left out and read as missing."""
+def close_profile(
+    rows: ArchiveRows,
+    index: int,
+    row: Row,
+    inputs: dict[str, str],
+    *,
+    kept: Mapping[str, Any] | None = None,
+    amended: Digests | None = None,
+) -> None:
+    """Commit a profile (`ArchiveRows.commit`); NaN, which JSON cannot represent, is left out and read as missing."""
     plain = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
-    rows.commit(index, plain, inputs, datetime.now(UTC).isoformat(timespec="seconds"))
+    finished = datetime.now(UTC).isoformat(timespec="seconds")
+    rows.commit(index, plain, inputs, finished, kept=kept, amended=amended)
 
 
 def failed_row(message: str) -> Row:

@@ -5,17 +5,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import (
-    DepthAveragedCurrent,
-    SurfaceInterval,
-    cycles_of,
-    depth_averaged_current,
-    glide_angle_current,
-    smoothed_current,
-    surface_drift,
-    with_disagreement,
-)
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
@@ -23,11 +12,20 @@ from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, mod
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.hull_rows import hull_row
+from gliderhpc.mission.profile_currents import (
+    BY_FIXES,
+    as_kept,
+    current_rows,
+    epoch_seconds,
+    from_kept,
+    tracks_of,
+)
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Fix, ProfileRecord, ProfileSeries
+from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
-from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows, Commit
 from gliderhpc.store_schema.schema import SEAWATER
 from gliderhpc.vocabulary import CHANNELS, STATES
 
@@ -35,7 +33,6 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 _ANGLES = ("roll", "pitch", "heading", "p", "q", "r", "battery_rotation", "rudder")
-_SECOND = np.timedelta64(1, "s")
 
 
 def derive_and_write(
@@ -44,8 +41,8 @@ def derive_and_write(
     record: ProfileRecord,
     estimate: ProfileEstimate,
     settings: MissionSettings,
-) -> Row:
-    """Derive currents and other quantities from an estimate, write the profile's chunks, and return its table row.
+) -> tuple[Row, Row]:
+    """Derive currents and other quantities from an estimate, and write the profile's chunks.
 
     Parameters
     ----------
@@ -57,42 +54,60 @@ def derive_and_write(
         Record of the profile, and its estimate.
     settings : MissionSettings
         Settings of the run.
+
+    Returns
+    -------
+    row : dict
+        The profile's row of the table.
+    kept : dict
+        What the currents follow from besides the fixes, to be kept with the commit (`with_other_fixes`).
     """
     series, platform = estimate.series, estimate.profile.glider.platform
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
     conventional = glide_angle_motion(platform, series, estimate.vibrating)
-    errors = settings.current.errors(platform)
-    smoothed, by_hull = estimate.smoothed, settings.current.by_hull and estimate.hull is not None
-    stated = smoothed.displacement_covariance if by_hull and smoothed is not None else None
-    cycles = cycles_of(series)
-    current = depth_averaged_current(record, series, motion, cycles, errors, stated)
-    by_smoother = _usable_smoothed_current(record, estimate, errors, with_hull=by_hull)
-    by_filter = _filter_current(record, estimate, cycles, errors) if estimate.solution.from_path else None
-    if current is not None and by_smoother is not None:
-        current, by_smoother = with_disagreement(current, by_smoother, errors, by_filter)
-    groups = _groups(record, estimate, current, settings.steps_per_record)
+    tracks = tracks_of(estimate, motion, conventional, by_hull=settings.current.by_hull)
+    by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
+    groups = _groups(record, estimate, settings.steps_per_record) | {"drift_current": segments}
     water = series.seawater if by_density(platform, series) else None
     if water is not None:
         groups["observed"] |= _seawater(water, settings.steps_per_record)
     for group, values in groups.items():
         rows.write(index, group, values)
-    row = _estimate_row(estimate, motion, conventional)
+    row = _estimate_row(estimate, motion, conventional) | by_fixes
     row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
-    row |= _current_row(record, current, glide_angle_current(record, series, conventional, errors))
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
         if estimate.hull is not None:
             rows.write(index, "hull", hull_row(estimate, estimate.smoothed, estimate.hull, settings.steps_per_record))
-        row |= _smoothed_current_row(by_smoother) | _filter_current_row(by_filter)
-    row["message"] = "; ".join([*record.notes, *buoyancy_remarks(platform, series), *remarks(platform, estimate)])
-    return row
+    own = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
+    row["message"] = "; ".join([*record.notes, *own])
+    return row, as_kept(tracks, own)
 
 
-def _groups(
-    record: ProfileRecord, estimate: ProfileEstimate, current: DepthAveragedCurrent | None, every: int
-) -> dict[str, Row]:
+def with_other_fixes(
+    rows: ArchiveRows, index: int, record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
+) -> Row:
+    """Derive the currents of a committed profile from other fixes, write them, and return the profile's table row.
+
+    Parameters
+    ----------
+    rows, index, record, settings : ArchiveRows, int, ProfileRecord, MissionSettings
+        As for `derive_and_write`; the record with the new fixes.
+    commit : Commit
+        Commit of the profile, made from the same samples, hull and settings.
+    platform : Platform
+        Hull of the run.
+    """
+    tracks, own = from_kept(commit.kept)
+    by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
+    rows.write(index, "drift_current", segments)
+    rest = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
+    return rest | by_fixes | {"message": "; ".join([*record.notes, *own])}
+
+
+def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dict[str, Row]:
     """Return the profile's rows by group; `every` is the number of steps from record to record."""
     series, solution = estimate.series, estimate.solution
     clock = epoch_seconds(record.epoch) + series.time
@@ -109,13 +124,6 @@ def _groups(
         "observed": {"time": clock[::every], **observed_row(series, every)},
         "windows": _windows(estimate),
     }
-    if current is not None:
-        rows["drift_current"] = {
-            "north": [segment.velocity[0] for segment in current.segments],
-            "east": [segment.velocity[1] for segment in current.segments],
-            "start": [segment.start for segment in current.segments],
-            "stop": [segment.stop for segment in current.segments],
-        }
     return rows
 
 
@@ -153,46 +161,6 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
         **{f"{name}_noise_factor": float(smoothed.noise_factor[i]) for i, name in enumerate(CHANNELS)},
     }
     return {f"smoothed/{name}": value for name, value in row.items()}
-
-
-def _usable_smoothed_current(
-    record: ProfileRecord, estimate: ProfileEstimate, errors: CurrentErrors, *, with_hull: bool
-) -> DepthAveragedCurrent | None:
-    """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
-    smoothed = estimate.smoothed
-    if smoothed is None or not smoothed.outcome.usable:
-        return None
-    covariance = smoothed.displacement_covariance
-    if estimate.hull is not None and not with_hull:
-        covariance = covariance - estimate.hull.displacement_covariance
-    return smoothed_current(record, estimate.series, smoothed.displacement, covariance, errors, with_hull=with_hull)
-
-
-def _filter_current(
-    record: ProfileRecord, estimate: ProfileEstimate, cycles: NDArray[np.int64], errors: CurrentErrors
-) -> DepthAveragedCurrent | None:
-    """Return the current from the filter's motion."""
-    motion = model_motion(estimate.filtered.states, estimate.vibrating, estimate.series.step)
-    return depth_averaged_current(record, estimate.series, motion, cycles, errors)
-
-
-def _filter_current_row(current: DepthAveragedCurrent | None) -> Row:
-    if current is None:
-        return {}
-    return dict(zip(("dac_north_filter", "dac_east_filter"), current.velocity.tolist(), strict=True))
-
-
-def _smoothed_current_row(current: DepthAveragedCurrent | None) -> Row:
-    if current is None:
-        return {}
-    (north, east), covariance = current.velocity, current.covariance
-    return {
-        "dac_north_smoothed": float(north),
-        "dac_east_smoothed": float(east),
-        "dac_north_smoothed_std": float(np.sqrt(covariance[0, 0])),
-        "dac_east_smoothed_std": float(np.sqrt(covariance[1, 1])),
-        "dac_smoothed_covariance": float(covariance[0, 1]),
-    }
 
 
 def observed_row(series: ProfileSeries, every: int) -> Row:
@@ -249,45 +217,3 @@ def _estimate_row(estimate: ProfileEstimate, motion: SelfMotion, conventional: S
         "vibration_displacement": motion.bridged,
         "glide_angle_masked_fraction": conventional.masked_fraction,
     }
-
-
-def _current_row(record: ProfileRecord, current: DepthAveragedCurrent | None, conventional: Array | None) -> Row:
-    row: Row = {}
-    for end, fix in (("entry", record.entry_fix), ("exit", record.exit_fix)):
-        if fix is not None:
-            row |= _fix_row(end, fix)
-    if current is not None:
-        row["dac_north"], row["dac_east"] = (float(value) for value in current.velocity)
-        row["dac_north_std"], row["dac_east_std"] = (float(value) for value in np.sqrt(np.diag(current.covariance)))
-        row["dac_covariance"] = float(current.covariance[0, 1])
-        row |= _surface_row("entry", current.entry) | _surface_row("exit", current.exit)
-    if conventional is not None:
-        row["dac_north_glide_angle"], row["dac_east_glide_angle"] = (float(value) for value in conventional)
-    drifts = [d for d in map(surface_drift, (record.surface_fixes_before, record.surface_fixes_after)) if d is not None]
-    if drifts:
-        row["surface_drift_north"], row["surface_drift_east"] = (
-            float(value) for value in np.mean([d.velocity for d in drifts], axis=0)
-        )
-    return row
-
-
-def _surface_row(end: str, afloat: SurfaceInterval) -> Row:
-    north, east = afloat.displacement
-    return {
-        f"{end}_surface_time": afloat.drift_removed,
-        f"{end}_surface_north": float(north),
-        f"{end}_surface_east": float(east),
-    }
-
-
-def _fix_row(end: str, fix: Fix) -> Row:
-    return {
-        f"{end}_time": epoch_seconds(fix.time),
-        f"{end}_latitude": fix.latitude,
-        f"{end}_longitude": fix.longitude,
-    }
-
-
-def epoch_seconds(time: np.datetime64) -> float:
-    """Convert a time to seconds since 1970."""
-    return float((time - np.datetime64(0, "s")) / _SECOND)

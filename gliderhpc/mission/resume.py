@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gliderhpc.errors import InputError
-from gliderhpc.mission.jobs import MissionWork
+from gliderhpc.mission.jobs import FIXES, MissionWork
 from gliderhpc.mission.planning import MissionPlan
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.store_schema import (
@@ -33,6 +33,7 @@ KINDS = {
     "settings": "other settings",
     "platform": "another platform",
     "record": "another record",
+    FIXES: "other fixes",
 }
 """Kinds of input, each with the description of a difference, in the order in which they are reported."""
 
@@ -43,6 +44,7 @@ def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> 
 
 
 MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
+WITH_OTHER_FIXES = f"made with {KINDS[FIXES]}"
 
 
 @dataclass(frozen=True)
@@ -193,8 +195,10 @@ def prepare_archive(
         grow_archive(store, plan.profiles, plan.sizes)
         _check_structure(store)
     rows = ArchiveRows(store)
-    for index in validity.outstanding:
-        rows.begin(index)
+    for index, reason in validity.outstanding.items():
+        # A commit that only lacks the new fixes is amended by the job.
+        if reason != WITH_OTHER_FIXES:
+            rows.begin(index)
     if validity.outstanding:
         mark_studies_outdated(store, f"made before {len(validity.outstanding)} profiles were computed again or added")
     write_coordinates(store)

@@ -164,9 +164,10 @@ class Observations:
         return sha.hexdigest()
 
     def profile_digest(self, number: int) -> str:
-        """SHA-256 of a profile's content in the file, in hexadecimal: number, samples, fixes and fault.
+        """SHA-256 of what a profile's estimate follows from: number, samples, fault and position, in hexadecimal.
 
-        It depends neither on the file's way of storing them nor on the other profiles.
+        It depends neither on the file's way of storing them nor on the other profiles. Of the fixes it contains the
+        position at which the water's density is computed; `fix_digest` contains all.
         """
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())
@@ -174,12 +175,15 @@ class Observations:
         for name in (*PROFILE_VARIABLES, *(name for name in OPTIONAL if name in self._stored)):
             sha.update(name.encode())
             sha.update(self._stored.numbers(name, span.start, span.stop).tobytes())
-        before, after, reasons = self._fixes(span)
-        for fixes in (before, after):
-            sha.update(repr([(str(fix.time), fix.latitude, fix.longitude) for fix in fixes]).encode())
-        if reasons:
-            sha.update(repr(reasons).encode())
+        before, after, _ = self._fixes(span)
+        sha.update(repr([(fix.latitude, fix.longitude) for fix in (*before[-1:], *after[:1])[:1]]).encode())
         return sha.hexdigest()
+
+    def fix_digest(self, number: int) -> str:
+        """SHA-256 of a profile's fixes, and of the reasons why others are not used, in hexadecimal."""
+        before, after, reasons = self._fixes(self._span(number))
+        sides = [[(str(fix.time), fix.latitude, fix.longitude) for fix in fixes] for fixes in (before, after)]
+        return hashlib.sha256(repr((sides, reasons)).encode()).hexdigest()
 
     def sample_digests(self) -> dict[int, str]:
         """SHA-256 of each profile's samples and fault, by number; it includes neither the number nor the fixes.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice, product
 from typing import Any
 
@@ -48,11 +48,14 @@ class Commit:
         Digests of the profile's inputs, by kind.
     manifest : mapping of str to str or None
         Digest by key of every possible chunk of the profile, None where there is no chunk.
+    kept : mapping
+        What the writer kept for itself, anything that JSON holds; empty if it kept nothing.
     """
 
     row: Mapping[str, Any]
     inputs: Mapping[str, str]
     manifest: Digests
+    kept: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -93,10 +96,18 @@ def row_chunks(arrays: Mapping[str, zarr.Array[Any]] | Mapping[str, AsyncArray],
     }
 
 
-def as_texts(row: Mapping[str, Any], inputs: Mapping[str, str], manifest: Digests, finished: str) -> tuple[str, str]:
+def as_texts(
+    row: Mapping[str, Any],
+    inputs: Mapping[str, str],
+    manifest: Digests,
+    finished: str,
+    kept: Mapping[str, Any] | None = None,
+) -> tuple[str, str]:
     """Return manifest and marker as stored text."""
     text = json.dumps(manifest, sort_keys=True)
     marker = {"inputs": dict(inputs), "manifest": digest_of(text.encode()), "finished": finished, "row": dict(row)}
+    if kept:
+        marker["kept"] = dict(kept)
     return text, json.dumps(marker, allow_nan=False)
 
 
@@ -335,7 +346,7 @@ def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
     content = json.loads(marker)
     if digest_of(manifest.encode()) != content["manifest"]:
         return "the manifest does not match the marker"
-    return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest))
+    return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest), dict(content.get("kept", {})))
 
 
 def _difference(wanted: str | None, found: str | None) -> str:

@@ -111,7 +111,16 @@ class ArchiveRows:
         self._put_text(MARKER, profile_index, "")
         self._store.digests.clear()
 
-    def commit(self, profile_index: int, row: Mapping[str, Any], inputs: Mapping[str, str], finished: str) -> None:
+    def commit(
+        self,
+        profile_index: int,
+        row: Mapping[str, Any],
+        inputs: Mapping[str, str],
+        finished: str,
+        *,
+        kept: Mapping[str, Any] | None = None,
+        amended: Digests | None = None,
+    ) -> None:
         """Commit a profile: fill the rows not written since `begin`, write the manifest, and last the marker.
 
         Parameters
@@ -124,13 +133,19 @@ class ArchiveRows:
             Digests of the profile's inputs, by kind.
         finished : str
             Time of completion, ISO 8601.
+        kept : mapping, optional
+            What is kept with the commit for a later run (`Commit.kept`).
+        amended : dict, optional
+            Manifest of the commit that is amended: rows not written since `begin` stay as they are, and are not filled.
         """
         arrays = self._opened(row_names(MISSION), profile_index)
         chunks = row_chunks(arrays, profile_index)
-        missing = dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests)
-        write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
-        manifest = {key: self._store.digests[key] for key in chunks}
-        text, marker = as_texts(row, inputs, manifest, finished)
+        if amended is None:
+            missing = dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests)
+            write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
+        before = amended or {}
+        manifest = {key: self._store.digests.get(key, before.get(key)) for key in chunks}
+        text, marker = as_texts(row, inputs, manifest, finished, kept)
         self._put_text(MANIFEST, profile_index, text)
         self._put_text(MARKER, profile_index, marker)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import DepthAveragedCurrent, cycles_of, depth_averaged_current
+from gliderhpc.estimation.currents import DepthAveragedCurrent, cycles_of, depth_averaged_current, track_of
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.outcomes import Outcome
 from gliderhpc.simulator import Impulse
@@ -97,7 +97,8 @@ def twin_current(inversion: TwinInversion) -> DepthAveragedCurrent:
     """
     estimate, record = inversion.estimate, inversion.record
     motion = model_motion(estimate.solution.states, estimate.vibrating, inversion.step)
-    current = depth_averaged_current(record, estimate.series, motion, cycles_of(estimate.series), CurrentErrors())
+    track = track_of(estimate.series, motion, cycles_of(estimate.series))
+    current = depth_averaged_current(record, track, CurrentErrors())
     if current is None:
         raise InputError("a twin without fixes has no current")
     return current

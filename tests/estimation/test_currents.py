@@ -21,11 +21,12 @@ from gliderhpc.estimation.currents import (
     MIN_CYCLE,
     cycles_of,
     depth_averaged_current,
-    glide_angle_current,
     local_displacement,
     smoothed_current,
     surface_drift,
     surface_variance,
+    track_of,
+    whole_profile,
     with_disagreement,
 )
 from gliderhpc.estimation.self_motion import (
@@ -99,7 +100,7 @@ def test_the_segments_close_on_the_gps_residual(drift):
     steps, boundaries, entry, end = drift
     series = series_of(np.zeros(len(steps) + 1))
     record = record_between(entry, end)
-    current = depth_averaged_current(record, series, SelfMotion(steps, 0.0), boundaries, CurrentErrors())
+    current = depth_averaged_current(record, track_of(series, SelfMotion(steps, 0.0), boundaries), CurrentErrors())
     clock = STEP * boundaries.astype(float)
     clock[0] = (entry.time - EPOCH) / np.timedelta64(1, "s")
     clock[-1] = (end.time - EPOCH) / np.timedelta64(1, "s")
@@ -117,10 +118,8 @@ def test_equations_39_and_40_by_hand():
     steps = np.concatenate([np.tile([0.03, 0.0], (600, 1)), np.tile([0.0, 0.02], (400, 1))])
     entry, end = fix(0.0, 10.0, 20.0), None
     end = moved_fix(entry, 100.0, 30.0, 14.0)
-    current = depth_averaged_current(
-        record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 600, 1000]),
-        CurrentErrors(),
-    )  # fmt: skip
+    track = track_of(series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 600, 1000]))
+    current = depth_averaged_current(record_between(entry, end), track, CurrentErrors())
     first, second = (segment.velocity for segment in current.segments)
     np.testing.assert_allclose(first, [(30.0 * 0.6 - 18.0) / 60.0, 14.0 * 0.6 / 60.0], atol=1e-6)
     np.testing.assert_allclose(second, [30.0 * 0.4 / 40.0, (14.0 * 0.4 - 8.0) / 40.0], atol=1e-6)
@@ -133,7 +132,7 @@ def test_time_at_the_surface_counts_though_the_glider_rests():
     entry = fix(0.0, 10.0, 20.0)
     end = moved_fix(entry, 700.0, 20.0 + 0.1 * 700.0, 0.0)
     current = depth_averaged_current(
-        record_between(entry, end), series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 1000]),
+        record_between(entry, end), track_of(series_of(np.zeros(1001)), SelfMotion(steps, 0.0), np.array([0, 1000])),
         CurrentErrors(),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, 0.0], atol=1e-6)
@@ -170,7 +169,7 @@ def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
     current, before, after = np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
     record, series, motion = afloat(current, before, after)
     boundaries = np.array([0, 8000, 20_000])
-    found = depth_averaged_current(record, series, motion, boundaries, CERTAIN)
+    found = depth_averaged_current(record, track_of(series, motion, boundaries), CERTAIN)
     np.testing.assert_allclose(found.velocity, current, atol=1e-6)
     np.testing.assert_allclose(taken_out(found)[1], 300.0 * before + 200.0 * after, atol=1e-3)
     assert taken_out(found)[0] == pytest.approx(500.0)
@@ -184,7 +183,7 @@ def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known)
     record, series, motion = afloat(
         current, drift, drift, fixes_before=1 + (known == "before"), fixes_after=1 + (known == "after")
     )
-    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
     remaining = 500.0 - removed
     assert taken_out(found)[0] == pytest.approx(removed)
@@ -197,7 +196,7 @@ def test_an_uncertain_drift_is_taken_out_in_part():
     current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
     record, series, motion = afloat(current, drift, drift)
     uncertain = CurrentErrors(fix_error=5.0, surface_shear=0.1)
-    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), uncertain)
+    found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), uncertain)
     shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
     unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
     assert taken_out(found)[0] == pytest.approx(500.0 - unexplained)
@@ -210,12 +209,12 @@ def test_an_uncertain_drift_is_taken_out_in_part():
 def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
     record, series, motion = afloat(np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0]))
     same = CurrentErrors(surface_shear=0.0)
-    assert taken_out(depth_averaged_current(record, series, motion, np.array([0, 20_000]), same))[0] == 0.0
+    assert taken_out(depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), same))[0] == 0.0
 
 
 def test_a_fix_kilometres_off_is_no_drift():
     record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.0, 0.0]), np.array([0.2, 0.0]))
-    found = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
+    found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     assert taken_out(found)[0] == pytest.approx(200.0)
     assert surface_drift(record.surface_fixes_before) is None
 
@@ -225,8 +224,7 @@ def test_no_fix_no_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     motion = SelfMotion(np.zeros((100, 2)), 0.0)
     series = series_of(np.zeros(101))
-    assert depth_averaged_current(record, series, motion, np.array([0, 100]), CurrentErrors()) is None
-    assert glide_angle_current(record, series, motion, CurrentErrors()) is None
+    assert depth_averaged_current(record, track_of(series, motion, whole_profile(series)), CurrentErrors()) is None
 
 
 # The current from the smoother's displacement
@@ -241,7 +239,7 @@ def test_the_smoothed_current_by_hand():
     end = moved_fix(entry, 700.0, 80.0, -14.0)
     covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
     current = smoothed_current(
-        record_between(entry, end), series_of(np.zeros(5001)), np.array([10.0, 0.0]), covariance,
+        record_between(entry, end), series_of(np.zeros(5001)).time, np.array([10.0, 0.0]), covariance,
         FIXES_ALONE.model_copy(update={"fix_error": 3.0, "surface_shear": 0.1}),
     )  # fmt: skip
     np.testing.assert_allclose(current.velocity, [0.1, -0.02], atol=1e-6)
@@ -252,16 +250,16 @@ def test_the_smoothed_current_has_the_same_drift_taken_out():
     """For one dive with one displacement, the currents of the adjoint and of the smoother are equal."""
     record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
     settings = CurrentErrors(fix_error=5.0, surface_shear=0.1)
-    adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), settings)
-    smoothed = smoothed_current(record, series, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
+    adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), settings)
+    smoothed = smoothed_current(record, series.time, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
     assert taken_out(adjoint)[0] > 300.0
     np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
 
 
 def test_what_the_two_estimates_differ_by_widens_both():
     record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
-    adjoint = depth_averaged_current(record, series, motion, np.array([0, 20_000]), CERTAIN)
-    smoothed = smoothed_current(record, series, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
+    adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
+    smoothed = smoothed_current(record, series.time, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
     difference = adjoint.velocity - smoothed.velocity
     assert np.linalg.norm(difference) > 0.01
     for before, after in zip((adjoint, smoothed), with_disagreement(adjoint, smoothed, CERTAIN), strict=True):
@@ -273,7 +271,7 @@ def test_what_the_two_estimates_differ_by_widens_both():
 def test_no_fix_no_smoothed_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     series = series_of(np.zeros(101))
-    assert smoothed_current(record, series, np.zeros(2), np.eye(2), CurrentErrors()) is None
+    assert smoothed_current(record, series.time, np.zeros(2), np.eye(2), CurrentErrors()) is None
 
 
 @pytest.mark.parametrize("fixes", [1, 2])
@@ -296,9 +294,9 @@ def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude
         late = (measured(560.0, end + 60.0 * after), measured(740.0, end + 240.0 * after))[:fixes]
         return replace(record_between(early[-1], late[0]), surface_fixes_before=early, surface_fixes_after=late)
 
-    expected = smoothed_current(drawn(), series, np.zeros(2), covariance, options)
+    expected = smoothed_current(drawn(), series.time, np.zeros(2), covariance, options)
     draws = np.array([
-        smoothed_current(drawn(), series, moved, np.zeros((2, 2)), options).velocity
+        smoothed_current(drawn(), series.time, moved, np.zeros((2, 2)), options).velocity
         for moved in rng.multivariate_normal(np.zeros(2), covariance, 4000)
     ])  # fmt: skip
     np.testing.assert_allclose(np.cov(draws.T), expected.covariance, atol=0.06 * expected.covariance.max())
@@ -451,13 +449,13 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     terms = FIXES_ALONE.model_copy(update={"heading_error": 3.0, "fix_error": 0.0, "surface_shear": 0.0})
     angle = np.radians(3.0)
     turned = SelfMotion(motion.steps @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.0)
-    boundaries = np.array([0, len(series.time) - 1])
-    right, wrong = (depth_averaged_current(record, series, m, boundaries, terms) for m in (motion, turned))
+    tracks = (track_of(series, m, whole_profile(series)) for m in (motion, turned))
+    right, wrong = (depth_averaged_current(record, track, terms) for track in tracks)
     error, across = wrong.velocity - right.velocity, right.covariance
     track = right.drift.track / np.linalg.norm(right.drift.track)
     starboard = np.array([-track[1], track[0]])
     assert abs(error @ starboard) == pytest.approx(np.sqrt(starboard @ across @ starboard), rel=1e-3)
-    by_smoother = smoothed_current(record, series, motion.total, np.zeros((2, 2)), terms)
+    by_smoother = smoothed_current(record, series.time, motion.total, np.zeros((2, 2)), terms)
     np.testing.assert_allclose(by_smoother.covariance, across, atol=1e-15)
 
 
@@ -504,7 +502,7 @@ def test_the_terms_follow_the_hull_unless_given():
 def test_the_surface_s_variance_follows_from_what_the_archive_holds():
     record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
     errors = CurrentErrors(fix_error=5.0, surface_shear=0.1)
-    current = depth_averaged_current(record, series, motion, np.array([0, 20_000]), errors)
+    current = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), errors)
     for end in (current.entry, current.exit):
         assert surface_variance(end.lasts, end.drift_removed, errors) == pytest.approx(end.variance, rel=1e-9)
 

@@ -608,6 +608,50 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert "3 profiles are valid; nothing to compute" in answer.err
 
 
+@pytest.fixture
+def other_fixes(swift, tmp_path):
+    """Observation file of the swift mission with another fix after its last dive, and the archive of a fresh run."""
+
+    def move_the_last(content):
+        content["fix_latitude"].values[-1] += 2e-4
+
+    path, whole = changed_observations(swift, tmp_path / "fixes.nc", move_the_last), tmp_path / "whole.zarr"
+    assert program("run-mission", path, *WHOLE, "--store", whole).status == 0
+    return path, whole
+
+
+def test_other_fixes_change_the_currents_alone(other_fixes, swift_store, tmp_path, monkeypatch):
+    """Nothing is inverted again, and the archive is that of a fresh run."""
+    path, whole = other_fixes
+    store = tmp_path / "amended.zarr"
+    shutil.copytree(swift_store, store)
+
+    def estimates(profiles, *_, **__):
+        assert list(profiles) == []
+        return iter(())
+
+    monkeypatch.setattr("gliderhpc.mission.jobs.estimate_profiles", estimates)
+    answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert answer.status == 0, answer.err
+    assert "2 profiles are valid; to be computed: 1 made with other fixes" in answer.err
+    assert program("check", store, "--deep").status == 0
+    assert program("compare", store, whole).status == 0
+    assert program("compare", store, swift_store).status == 1
+    again = program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert "3 profiles are valid; nothing to compute" in again.err
+
+
+def test_a_damaged_profile_with_other_fixes_is_inverted_again(other_fixes, swift_store, tmp_path):
+    path, whole = other_fixes
+    store = tmp_path / "damaged.zarr"
+    shutil.copytree(swift_store, store)
+    (store / "series" / "B_cu" / "c.2.0").unlink()
+    answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert answer.status == 0, answer.err
+    assert program("check", store, "--deep").status == 0
+    assert program("compare", store, whole).status == 0
+
+
 def test_rows_grow_with_a_longer_profile(swift, tmp_path):
     """The archive of a shorter profile has shorter rows; rows of a longer profile continue in further chunks."""
 

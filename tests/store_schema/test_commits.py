@@ -40,7 +40,7 @@ def test_the_manifest_names_every_chunk_of_the_profile(swift_store):
         }  # fmt: skip
         assert there == {key for key, digest in commit.manifest.items() if digest is not None}
         assert {key for key, digest in commit.manifest.items() if digest is None}
-        assert set(commit.inputs) == {"software", "settings", "platform", "record"}
+        assert set(commit.inputs) == {"software", "settings", "platform", "record", "fixes"}
 
 
 def test_chunks_come_before_manifest_and_marker(swift_store):

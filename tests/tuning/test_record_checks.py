@@ -12,7 +12,7 @@ from support.missions import program
 
 from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
 from gliderhpc.api.missions import warn_of_records
-from gliderhpc.estimation.currents import depth_averaged_current
+from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
@@ -406,8 +406,7 @@ def test_a_leg_errs_with_its_speed_as_it_says(record):
     leg = leg_of(PETREL, record, series, errors)
     motion = glide_angle_motion(PETREL, series, vibration_set(PETREL, series))
     slower = SelfMotion(0.99 * motion.steps, motion.bridged)
-    whole = np.array([0, len(series.time) - 1])
-    current = depth_averaged_current(record, series, slower, whole, errors).velocity
+    current = depth_averaged_current(record, track_of(series, slower, whole_profile(series)), errors).velocity
     assert current - leg.current == pytest.approx(-0.01 * leg.by_speed, rel=1e-9)
     assert leg.time == series.epoch.astype("datetime64[ns]").astype(np.int64) / 1e9
 

@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import depth_averaged_current
+from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import HARMONICS, harmonics, vibration_set
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.observations import ProfileRecord, ProfileSeries
@@ -181,9 +181,9 @@ class Leg:
 def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> Leg | None:
     """Convert a profile to a leg; None unless it has a fix on both sides and a displacement through the water."""
     motion = glide_angle_motion(platform, series, vibration_set(platform, series))
-    whole = np.array([0, len(series.time) - 1])
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
-    carried, current = (depth_averaged_current(record, series, m, whole, errors) for m in (still, motion))
+    tracks = (track_of(series, m, whole_profile(series)) for m in (still, motion))
+    carried, current = (depth_averaged_current(record, track, errors) for track in tracks)
     length = float(np.linalg.norm(motion.total))
     if carried is None or current is None or not length > MIN_LENGTH:
         return None

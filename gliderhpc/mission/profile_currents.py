@@ -1,0 +1,275 @@
+"""A profile's currents in the archive, and what they follow from besides the fixes.
+
+The fixes after a dive often arrive in the files of the next one. The rest is therefore kept with the profile's commit:
+with new fixes the currents follow from it, and nothing is inverted again.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.currents import (
+    DepthAveragedCurrent,
+    Segment,
+    SurfaceInterval,
+    Track,
+    cycles_of,
+    depth_averaged_current,
+    smoothed_current,
+    surface_drift,
+    track_of,
+    whole_profile,
+    with_disagreement,
+)
+from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.self_motion import SelfMotion, model_motion
+from gliderhpc.observations import Fix, ProfileRecord
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+_SECOND = np.timedelta64(1, "s")
+
+BY_FIXES = ("entry_", "exit_", "dac_", "surface_drift_")
+"""Beginnings of the names of the table's columns that follow from the fixes."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedTrack:
+    """Displacement ``(2,)`` through the water by the smoother, m, with its covariance ``(2, 2)``, m2."""
+
+    displacement: Array
+    covariance: Array
+    with_hull: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Displacements through the water from which, with the fixes, a profile's currents follow.
+
+    Attributes
+    ----------
+    adjoint : Track
+        Displacement by the windows.
+    covariance : (2, 2), optional
+        Covariance of that displacement including the hull's errors, m2, where the smoother has stated it.
+    glide_angle : Track
+        Displacement by the glide-angle relation.
+    smoothed : SmoothedTrack, optional
+        Displacement by the smoother, if its outcome is usable.
+    filtered : Track, optional
+        Displacement by the filter, where the windows start from the smoothed path.
+    """
+
+    adjoint: Track
+    covariance: Array | None
+    glide_angle: Track
+    smoothed: SmoothedTrack | None
+    filtered: Track | None
+
+
+def tracks_of(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfMotion, *, by_hull: bool) -> Tracks:
+    """Return the displacements of an estimate.
+
+    Parameters
+    ----------
+    estimate : ProfileEstimate
+        The estimate of the profile.
+    motion, conventional : SelfMotion
+        Displacement by the windows, and by the glide-angle relation.
+    by_hull : bool
+        Whether the covariance contains the hull's errors, where the estimate has them (setting ``currents.budget``).
+    """
+    series, smoothed = estimate.series, estimate.smoothed
+    cycles, with_hull = cycles_of(series), by_hull and estimate.hull is not None
+    filtered = None
+    if estimate.solution.from_path:
+        drifted = model_motion(estimate.filtered.states, estimate.vibrating, series.step)
+        filtered = track_of(series, drifted, cycles)
+    return Tracks(
+        adjoint=track_of(series, motion, cycles),
+        covariance=smoothed.displacement_covariance if with_hull and smoothed is not None else None,
+        glide_angle=track_of(series, conventional, whole_profile(series)),
+        smoothed=_smoothed_track(estimate, with_hull=with_hull),
+        filtered=filtered,
+    )
+
+
+def _smoothed_track(estimate: ProfileEstimate, *, with_hull: bool) -> SmoothedTrack | None:
+    smoothed = estimate.smoothed
+    if smoothed is None or not smoothed.outcome.usable:
+        return None
+    covariance = smoothed.displacement_covariance
+    if estimate.hull is not None and not with_hull:
+        covariance = covariance - estimate.hull.displacement_covariance
+    return SmoothedTrack(smoothed.displacement, covariance, with_hull)
+
+
+def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> tuple[Row, Row]:
+    """Return the table's columns that follow from the fixes, and the row of group ``drift_current``.
+
+    Parameters
+    ----------
+    record : ProfileRecord
+        Record of the profile, with its fixes.
+    tracks : Tracks
+        Displacements through the water.
+    errors : CurrentErrors
+        Terms of the currents' uncertainty.
+    """
+    adjoint = depth_averaged_current(record, tracks.adjoint, errors, tracks.covariance)
+    smoothed = _smoothed(record, tracks, errors)
+    filtered = None if tracks.filtered is None else depth_averaged_current(record, tracks.filtered, errors)
+    conventional = depth_averaged_current(record, tracks.glide_angle, errors)
+    if adjoint is not None and smoothed is not None:
+        adjoint, smoothed = with_disagreement(adjoint, smoothed, errors, filtered)
+    row = _fix_rows(record)
+    if adjoint is not None:
+        row |= _vector(adjoint, "dac_{}", "dac_covariance")
+        row |= _surface_row("entry", adjoint.entry) | _surface_row("exit", adjoint.exit)
+    if conventional is not None:
+        row |= _components(conventional, "dac_{}_glide_angle")
+    row |= _surface_drift_row(record)
+    if smoothed is not None:
+        row |= _vector(smoothed, "dac_{}_smoothed", "dac_smoothed_covariance")
+    if filtered is not None:
+        row |= _components(filtered, "dac_{}_filter")
+    return row, _segments(() if adjoint is None else adjoint.segments)
+
+
+def _smoothed(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
+    """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
+    track = tracks.smoothed
+    if track is None:
+        return None
+    return smoothed_current(
+        record, tracks.adjoint.clock, track.displacement, track.covariance, errors, with_hull=track.with_hull
+    )
+
+
+def _segments(segments: Sequence[Segment]) -> Row:
+    return {
+        "north": [segment.velocity[0] for segment in segments],
+        "east": [segment.velocity[1] for segment in segments],
+        "start": np.array([segment.start for segment in segments], dtype=np.int64),
+        "stop": np.array([segment.stop for segment in segments], dtype=np.int64),
+    }
+
+
+def _components(current: DepthAveragedCurrent, name: str) -> Row:
+    north, east = current.velocity.tolist()
+    return {name.format("north"): north, name.format("east"): east}
+
+
+def _vector(current: DepthAveragedCurrent, name: str, covariance: str) -> Row:
+    """Return a current with its standard deviations and its covariance."""
+    north, east = np.sqrt(np.diag(current.covariance)).tolist()
+    deviations = {f"{name.format('north')}_std": north, f"{name.format('east')}_std": east}
+    return _components(current, name) | deviations | {covariance: float(current.covariance[0, 1])}
+
+
+def _fix_rows(record: ProfileRecord) -> Row:
+    row: Row = {}
+    for end, fix in (("entry", record.entry_fix), ("exit", record.exit_fix)):
+        if fix is not None:
+            row |= _fix_row(end, fix)
+    return row
+
+
+def _surface_drift_row(record: ProfileRecord) -> Row:
+    fixes = (record.surface_fixes_before, record.surface_fixes_after)
+    drifts = [drift for drift in map(surface_drift, fixes) if drift is not None]
+    if not drifts:
+        return {}
+    north, east = np.mean([drift.velocity for drift in drifts], axis=0).tolist()
+    return {"surface_drift_north": north, "surface_drift_east": east}
+
+
+def _surface_row(end: str, afloat: SurfaceInterval) -> Row:
+    north, east = afloat.displacement.tolist()
+    return {
+        f"{end}_surface_time": afloat.drift_removed,
+        f"{end}_surface_north": north,
+        f"{end}_surface_east": east,
+    }
+
+
+def _fix_row(end: str, fix: Fix) -> Row:
+    return {
+        f"{end}_time": epoch_seconds(fix.time),
+        f"{end}_latitude": fix.latitude,
+        f"{end}_longitude": fix.longitude,
+    }
+
+
+def epoch_seconds(time: np.datetime64) -> float:
+    """Convert a time to seconds since 1970."""
+    return float((time - np.datetime64(0, "s")) / _SECOND)
+
+
+# What is kept with the commit, as JSON, which gives every number back to the bit
+
+
+def as_kept(tracks: Tracks, remarks: list[str]) -> Row:
+    """Return displacements and the estimate's remarks as plain JSON."""
+    smoothed = tracks.smoothed
+    return {
+        "adjoint": _plain(tracks.adjoint),
+        "covariance": None if tracks.covariance is None else _numbers(tracks.covariance),
+        "glide_angle": _plain(tracks.glide_angle),
+        "smoothed": None
+        if smoothed is None
+        else {
+            "displacement": _numbers(smoothed.displacement),
+            "covariance": _numbers(smoothed.covariance),
+            "with_hull": smoothed.with_hull,
+        },
+        "filtered": None if tracks.filtered is None else _plain(tracks.filtered),
+        "remarks": remarks,
+    }
+
+
+def from_kept(kept: Mapping[str, Any]) -> tuple[Tracks, list[str]]:
+    """Return displacements and remarks from `as_kept`."""
+    smoothed, filtered, covariance = kept["smoothed"], kept["filtered"], kept["covariance"]
+    tracks = Tracks(
+        adjoint=_track(kept["adjoint"]),
+        covariance=None if covariance is None else _array(covariance),
+        glide_angle=_track(kept["glide_angle"]),
+        smoothed=None
+        if smoothed is None
+        else SmoothedTrack(
+            _array(smoothed["displacement"]), _array(smoothed["covariance"]), bool(smoothed["with_hull"])
+        ),
+        filtered=None if filtered is None else _track(filtered),
+    )
+    return tracks, list(kept["remarks"])
+
+
+def _plain(track: Track) -> Row:
+    return {
+        "samples": track.samples.tolist(),
+        "clock": _numbers(track.clock),
+        "positions": _numbers(track.positions),
+        "total": _numbers(track.total),
+        "bridged": _numbers(np.float64(track.bridged)),
+    }
+
+
+def _track(plain: Mapping[str, Any]) -> Track:
+    clock, positions, total, bridged = (_array(plain[name]) for name in ("clock", "positions", "total", "bridged"))
+    return Track(np.array(plain["samples"], dtype=np.int64), clock, positions, total, float(bridged))
+
+
+def _numbers(values: ArrayLike) -> Any:
+    """Return numbers as lists, with None in place of NaN, which JSON does not have."""
+    array = np.asarray(values)
+    return np.where(np.isfinite(array), array.astype(object), None).tolist()  # type: ignore[call-overload]
+
+
+def _array(numbers: Any) -> Array:
+    return np.array(numbers, dtype=np.float64)
