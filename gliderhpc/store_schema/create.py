@@ -6,8 +6,9 @@ a finished one. Module `replacement` handles an existing archive.
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -16,11 +17,12 @@ import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.core.buffer import Buffer
-from zarr.storage import MemoryStore
+from zarr.storage import MemoryStore, StorePath
 
 from gliderhpc.errors import InputError
+from gliderhpc.store_schema.commits import AsyncArray, write_values
 from gliderhpc.store_schema.consolidation import consolidate, consolidate_store
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, write_group
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, wait_for, write_group
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
@@ -164,11 +166,23 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
 def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:
     """Create all variables of a group, with its numeric coordinates and those whose labels are in the schema."""
     sizes = {**sizes, **group.label_sizes}
-    for variable in group.variables:
-        # Dimensions of size 0, as in a mission without windows or segments, get size 1; otherwise no array would open.
-        array = create_variable(node, group, variable, tuple(max(1, int(sizes[dim])) for dim in variable.dims))
-        if variable.dims == (variable.name,) and (variable.dtype != "string" or variable.labels is not None):
-            array[:] = coordinate_values(variable, numbers, array.shape[0])
+    # Dimensions of size 0, as in a mission without windows or segments, get size 1; otherwise no array would open.
+    shapes = [tuple(max(1, int(sizes[dim])) for dim in variable.dims) for variable in group.variables]
+    created = wait_for(_created(node.store_path, group, shapes))
+    write_values(
+        (array, ..., coordinate_values(variable, numbers, array.shape[0]))
+        for variable, array in zip(group.variables, created, strict=True)
+        if variable.dims == (variable.name,) and (variable.dtype != "string" or variable.labels is not None)
+    )
+
+
+async def _created(path: StorePath, group: Group, shapes: Iterable[tuple[int, ...]]) -> list[AsyncArray]:
+    """Create all variables of a group concurrently; one by one would take nearly twice as long."""
+    creating = (
+        zarr.api.asynchronous.create_array(path, name=variable.name, zarr_format=3, **_form(group, variable, shape))
+        for variable, shape in zip(group.variables, shapes, strict=True)
+    )
+    return await asyncio.gather(*creating)
 
 
 def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:
@@ -186,17 +200,23 @@ def create_variable(
     chunk_shape: tuple[int, ...] | None = None,
 ) -> zarr.Array[Any]:
     """Create a variable's empty array in its group, with the schema's chunks or with those of rows that have grown."""
-    return node.create_array(
-        variable.name,
-        shape=shape,
-        dtype=variable.dtype,
-        chunks=chunk_shape or chunks(group, variable, shape),
-        compressors=CODECS,
-        chunk_key_encoding=CHUNK_KEYS,
-        fill_value=variable.fill_value,
-        dimension_names=variable.dims,
-        attributes=variable.all_attributes(),
-    )
+    return node.create_array(variable.name, **_form(group, variable, shape, chunk_shape))
+
+
+def _form(
+    group: Group, variable: Variable, shape: tuple[int, ...], chunk_shape: tuple[int, ...] | None = None
+) -> dict[str, Any]:
+    """Return the arguments with which zarr creates a variable's array."""
+    return {
+        "shape": shape,
+        "dtype": variable.dtype,
+        "chunks": chunk_shape or chunks(group, variable, shape),
+        "compressors": CODECS,
+        "chunk_key_encoding": CHUNK_KEYS,
+        "fill_value": variable.fill_value,
+        "dimension_names": variable.dims,
+        "attributes": variable.all_attributes(),
+    }
 
 
 def as_json(attributes: Mapping[str, Any]) -> dict[str, Any]:
