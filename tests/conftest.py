@@ -3,10 +3,12 @@
 import gc
 import json
 import os
+import shutil
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import psutil
 import pytest
 from support.implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from support.missions import BRIEF, SWIFT, Answer, estimate, program
@@ -46,8 +48,17 @@ def pytest_xdist_auto_num_workers() -> int:
     return min(len(os.sched_getaffinity(0)) + 1, 8)
 
 
-def pytest_configure() -> None:
-    """Search for garbage as seldom as the program does: a worker has a great many objects that live to its end.
+MEMORY = Path("/dev/shm")
+"""Folder in memory, where a system has one."""
+
+ROOM = 8e9
+"""Free memory (bytes) from which the tests' folders are in memory; a whole run makes a hundred thousand small files."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Put the tests' folders in memory if there is room and no other place is asked for.
+
+    Search for garbage as seldom as the program does: a worker has a great many objects that live to its end.
 
     Imported modules are stored compiled even where the environment says otherwise: the tests start a hundred processes
     that import them.
@@ -55,6 +66,22 @@ def pytest_configure() -> None:
     gc.set_threshold(ALLOCATIONS)
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
+    is_worker = hasattr(config, "workerinput")
+    if not is_worker and config.option.basetemp is None and _has_room(MEMORY):
+        config.option.basetemp = str(MEMORY / f"gliderhpc-tests-{os.getuid()}-{os.getpid()}")
+
+
+def _has_room(folder: Path) -> bool:
+    if not (folder.is_dir() and os.access(folder, os.W_OK)) or os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        return False
+    return min(shutil.disk_usage(folder).free, psutil.virtual_memory().available) > ROOM
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Free the memory that the tests' folders take; folders elsewhere stay, as pytest leaves them."""
+    folder = Path(session.config.option.basetemp or "")
+    if not hasattr(session.config, "workerinput") and folder.parent == MEMORY:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
