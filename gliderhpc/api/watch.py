@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
@@ -18,6 +18,7 @@ from gliderhpc.api.watch_state import Reported, WatchState, read_state
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import open_for_reading, reading
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
@@ -105,6 +106,13 @@ class Watch:
     listener: Listener
     state: WatchState
     failed: int = field(default=0, init=False)
+    _open: ExitStack = field(default_factory=ExitStack, init=False)
+    _executors: dict[int, Executor] = field(default_factory=dict, init=False)
+
+    def close(self) -> None:
+        """End the worker processes."""
+        self._executors.clear()
+        self._open.close()
 
     @property
     def records(self) -> Path:
@@ -246,12 +254,20 @@ class Watch:
             observations, watched.platform, watched.settings, None, watched.workers, on_cluster=False, warn=log.warning
         )
         numbers = prepared.plan.profiles
-        warm = partial(warm_kernels, watched.settings.engine)
-        executor = executor_of(prepared.workers, None, (), len(numbers), warm)
         grows = continues(watched.store, numbers)
         if not grows:
             log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
-        prepared.run(watched.store, executor, append=grows, overwrite=not grows, check_last=_CHECKED)
+        executor = self._executor(prepared.workers)
+        prepared.run(
+            watched.store, lambda: nullcontext(executor), append=grows, overwrite=not grows, check_last=_CHECKED
+        )
+
+    def _executor(self, workers: int) -> Executor:
+        """Return an executor that stays open: a worker started for each dive would load all again, for seconds."""
+        if workers not in self._executors:
+            warm = partial(warm_kernels, self.watched.settings.engine)
+            self._executors[workers] = self._open.enter_context(executor_of(workers, warm=warm)())
+        return self._executors[workers]
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""
@@ -328,5 +344,5 @@ def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
         )
     for name in (TAKEN, READ):
         (watched.out / name).mkdir(parents=True, exist_ok=True)
-    with locked(watched.out):
-        yield Watch(watched, listener, read_state(watched.out))
+    with locked(watched.out), closing(Watch(watched, listener, read_state(watched.out))) as watch:
+        yield watch

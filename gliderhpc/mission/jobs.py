@@ -75,11 +75,12 @@ class BatchJob:
 
 @dataclass(frozen=True)
 class ProfileResult:
-    """Result of a profile: its row of the archive's table, nothing larger."""
+    """Result of a profile: its row of the archive's table, nothing larger; amended if only its currents are new."""
 
     number: int
     index: int
     row: Row
+    amended: bool = False
 
 
 def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
@@ -175,12 +176,11 @@ class _Batch:
 
     def _amend(self, number: int, index: int, commit: Commit, inputs: dict[str, str]) -> None:
         """Derive a committed profile's currents from its new fixes."""
-        log.info("profile %d: only its fixes have changed; its currents are derived again", number)
         record = self._observations.profile(number)
         self._rows.begin(index)
         row = with_other_fixes(self._rows, index, record, commit, self._job.settings, self._job.platform)
         close_profile(self._rows, index, row, inputs, kept=commit.kept, amended=commit.manifest)
-        self._results.append(ProfileResult(number, index, row))
+        self._results.append(ProfileResult(number, index, row, amended=True))
 
     def _close(
         self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, kept: Row | None = None

@@ -239,6 +239,9 @@ def _both(on_commit: Callable[[], None], report: Callable[[ProfileResult], None]
 
 def _log(done: ProfileResult) -> None:
     row = done.row
+    if done.amended:
+        log.info("profile %d: only its fixes have changed, and its currents follow from them", done.number)
+        return
     detail = (
         f" in {row['run_seconds']:.1f} s: {row['window_count']} windows, {row['converged_fraction']:.0%} converged"
         if row["status"] == "done"

@@ -634,6 +634,7 @@ def test_other_fixes_change_the_currents_alone(other_fixes, swift_store, tmp_pat
     answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0, answer.err
     assert "2 profiles are valid; to be computed: 1 made with other fixes" in answer.err
+    assert "profile 3: only its fixes have changed" in answer.err
     assert program("check", store, "--deep").status == 0
     assert program("compare", store, whole).status == 0
     assert program("compare", store, swift_store).status == 1
