@@ -11,6 +11,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -19,9 +21,12 @@ import numpy as np
 TIMEOUT = 300.0
 
 
-# A worker started anew spends three seconds of processor time on imports and on loading compiled kernels.
-_FORKING = multiprocessing.get_context("forkserver")
-_FORKING.set_forkserver_preload(["benchmarks.loaded"])
+@cache
+def _forking() -> BaseContext:
+    """Context of a server that has loaded all that a worker needs, which takes a new process three seconds."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["benchmarks.loaded"])
+    return context
 
 
 class Cluster:
@@ -61,7 +66,9 @@ class Cluster:
 
     def _start(self, what: str, *arguments: object) -> BaseProcess:
         words = ["dask", what, *map(str, arguments)]
-        process = _FORKING.Process(target=_run_dask, args=(words, self._folder / f"{what}.log"), daemon=True)
+        log, environment = self._folder / f"{what}.log", dict(os.environ)
+        process = _forking().Process(target=_run_dask, args=(words, log, environment), daemon=True)
+        # For the server, which the first process starts.
         before = os.environ.get("PYTHONPATH")
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
         try:
@@ -74,10 +81,11 @@ class Cluster:
         return process
 
 
-def _run_dask(words: list[str], log: Path) -> None:
-    """Run the command line of Dask in this process, with its output in a file."""
+def _run_dask(words: list[str], log: Path, environment: dict[str, str]) -> None:
+    """Run the command line of Dask in this process, in the caller's environment, with its output in a file."""
     from dask.cli import run_cli
 
+    os.environ.update(environment)
     with log.open("ab") as out:
         for stream in (1, 2):
             os.dup2(out.fileno(), stream)

@@ -51,6 +51,9 @@ def pytest_xdist_auto_num_workers() -> int:
 MEMORY = Path("/dev/shm")
 """Folder in memory, where a system has one."""
 
+IN_MEMORY = MEMORY / f"gliderhpc-tests-{os.getpid()}"
+"""The tests' folders there."""
+
 ROOM = 8e9
 """Free memory (bytes) from which the tests' folders are in memory; a whole run makes a hundred thousand small files."""
 
@@ -68,7 +71,7 @@ def pytest_configure(config: pytest.Config) -> None:
     sys.dont_write_bytecode = False
     is_worker = hasattr(config, "workerinput")
     if not is_worker and config.option.basetemp is None and _has_room(MEMORY):
-        config.option.basetemp = str(MEMORY / f"gliderhpc-tests-{os.getuid()}-{os.getpid()}")
+        config.option.basetemp = str(IN_MEMORY)
 
 
 def _has_room(folder: Path) -> bool:
@@ -79,9 +82,8 @@ def _has_room(folder: Path) -> bool:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Free the memory that the tests' folders take; folders elsewhere stay, as pytest leaves them."""
-    folder = Path(session.config.option.basetemp or "")
-    if not hasattr(session.config, "workerinput") and folder.parent == MEMORY:
-        shutil.rmtree(folder, ignore_errors=True)
+    if not hasattr(session.config, "workerinput") and session.config.option.basetemp == str(IN_MEMORY):
+        shutil.rmtree(IN_MEMORY, ignore_errors=True)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -107,11 +107,11 @@ class Watch:
     state: WatchState
     failed: int = field(default=0, init=False)
     _open: ExitStack = field(default_factory=ExitStack, init=False)
-    _executors: dict[int, Executor] = field(default_factory=dict, init=False)
+    _opened: tuple[int, Executor] | None = field(default=None, init=False)
 
     def close(self) -> None:
         """End the worker processes."""
-        self._executors.clear()
+        self._opened = None
         self._open.close()
 
     @property
@@ -257,17 +257,18 @@ class Watch:
         grows = continues(watched.store, numbers)
         if not grows:
             log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
-        executor = self._executor(prepared.workers)
         prepared.run(
-            watched.store, lambda: nullcontext(executor), append=grows, overwrite=not grows, check_last=_CHECKED
-        )
+            watched.store, lambda: nullcontext(self._executor(prepared.workers)), append=grows, overwrite=not grows,
+            check_last=_CHECKED,
+        )  # fmt: skip
 
     def _executor(self, workers: int) -> Executor:
         """Return an executor that stays open: a worker started for each dive would load all again, for seconds."""
-        if workers not in self._executors:
+        if self._opened is None or self._opened[0] != workers:
+            self.close()
             warm = partial(warm_kernels, self.watched.settings.engine)
-            self._executors[workers] = self._open.enter_context(executor_of(workers, warm=warm)())
-        return self._executors[workers]
+            self._opened = workers, self._open.enter_context(executor_of(workers, warm=warm)())
+        return self._opened[1]
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""

@@ -322,6 +322,7 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> 
     """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
 
     Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
+    Those of a window alone are compiled by the worker that first needs them.
     """
     warm()
     if workers == 0:

@@ -10,7 +10,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +32,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import ArchiveRows, Commit, read_attributes, read_commits
-from gliderhpc.store_schema.commits import damages
+from gliderhpc.store_schema.commits import UNREADABLE, damages
 from gliderhpc.store_schema.digests import Digests
 from gliderhpc.store_schema.place import Place
 from gliderhpc.version import __version__
@@ -61,6 +61,8 @@ class BatchJob:
         Origin of `elapsed_days`.
     token : str, optional
         Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
+    amendable : mapping of int to Commit
+        Earlier commits, by position, of profiles of which only the fixes differ.
     """
 
     profiles: tuple[tuple[int, int], ...]
@@ -71,6 +73,7 @@ class BatchJob:
     settings: MissionSettings
     mission_start: np.datetime64
     token: str | None = None
+    amendable: Mapping[int, Commit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -140,12 +143,8 @@ class _Batch:
                 self._results.append(ProfileResult(number, index, dict(commit.row)))
                 continue
             check_held(self._job.store, self._job.token)
-            if isinstance(commit, Commit) and differs_in_fixes_only(commit, inputs):
-                if damages(self._job.store, {index: commit}):
-                    log.warning("profile %d: chunks are damaged; it is computed again", number)
-                else:
-                    self._amend(number, index, commit, inputs)
-                    continue
+            if (earlier := self._job.amendable.get(index)) is not None and self._amend(number, index, earlier, inputs):
+                continue
             row = extent_of(self._observations, number, self._job.mission_start)
             try:
                 record = self._observations.profile(number)
@@ -174,13 +173,22 @@ class _Batch:
                 row = failed_row(str(error))
         self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, kept)
 
-    def _amend(self, number: int, index: int, commit: Commit, inputs: dict[str, str]) -> None:
-        """Derive a committed profile's currents from its new fixes."""
-        record = self._observations.profile(number)
+    def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
+        """Derive the currents of an earlier commit from the new fixes; return False where that cannot be done."""
+        if damages(self._job.store, {index: earlier}):
+            log.warning("profile %d: chunks are damaged; it is computed again", number)
+            return False
+        try:
+            record = self._observations.profile(number)
+            row, segments = with_other_fixes(record, earlier, self._job.settings, self._job.platform)
+        except (ProfileError, *UNREADABLE) as error:
+            log.warning("profile %d: its currents cannot be derived again (%s); it is computed again", number, error)
+            return False
         self._rows.begin(index)
-        row = with_other_fixes(self._rows, index, record, commit, self._job.settings, self._job.platform)
-        close_profile(self._rows, index, row, inputs, kept=commit.kept, amended=commit.manifest)
+        self._rows.write(index, "drift_current", segments)
+        close_profile(self._rows, index, row, inputs, kept=earlier.kept, amended=earlier.manifest)
         self._results.append(ProfileResult(number, index, row, amended=True))
+        return True
 
     def _close(
         self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, kept: Row | None = None
@@ -302,6 +310,7 @@ class MissionWork:
     platform: Platform
     settings: MissionSettings
     store: str
+    amendable: Mapping[int, Commit] = field(default_factory=dict)
 
     @cached_property
     def start(self) -> np.datetime64:
@@ -323,6 +332,7 @@ class MissionWork:
             self.settings,
             self.start,
             token,
+            {index: self.amendable[index] for _, index in profiles if index in self.amendable},
         )
 
 

@@ -211,7 +211,7 @@ def epoch_seconds(time: np.datetime64) -> float:
     return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
-# What is kept with the commit, as JSON, which gives every number back to the bit
+# What is kept with the commit, as JSON, which gives every finite number back to the bit
 
 
 def as_kept(tracks: Tracks, remarks: list[str]) -> Row:

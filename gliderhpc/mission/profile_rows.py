@@ -87,24 +87,33 @@ def derive_and_write(
 
 
 def with_other_fixes(
-    rows: ArchiveRows, index: int, record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
-) -> Row:
-    """Derive the currents of a committed profile from other fixes, write them, and return the profile's table row.
+    record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
+) -> tuple[Row, Row]:
+    """Derive the currents of a committed profile from other fixes.
 
     Parameters
     ----------
-    rows, index, record, settings : ArchiveRows, int, ProfileRecord, MissionSettings
-        As for `derive_and_write`; the record with the new fixes.
+    record : ProfileRecord
+        Record of the profile, with the new fixes.
     commit : Commit
         Commit of the profile, made from the same samples, hull and settings.
-    platform : Platform
-        Hull of the run.
+    settings, platform : MissionSettings, Platform
+        Settings and hull of the run.
+
+    Returns
+    -------
+    row, segments : dict
+        The profile's row of the table, and of group ``drift_current``.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        What was kept with the commit is not what this version keeps.
     """
     tracks, own = from_kept(commit.kept)
     by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
-    rows.write(index, "drift_current", segments)
     rest = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
-    return rest | by_fixes | {"message": "; ".join([*record.notes, *own])}
+    return rest | by_fixes | {"message": "; ".join([*record.notes, *own])}, segments
 
 
 def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dict[str, Row]:

@@ -3,11 +3,11 @@
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from gliderhpc.errors import InputError
-from gliderhpc.mission.jobs import FIXES, MissionWork
+from gliderhpc.mission.jobs import FIXES, MissionWork, differs_in_fixes_only
 from gliderhpc.mission.planning import MissionPlan
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.store_schema import (
@@ -44,7 +44,6 @@ def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> 
 
 
 MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
-WITH_OTHER_FIXES = f"made with {KINDS[FIXES]}"
 
 
 @dataclass(frozen=True)
@@ -59,11 +58,14 @@ class Validity:
         Reason why a profile must be computed, by position.
     damages : tuple of str
         Damaged chunks, one line each.
+    amendable : mapping of int to Commit
+        Commits of outstanding profiles of which only the fixes differ, by position.
     """
 
     valid: Mapping[int, Row]
     outstanding: Mapping[int, str]
     damages: tuple[str, ...] = ()
+    amendable: Mapping[int, Commit] = field(default_factory=dict)
 
     def describe(self) -> str:
         """Describe for the log the numbers of valid profiles and of those to be computed, by reason."""
@@ -104,7 +106,14 @@ def check_profiles(
     faults = [
         Fault(f"profile {numbers[one.profile_index]}", one.variable, one.what, "it is computed again") for one in found
     ]
-    return Validity(valid, dict(sorted(outstanding.items())), tuple(as_lines(faults)))
+    amendable = {
+        index: earlier
+        for index in outstanding
+        if isinstance(earlier := commits.get(index), Commit)
+        and index in inputs
+        and differs_in_fixes_only(earlier, inputs[index])
+    }
+    return Validity(valid, dict(sorted(outstanding.items())), tuple(as_lines(faults)), amendable)
 
 
 def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
@@ -195,10 +204,8 @@ def prepare_archive(
         grow_archive(store, plan.profiles, plan.sizes)
         _check_structure(store)
     rows = ArchiveRows(store)
-    for index, reason in validity.outstanding.items():
-        # A commit that only lacks the new fixes is amended by the job.
-        if reason != WITH_OTHER_FIXES:
-            rows.begin(index)
+    for index in validity.outstanding:
+        rows.begin(index)
     if validity.outstanding:
         mark_studies_outdated(store, f"made before {len(validity.outstanding)} profiles were computed again or added")
     write_coordinates(store)

@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -129,6 +129,7 @@ def run_mission(
         begun = is_begun(store)
         if begun and (resume or append):
             numbers, validity = examine_archive(work, plan, append, check_last)
+            work = replace(work, amendable=validity.amendable)
             open_archive = partial(_resumed, work, attributes, plan, validity, append)
         else:
             check_place(store, overwrite or not begun)

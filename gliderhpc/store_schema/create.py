@@ -182,7 +182,11 @@ async def _created(path: StorePath, group: Group, shapes: Iterable[tuple[int, ..
         zarr.api.asynchronous.create_array(path, name=variable.name, zarr_format=3, **_form(group, variable, shape))
         for variable, shape in zip(group.variables, shapes, strict=True)
     )
-    return await asyncio.gather(*creating)
+    found = await asyncio.gather(*creating, return_exceptions=True)
+    for array in found:
+        if isinstance(array, BaseException):
+            raise array
+    return [array for array in found if not isinstance(array, BaseException)]
 
 
 def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:

@@ -206,7 +206,8 @@ class _Flight:
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
-                moving[hull] = length[rows].max(initial=0.0) >= CONVERGED
+                # Of a hull with NaN in a stretch, the other stretches go on.
+                moving[hull] = not length[rows].max(initial=0.0) < CONVERGED
             self._evaluate()
             if not moving.any():
                 break

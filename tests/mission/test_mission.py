@@ -642,6 +642,51 @@ def test_other_fixes_change_the_currents_alone(other_fixes, swift_store, tmp_pat
     assert "3 profiles are valid; nothing to compute" in again.err
 
 
+def test_a_fix_that_is_gone_takes_its_current_along(swift, swift_store, tmp_path):
+    """The current, the drift of its cycles and the columns of that fix are missing, as in a fresh run."""
+    path, whole, store = tmp_path / "gone.nc", tmp_path / "whole.zarr", tmp_path / "amended.zarr"
+    with xr.open_dataset(swift, decode_times=False) as content:
+        content.isel(fix=content["fix_time"].values <= content["time"].values[-1]).to_netcdf(path)
+    assert program("run-mission", path, *WHOLE, "--store", whole).status == 0
+    shutil.copytree(swift_store, store)
+    answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert answer.status == 0, answer.err
+    assert "profile 3: only its fixes have changed" in answer.err
+    assert program("check", store, "--deep").status == 0
+    assert program("compare", store, whole).status == 0
+    with xr.open_datatree(store, engine="zarr") as tree:
+        assert np.isnan(tree["dac_north"].sel(profile=3))
+        assert np.isnan(tree["drift_current"]["north"].sel(profile=3)).all()
+
+
+def test_what_was_kept_in_another_form_is_not_used(other_fixes, swift_store, tmp_path):
+    path, whole = other_fixes
+    store = tmp_path / "foreign.zarr"
+    shutil.copytree(swift_store, store)
+    commit = read_commits(store)[2]
+    rows = ArchiveRows(store)
+    rows.begin(2)
+    rows.commit(2, commit.row, commit.inputs, "2026-01-01T00:00:00Z", kept={"other": 1}, amended=commit.manifest)
+    answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert answer.status == 0, answer.err
+    assert "its currents cannot be derived again" in answer.err
+    assert program("compare", store, whole).status == 0
+
+
+def test_a_run_that_ends_before_the_currents_are_derived_leaves_the_profile_missing(
+    other_fixes, swift_store, tmp_path, monkeypatch
+):
+    path, whole = other_fixes
+    store = tmp_path / "stopped.zarr"
+    shutil.copytree(swift_store, store)
+    with monkeypatch.context() as patch:
+        patch.setattr("gliderhpc.mission.run.profile_results", lambda *_: iter(()))
+        program("run-mission", path, *WHOLE, "--store", store, "--resume")
+    assert set(read_commits(store)) == {0, 1}
+    assert program("run-mission", path, *WHOLE, "--store", store, "--resume").status == 0
+    assert program("compare", store, whole).status == 0
+
+
 def test_a_damaged_profile_with_other_fixes_is_inverted_again(other_fixes, swift_store, tmp_path):
     path, whole = other_fixes
     store = tmp_path / "damaged.zarr"

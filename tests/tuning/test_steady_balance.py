@@ -18,6 +18,7 @@ from gliderhpc.tuning.steady_balance import (
     _Flight,
     _frame_of,
     steady_balance,
+    steady_balances,
 )
 
 pytestmark = pytest.mark.compiled
@@ -68,6 +69,23 @@ def test_a_steady_turn_balances(petrel):
     balance = steady_balance(petrel, bodies, motion)
     np.testing.assert_allclose(balance.errors, 0.0, atol=1e-6)
     np.testing.assert_allclose(balance.velocity[0], velocity, atol=1e-5)
+
+
+def test_several_hulls_are_balanced_as_each_alone(petrel):
+    """To the bit, although each needs its own number of iterations, and a stretch without a solution stops no other."""
+    motion, _, bodies = turning(petrel)
+    three = motion.repeated(3)
+    three.depth_rate[1] *= 1.5
+    hulls = [petrel, Glider(with_values(petrel.platform, {"viscous.K_D0": 1.4 * petrel.platform.viscous.K_D0}))]
+    theirs = [np.repeat(bodies, 3, axis=0), np.repeat(1.02 * bodies, 3, axis=0)]
+    for rate in (three.depth_rate[2], np.nan):
+        three.depth_rate[2] = rate
+        together = list(steady_balances(hulls, theirs, three))
+        for hull, own, found in zip(hulls, theirs, together, strict=True):
+            alone = steady_balance(hull, own, three)
+            np.testing.assert_array_equal(found.errors, alone.errors)
+            np.testing.assert_array_equal(found.velocity, alone.velocity)
+        np.testing.assert_allclose(together[0].errors[0], 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("name", "error"), [("pitch", PITCH), ("roll", ROLL), ("turn_rate", TURN_RATE)])
