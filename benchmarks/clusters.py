@@ -15,6 +15,7 @@ from functools import cache
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -68,16 +69,9 @@ class Cluster:
         words = ["dask", what, *map(str, arguments)]
         log, environment = self._folder / f"{what}.log", dict(os.environ)
         process = _forking().Process(target=_run_dask, args=(words, log, environment), daemon=True)
-        # For the server, which the first process starts.
-        before = os.environ.get("PYTHONPATH")
-        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
-        try:
+        # The first process starts the server, which imports from these folders.
+        with patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
             process.start()
-        finally:
-            if before is None:
-                del os.environ["PYTHONPATH"]
-            else:
-                os.environ["PYTHONPATH"] = before
         return process
 
 
