@@ -1,10 +1,10 @@
 """Results of the studies of turbulence on known series, on twins, on a simulated mission and on a real one.
 
-Usage: ``python -m benchmarks.turbulence known twins spectra intermittency nulls paper real --mission ARCHIVE.zarr --paper
-ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named, stores each one's figures in
-``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and all that is there. The
-sections of the studies' names run these on the archive of `--mission` and take the time; `paper` runs two of them on one
-that preset `paper` made.
+Usage: ``python -m benchmarks.turbulence known twins power levels spectra intermittency nulls paper real --mission
+ARCHIVE.zarr --levels ARCHIVE.zarr --paper ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named,
+stores each one's figures in ``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and
+all that is there. The sections of the studies' names run these on the archive of `--mission`; `paper` runs two of them on
+one that preset `paper` made, and `levels` makes 200 nulls of each kind from the archive of `--levels`.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.machine import machine_row
+from benchmarks.turbulence_power import DEPTH, PICTURE, SEEDS, gusty, power, power_figure, power_text
 from benchmarks.turbulence_series import COUNT, SERIES, SURROGATES, Figures, known, known_text, rates_text
 from gliderhpc import load_platform
 from gliderhpc.archive.mission import open_for_reading
@@ -27,13 +28,18 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.findings.drawing import rendered
 from gliderhpc.findings.findings import as_plain, markdown, number
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.report.studies import analyze_archive
-from gliderhpc.report.studies.turbulence import table_3_text, verdict_text
-from gliderhpc.simulator import Scenario, simulate_profile
+from gliderhpc.report.studies.turbulence import LABELS, table_3_text, verdict_text
+from gliderhpc.simulator import simulate_profile
+from gliderhpc.store_schema.columns import FAMILIES
+from gliderhpc.studies.library.turbulence.contrast import LEVEL
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles, null_table, stored_measured, stored_nulls
+from gliderhpc.studies.library.turbulence.gaussianity import stored_scores
 from gliderhpc.studies.library.turbulence.series import (
     GappySeries,
     IntermittencySettings,
@@ -48,14 +54,16 @@ from gliderhpc.studies.library.turbulence.statistics import (
 from gliderhpc.studies.library.turbulence.surrogates import (
     surrogate_test,
 )
-from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_measured, stored_nulls
+from gliderhpc.studies.library.turbulence.verdict import judge
 from gliderhpc.studies.request import Request
-from gliderhpc.twins.cases import QUIET, world
 from gliderhpc.twins.scoring import boundaries_of, near_boundaries
 
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "turbulence.md"
-TWIN_DEPTH, TWIN_SEEDS, TWIN_RMS = 120.0, 4, (0.0, 0.002, 0.008, 0.016, 0.032, 0.064)
+TWIN_SEEDS, TWIN_RMS = 4, (0.0, 0.002, 0.008, 0.016, 0.032, 0.064)
+RANK_LEVEL = 1.0 / (1 + SURROGATES) + 1e-9
+LEVEL_NULLS = 200
+"""Number of nulls of each kind in section `levels`."""
 
 
 def twins() -> Figures:
@@ -104,19 +112,47 @@ def at_seams(estimate: ProfileEstimate, series: GappySeries) -> SeamShares:
     return SeamShares(float(fourth[near].sum() / fourth.sum()), float(near.mean()))
 
 
-def gusty(kind: str, rms: float) -> Scenario:
-    """Still water but for gusts of a kind and strength (m/s)."""
-    still = world(TWIN_DEPTH, disturbances=QUIET)
-    gusts = {"kind": kind, "rms": rms, "outer": 128.0, "inner": 0.25}
-    return still.replaced({"gusts": gusts, "current": {"speed": [0.0, 0.0]}})
-
-
 def study(name: str, archive: Path, workers: int, assignments: tuple[str, ...] = ()) -> Figures:
     """One study on an archive, what it took, and what the archive says after it."""
     began, began_cpu = time.perf_counter(), _cpu()
     analyze_archive(name, Request(archive, lambda: local_executor(workers), assignments=assignments))
     seconds, cpu = time.perf_counter() - began, _cpu() - began_cpu
     return {"seconds": seconds, "cpu": cpu, "workers": workers, **verdict_figures(archive)}
+
+
+def levels(archive: Path, workers: int) -> Figures:
+    """Nulls of each kind that the tests reject."""
+    began = time.perf_counter()
+    counts = tuple(f"nulls.{family}={LEVEL_NULLS}" for family in FAMILIES)
+    analyze_archive("nulls", Request(archive, lambda: local_executor(workers), assignments=counts))
+    with open_for_reading(archive) as opened:
+        table = null_table(opened)
+    rows = table[["family", "p_value", "gaussianity_p_value", "gaussianity_score"]].to_dict("records")
+    return {"rows": rows, "seconds": time.perf_counter() - began, "workers": workers}
+
+
+def levels_text(figures: Figures) -> str:
+    """Table of the nulls that each test rejects."""
+    error = float(np.sqrt(LEVEL * (1.0 - LEVEL) / LEVEL_NULLS))
+    lines = []
+    for family in FAMILIES:
+        own = [row for row in figures["rows"] if row["family"] == family]
+        p, rank = (np.array([row[name] for row in own], dtype=float) for name in ("gaussianity_p_value", "p_value"))
+        tested, rejected, passed = int(np.isfinite(p).sum()), int((p <= LEVEL).sum()), int((rank <= RANK_LEVEL).sum())
+        lines.append(
+            (LABELS[family], str(len(own)), str(tested), f"{rejected} ({rejected / len(own):.3f})", str(passed))
+        )
+    columns = (
+        "nulls",
+        "number",
+        "tested",
+        "rejected as not Gaussian",
+        f"passed the rank test (level {RANK_LEVEL:.3f})",
+    )
+    return (
+        f"{markdown(columns, lines, columns[1:])}\n\nThe level is {LEVEL:g}, its binomial standard error with "
+        f"{LEVEL_NULLS} nulls {error:.3f}. They took {figures['seconds'] / 60.0:.1f} min with {figures['workers']} workers."
+    )
 
 
 def paper(archive: Path, workers: int) -> Figures:
@@ -141,7 +177,8 @@ def verdict_figures(archive: Path) -> Figures:
         measured, settings = stored_measured(opened, ADJOINT)
         if settings is None:
             return {"text": ""}
-        ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings)
+        scores = stored_scores(opened, measured["profile"].tolist()) if len(measured) else {}
+        ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings, scores)
     return {"text": table_3_text(ensembles) + "\n" + verdict_text(judge(ensembles)), "profiles": len(measured)}
 
 
@@ -154,7 +191,6 @@ def twins_text(figures: Figures) -> str:
     """Table of the twins, strength by strength, relative to the ceiling of those without gusts."""
     rows = figures["rows"]
     ceiling = max(row["peak"] for row in rows if row["kind"] == "none")
-    level = 1.0 / (1 + SURROGATES) + 1e-9
     lines = []
     for rms in TWIN_RMS:
         for kind in ("none", "cascade", "gaussian"):
@@ -164,7 +200,7 @@ def twins_text(figures: Figures) -> str:
                     (
                         kind, f"{1000 * rms:g}", _spread(own, "peak"), f"{_median(own, 'peak') / ceiling:.2f}",
                         _spread(own, "kurtosis"), _spread(own, "flatness"), _spread(own, "zeta_ratio"),
-                        _spread(own, "beta_resolved"), _spread(own, "at_seams"), f"{sum(row['p'] <= level for row in own)} of {len(own)}",
+                        _spread(own, "beta_resolved"), _spread(own, "at_seams"), f"{sum(row['p'] <= RANK_LEVEL for row in own)} of {len(own)}",
                     )
                 )  # fmt: skip
     shares = [
@@ -249,6 +285,8 @@ NOT_RUN = "This section has not been run."
 TEXTS: dict[str, dict[str, Callable[[Figures], str]]] = {
     "known": {"known": known_text, "rates": rates_text},
     "twins": {"twins": twins_text},
+    "power": {"power": power_text},
+    "levels": {"levels": levels_text},
     "paper": {"paper": lambda figures: _below(figures["text"])},
     "real": {"real": real_text},
 }
@@ -259,6 +297,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sections", nargs="*", choices=[*TEXTS, *STUDIES, []])
     parser.add_argument("--mission", type=Path)
+    parser.add_argument("--levels", type=Path)
     parser.add_argument("--paper", type=Path)
     parser.add_argument("--real", type=Path)
     parser.add_argument("--workers", type=int, default=2)
@@ -268,6 +307,8 @@ def main() -> None:
     sections: dict[str, Callable[[], Figures]] = {
         "known": known,
         "twins": twins,
+        "power": lambda: power(options.workers),
+        "levels": lambda: levels(options.levels, options.workers),
         **{name: partial(study, name, options.mission, options.workers) for name in STUDIES},
         "paper": lambda: paper(options.paper, options.workers),
         "real": lambda: real(options.real),
@@ -280,7 +321,10 @@ def main() -> None:
     for name, texts in TEXTS.items():
         figures = stored_figures(options.work, name)
         parts |= {part: NOT_RUN if figures is None else write(figures) for part, write in texts.items()}
-    sizes = {"count": COUNT, "series": SERIES, "seeds": TWIN_SEEDS, "depth": f"{TWIN_DEPTH:g}"}
+    found = stored_figures(options.work, "power")
+    if found is not None:
+        PICTURE.write_bytes(rendered(power_figure(found), "png"))
+    sizes = {"count": COUNT, "series": SERIES, "seeds": TWIN_SEEDS, "depth": f"{DEPTH:g}", "power_seeds": len(SEEDS)}
     PAGE.write_text(TEMPLATE.read_text("utf-8").format(**parts, **sizes), "utf-8")
 
 

@@ -152,6 +152,7 @@ def _smoothed_records(clock: Array, smoothed: SmoothedEstimate) -> Row:
         **_states(smoothed.states),
         **_in_file_units({f"{name}_std": column for name, column in zip(STATES, smoothed.states_std.T, strict=True)}),
         **{f"{name}_std": column for name, column in _channels(smoothed.disturbances_std).items()},
+        **{f"{name}_noise": column for name, column in _channels(smoothed.standardised_noise).items()},
     }
 
 

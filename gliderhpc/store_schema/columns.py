@@ -162,6 +162,9 @@ def range_column(statistic: str) -> str:
     return f"range_{statistic}"
 
 
+NOISE_MOMENTS = ("noise_variance", "noise_kurtosis", "noise_independent", "noise_score")
+"""Moments of the smoother's standardised noise on dimension ``channel``."""
+
 NULL, COEFFICIENT = "null", "coefficient"
 """Dimensions: the realisations, and the coefficients that are drawn, by name."""
 

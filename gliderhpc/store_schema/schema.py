@@ -27,7 +27,7 @@ from gliderhpc.vocabulary import (
 SCHEMA_NAME = "gliderhpc-mission"
 """Root attribute ``schema``, which identifies an archive of this program."""
 
-SCHEMA_VERSION = "1.8"
+SCHEMA_VERSION = "1.9"
 """Root attribute ``schema_version``: the first number changes when old readers can no longer follow."""
 
 CONVENTIONS = "CF-1.11"

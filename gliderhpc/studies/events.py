@@ -15,6 +15,7 @@ from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.trends import MAD
+from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     FastSettings,
@@ -23,7 +24,6 @@ from gliderhpc.studies.library.turbulence.series import (
     describe_missing_band,
     fast_part,
 )
-from gliderhpc.studies.library.turbulence.verdict import NullFloor, null_floor
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
 

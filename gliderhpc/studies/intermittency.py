@@ -24,6 +24,7 @@ from gliderhpc.store_schema.columns import (
     surrogate_columns,
 )
 from gliderhpc.studies.library.trends import INTERVAL
+from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_rows
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
@@ -91,6 +92,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         "zeta_ratio_least": float(np.min(ratios)),
         "zeta_ratio_most": float(np.max(ratios)),
         **_actuated_row(channel, settings, data.number),
+        **noise_rows(noise_of(context.archive, data), settings),
         **ranges,
         "lag_time": found.lags,
         **_curve(FLATNESS_BY_LAG, found.flatness, drawn.flatness, tested.structures.flatness),

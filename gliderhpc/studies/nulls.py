@@ -32,6 +32,8 @@ from gliderhpc.platform import Platform
 from gliderhpc.simulator.replay import Actuation, record_of, replay
 from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY, NULL, REALISATIONS
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
+from gliderhpc.studies.library.turbulence.ensembles import stored_measured
+from gliderhpc.studies.library.turbulence.gaussianity import gaussianity_row, noise_of_estimate
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -45,7 +47,6 @@ from gliderhpc.studies.library.turbulence.series import (
 )
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
-from gliderhpc.studies.library.turbulence.verdict import stored_measured
 from gliderhpc.studies.request import Request, own_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.vocabulary import CHANNELS
@@ -266,6 +267,7 @@ def _inverted_row(
     fast = averaged_over(part.series, settings.interval)
     found = resolved_structure_functions(fast, settings, channel.sample_interval)
     row |= statistics_row(part.series, found, channel, settings)
+    row |= gaussianity_row(noise_of_estimate(estimate, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}
     return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([null.seed, 2])).p_value}

@@ -20,7 +20,7 @@ from gliderhpc.estimation.settings import (
 from gliderhpc.estimation.smoother import iterate, problem
 from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
-from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise
+from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise, standardised_noise
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.kernels.smoother_memory import allocate_backward
@@ -68,6 +68,16 @@ def test_factors_are_spent_over_resolved():
 
 
 @pytest.mark.compiled
+def test_standardised_noise_is_over_its_own_deviation():
+    """Harvey and Koopman (1992): the smoothed noise has the variance of the noise less what is left of it."""
+    linear = allocate_backward(3, 3)
+    linear.noise_mean[:] = [[3.0] * 6, [0.5] * 6, [0.0] * 6]
+    linear.noise_resolved[:] = [[0.25] * 6, [1.0] * 6, [0.0] * 6]
+    found = standardised_noise(linear, np.full((3, 6), 4.0))
+    np.testing.assert_allclose(found[:2], [[3.0] * 6, [0.25] * 6])
+    assert np.isnan(found[2]).all()
+
+
 def test_a_dive_tells_its_own_intensity():
     """With a prior nine times too strong in yaw, the factor is close to a ninth, and the interval is narrower."""
     flown = fly(41, 6000)

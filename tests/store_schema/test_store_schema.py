@@ -33,6 +33,7 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.codecs import check_text_count
 from gliderhpc.store_schema.commits import writable_arrays, write_values
 from gliderhpc.store_schema.schema import schema_page
+from gliderhpc.vocabulary import CHANNELS
 
 PROFILES = [18, 19, 20, 68]
 SIZES = {"sample": 50, "record": 6, "window": 3, "segment": 2}
@@ -234,13 +235,17 @@ def test_table_rows_reach_the_tables_of_groups_below(archive):
 def test_every_smoothed_quantity_has_its_deviation_in_its_unit():
     group = MISSION["smoothed"]
     rows = [variable for variable in group.variables if variable.dims == ("profile", "record")]
-    values = [variable for variable in rows if not variable.name.endswith("_std") and variable.name != "time"]
+    values = [
+        variable for variable in rows if not variable.name.endswith(("_std", "_noise")) and variable.name != "time"
+    ]
     assert len(values) == 18
     for variable in values:
         deviation = group[f"{variable.name}_std"]
         assert deviation.units == variable.units
         assert deviation.long_name == f"standard deviation of {variable.name}"
         assert deviation.standard_name is None
+    noise = [variable for variable in rows if variable.name.endswith("_noise")]
+    assert [(one.name.removesuffix("_noise"), one.units) for one in noise] == [(name, "1") for name in CHANNELS]
 
 
 def test_missing_times_are_nan(archive):

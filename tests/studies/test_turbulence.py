@@ -20,6 +20,7 @@ from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_t
 from gliderhpc.studies.events import find_peaks, noise_floor
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.contrast import Contrast, NullPasses, contrast_of
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     IntermittencySettings,
@@ -38,15 +39,7 @@ from gliderhpc.studies.library.turbulence.statistics import (
     structure_functions,
 )
 from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p_value, spectrum_deviation
-from gliderhpc.studies.library.turbulence.verdict import (
-    FAILED,
-    NOT_TESTED,
-    PASSED,
-    SHE_LEVEQUE,
-    Ensembles,
-    conclusion,
-    judge,
-)
+from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, conclusion, judge
 from gliderhpc.studies.spectra import groups_by_speed, profile_spectra, thirds
 from gliderhpc.vocabulary import QUALITY
 

@@ -24,8 +24,8 @@ from gliderhpc.platform import read_platform
 from gliderhpc.simulator.replay import record_of, replay
 from gliderhpc.store_schema import check_archive, create_study, write_whole
 from gliderhpc.studies.events import EventSettings
+from gliderhpc.studies.library.turbulence.ensembles import null_floor
 from gliderhpc.studies.library.turbulence.series import IntermittencySettings, bridged, channel_of, high_passed
-from gliderhpc.studies.library.turbulence.verdict import null_floor
 from gliderhpc.studies.nulls import (
     NullSettings,
     Realisation,
@@ -37,6 +37,7 @@ from gliderhpc.studies.nulls import (
 )
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.request import Request
+from gliderhpc.vocabulary import CHANNELS
 
 PETREL = read_platform("petrel-l")
 FEW = ("--set", "intermittency.surrogates=5", "--set", "intermittency.block_draws=50")
@@ -116,11 +117,19 @@ def test_intermittency_has_surrogates_and_says_what_is_not_tested(studied):
     assert float(row["surrogate_deviation_most"]) >= float(row["surrogate_deviation"])
     assert float(row["peak_all"]) >= 0.9 * float(row["peak"])
     assert len(rows_of(archive, "intermittency", "ranges")) == 2 * 5
+    moments = rows_of(archive, "intermittency", "gaussianity")
+    assert [(one["profile"], one["channel"]) for one in moments] == [(p, c) for p in ("1", "2") for c in CHANNELS]
+    assert 0.0 <= float(row["repeated_roll"]) <= 1.0
+    verdict = (archive.with_name("twin-studies") / "intermittency" / "verdict.md").read_text("utf-8")
+    assert "lateral disturbances" in verdict or "a roll that changes too little" in verdict
     with xr.open_datatree(archive, engine="zarr") as tree:
         group = tree["intermittency"].ds.sel(profile=1)
         assert np.isnan(group["flatness_by_lag"].values[group["lag_time"].values < 1.0]).all()
         assert group["zeta"].values[2] == pytest.approx(1.0)
         assert (group["zeta_low"] <= group["zeta"] + 1e-9).all()
+        assert np.isfinite(group["noise_variance"].values).all()
+        own = group["noise_kurtosis"].sel(channel="B_cp")
+        np.testing.assert_allclose(own, float(moments[3]["noise_kurtosis"]), rtol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -206,6 +215,7 @@ def test_nulls_are_stored_with_their_draws(studied):
     assert np.ptp(drawn[known]) > 0.1
     np.testing.assert_allclose(nulls["factor"].values[[0, 2]][:, known], 1.0, rtol=1e-12)
     assert np.isfinite(nulls["peak"]).all()
+    assert np.isnan(nulls["gaussianity_p_value"].values[0])
     assert nulls["peak"].values[0] < nulls["peak"].values[2]
     assert len(set(nulls["realisation_seed"].values.tolist())) == 3
     content = json.loads((archive.with_name("twin-studies") / "nulls" / "nulls.json").read_text("utf-8"))

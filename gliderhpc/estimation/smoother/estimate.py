@@ -23,6 +23,9 @@ class SmoothedEstimate:
         start of the profile.
     disturbances, disturbances_std : (n, 6)
         Disturbance over each step and its standard deviation, N and N m.
+    standardised_noise : (n, 6)
+        Smoothed noise of each step over its standard deviation: standard normal if the disturbances' noise is Gaussian
+        with the final variances; NaN where the record does not resolve it.
     displacement, displacement_covariance : (2,), (2, 2)
         Displacement north and east from start to end, and its covariance, m and m2.
     cost : float
@@ -55,6 +58,7 @@ class SmoothedEstimate:
     states_std: Array
     disturbances: Array
     disturbances_std: Array
+    standardised_noise: Array
     displacement: Array
     displacement_covariance: Array
     cost: float
@@ -73,7 +77,7 @@ class SmoothedEstimate:
     def thinned(self, every: int) -> "SmoothedEstimate":
         """Return the estimate at steps that are multiples of `every`; the larger arrays of all steps are freed."""
         # Copies, not views, to free the steps' arrays.
-        names = ("states", "states_std", "disturbances", "disturbances_std")
+        names = ("states", "states_std", "disturbances", "disturbances_std", "standardised_noise")
         return replace(self, last_pass=None, **{name: getattr(self, name)[::every].copy() for name in names})
 
 
@@ -98,9 +102,10 @@ def filter_fallback(filtered: FilterEstimate) -> SmoothedEstimate:
     """Return the filter's estimate in place of a failed smoothed one; quantities of the smoother alone are NaN."""
     states, disturbances = filtered.states, filtered.disturbances[:-1]
     return SmoothedEstimate(
-        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan), displacement(states),
-        displacement_covariance=np.full((2, 2), np.nan), cost=np.nan, passes=0, damped=0, movement=np.nan,
-        noise_factor=np.full(6, np.nan), used=0, widened=0, outcome=Outcome.DIVERGED,
+        states, np.full_like(states, np.nan), disturbances, np.full_like(disturbances, np.nan),
+        np.full_like(disturbances, np.nan), displacement(states), displacement_covariance=np.full((2, 2), np.nan),
+        cost=np.nan, passes=0, damped=0, movement=np.nan, noise_factor=np.full(6, np.nan), used=0, widened=0,
+        outcome=Outcome.DIVERGED,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate, displacement, filter_fallback
-from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale
+from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale, standardised_noise
 from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts
 from gliderhpc.flight.glider import SENSED
@@ -169,6 +169,7 @@ def iterate_passes(
         states_std=_at_steps(sweeps.rows, _state_deviations(linear)),
         disturbances=iterate.trajectory.disturbances[:-1],
         disturbances_std=_at_steps(sweeps.rows, _disturbance_deviations(linear))[:-1],
+        standardised_noise=standardised_noise(linear, dive.noise),
         displacement=displacement(iterate.trajectory.states),
         displacement_covariance=linear.displacement,
         cost=float(iterate.costs.sum()),

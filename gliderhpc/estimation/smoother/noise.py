@@ -2,6 +2,9 @@
 
 References
 ----------
+A. C. Harvey, S. J. Koopman (1992), Diagnostic checking of unobserved-components time series models, Journal of Business
+and Economic Statistics 10, 377-389.
+
 D. J. C. MacKay (1992), Bayesian interpolation, Neural Computation 4, 415-447.
 
 A. Y. Aravkin, J. V. Burke, G. Pillonetto (2014), Robust and trend-following Student's t Kalman smoothers, SIAM Journal
@@ -78,6 +81,17 @@ def spent_and_resolved(found: SmoothedNoise, noise: Array, steps: NDArray[np.boo
     """Sums over some steps of the smoothed noise's squares over variances ``noise (n, 6)``, and of resolved values."""
     spent = np.sum(found.noise_mean[steps] ** 2 / noise[steps], axis=0)
     return spent, np.sum(found.noise_resolved[steps], axis=0)
+
+
+def standardised_noise(found: SmoothedNoise, noise: Array) -> Array:
+    """Smoothed noise ``(n, 6)`` over its standard deviation; NaN where the record does not resolve it.
+
+    With variances ``noise (n, 6)`` that are right, and Gaussian noise, these are standard normal: the auxiliary
+    residuals of Harvey and Koopman (1992). The smoothed noise is ``-q l`` with a costate of covariance ``L``, and its
+    variance ``q^2 L`` is the resolved part of ``q``.
+    """
+    variance = noise * found.noise_resolved
+    return np.asarray(found.noise_mean / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from gliderhpc.studies.archived import (
     study_table,
 )
 from gliderhpc.studies.events import NAME, EventSettings
-from gliderhpc.studies.library.turbulence.verdict import NullFloor
+from gliderhpc.studies.library.turbulence.ensembles import NullFloor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,12 +24,14 @@ from gliderhpc.report.studies.turbulence import (
     table_3_text,
     verdict_text,
 )
-from gliderhpc.store_schema.columns import FLATNESS_BY_LAG, RANGE_STATISTICS, ZETA, range_column
+from gliderhpc.store_schema.columns import FLATNESS_BY_LAG, NOISE_MOMENTS, RANGE_STATISTICS, ZETA, range_column
 from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
 from gliderhpc.studies.intermittency import NAME
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles, stored_nulls
+from gliderhpc.studies.library.turbulence.gaussianity import stored_scores
 from gliderhpc.studies.library.turbulence.series import IntermittencySettings, series_step
 from gliderhpc.studies.library.turbulence.statistics import ORDERS
-from gliderhpc.studies.library.turbulence.verdict import Ensembles, judge, stored_nulls
+from gliderhpc.studies.library.turbulence.verdict import judge
 from gliderhpc.vocabulary import she_leveque
 
 if TYPE_CHECKING:
@@ -49,10 +51,14 @@ def show(archive: Archive) -> Findings:
     settings = IntermittencySettings.model_validate(made.settings)
     failed, studied = failed_profiles(table)
     nulls, null_remarks = stored_nulls(archive, made.estimate, settings)
-    ensembles = Ensembles(studied, nulls, settings)
+    numbers = studied["profile"].tolist()
+    scores = stored_scores(archive, numbers)
+    ensembles = Ensembles(studied, nulls, settings, scores)
     verdict = judge(ensembles)
     facts = shared_facts(made) | {"settings": settings.model_dump(mode="json"), "verdict": verdict.as_json()}
-    tables = {"profiles": table, "ranges": _ranges(archive, studied["profile"].tolist()), "table_3": table_3(ensembles)}
+    tables = {"profiles": table, "ranges": _ranges(archive, numbers), "table_3": table_3(ensembles)}
+    if scores:
+        tables["gaussianity"] = _gaussianity(archive, numbers)
     about_band = band_remarks(table, settings, series_step(archive, made.estimate))
     findings = archive_findings(
         NAME,
@@ -83,6 +89,13 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     )
 
 
+def _gaussianity(archive: Archive, numbers: list[int]) -> pd.DataFrame:
+    """Tabulate the moments of the smoother's standardised noise, one row for each profile and channel."""
+    group = archive[NAME].to_dataset().sel(profile=numbers)
+    table = group[list(NOISE_MOMENTS)].to_dataframe().reset_index()
+    return table[["profile", "channel", *NOISE_MOMENTS]]
+
+
 def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
     """Return the captions: data of figure and tables, and the question that remains open."""
     settings = ensembles.settings
@@ -108,6 +121,12 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
             f"{settings.block:g} s: {data}. An exponent that changes with the range is not that of a scaling law."
         ),
         "table_3": table_3_caption(made, ensembles),
+        "gaussianity": (
+            "Moments of the smoother's standardised noise by profile and channel, actuated samples left out: variance, "
+            f"kurtosis over the root mean square within {settings.noise_window:g} s, number of independent values, and "
+            f"score of the kurtosis under a Gaussian disturbance: {data}. Profiles in which more "
+            f"than {settings.most_repeated:.0%} of the samples repeat the roll of the sample before are not tested."
+        ),
     }
 
 

@@ -18,12 +18,12 @@ from gliderhpc.store_schema.columns import (
     surrogate_columns,
 )
 from gliderhpc.studies.archived import Provenance
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles
 from gliderhpc.studies.library.turbulence.series import FastSettings
 from gliderhpc.studies.library.turbulence.verdict import (
     ASSUMPTIONS,
     SHE_LEVEQUE,
     TOLERANCE,
-    Ensembles,
     TurbulenceVerdict,
     conclusion,
 )

@@ -1,34 +1,32 @@
-"""Measured profiles compared with nulls: the ensembles, the nulls' ceiling, and the verdict on turbulence.
+"""Verdict on turbulence: measured profiles compared with nulls.
 
 The paper requires three features together. Each is passed, failed or not tested. A feature is passed only if every
 profile shows it; a statistic that the records do not resolve is not tested. One feature that is not passed refutes the
-claim. A test that has its nominal level on nulls (`contrast`), and a conclusion in three sentences, are added.
+claim. Two tests that have their nominal level on nulls (`gaussianity` and `contrast`), and a conclusion in three
+sentences, are added.
 """
 
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
-from gliderhpc.store_schema.columns import GAUSSIAN, MODEL_ERROR, NOISE_ONLY, REALISATIONS
-from gliderhpc.store_schema.schema import COMPLETE
-from gliderhpc.studies.archived import as_cells, failed_profiles, study_table
+from gliderhpc.store_schema.columns import FAMILIES, GAUSSIAN
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, NullPasses, contrast_of
-from gliderhpc.studies.library.turbulence.series import MIN_RMS, FastSettings, IntermittencySettings
+from gliderhpc.studies.library.turbulence.ensembles import Ensembles, finite
+from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, judged_gaussianity
 from gliderhpc.vocabulary import she_leveque
 
 Array = NDArray[np.float64]
 
-ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
-"""Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
-
 SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
 """Largest distance of an exponent from She and Leveque's that the paper regards as turbulence."""
+
+_SMALL = 1e-9
+"""P-value below which its size means nothing."""
 
 PASSED, FAILED, NOT_TESTED = "passed", "failed", "not tested"
 
@@ -46,124 +44,6 @@ ASSUMPTIONS = (
     "of independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
 )
 """Assumptions of the joint statement."""
-
-
-# Ensembles
-
-
-@dataclass(frozen=True, eq=False)
-class Ensembles:
-    """Measured profiles and nulls of a mission.
-
-    Attributes
-    ----------
-    measured : pandas.DataFrame
-        Table of group ``intermittency``, one row for each profile.
-    nulls : pandas.DataFrame
-        Table of group ``nulls``, one row for each realisation; empty if there are none.
-    settings : IntermittencySettings
-        Settings of both.
-    """
-
-    measured: pd.DataFrame
-    nulls: pd.DataFrame
-    settings: IntermittencySettings
-
-    def family(self, name: str) -> pd.DataFrame:
-        """Realisations of a family that have statistics."""
-        if self.nulls.empty:
-            return self.nulls
-        return pd.DataFrame(self.nulls.loc[(self.nulls["family"] == name) & (self.nulls["rms"] > MIN_RMS)])
-
-    @property
-    def artefacts(self) -> pd.DataFrame:
-        """Realisations without any disturbance that have statistics."""
-        return pd.concat([self.family(name) for name in ARTEFACTS]) if len(self.nulls) else self.nulls
-
-    @property
-    def ceiling(self) -> float:
-        """Largest magnitude in the nulls without any disturbance, in the channel's unit; NaN without nulls."""
-        return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
-
-    def measured_values(self, name: str) -> Array:
-        """Finite values of a statistic of the measured profiles."""
-        if self.measured.empty or name not in self.measured:
-            return np.empty(0)
-        return _finite(self.measured[name])
-
-
-def null_table(archive: Archive) -> pd.DataFrame:
-    """Return the table of an archive's nulls, one row for each realisation."""
-    group = archive["nulls"].to_dataset()
-    columns = [variable.name for variable in REALISATIONS if variable.name in group]
-    return pd.DataFrame({name: as_cells(group[name].values) for name in columns})
-
-
-def stored_nulls(
-    archive: Archive, estimate: str, settings: IntermittencySettings
-) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return an archive's nulls for an estimate and settings, and a remark if there are none."""
-    attributes = _attributes(archive, "nulls")
-    if not attributes.get(COMPLETE, False):
-        return pd.DataFrame(), ("there are no nulls to compare the amplitudes with; run the study nulls",)
-    if attributes.get("estimate") != estimate:
-        return pd.DataFrame(), (
-            f"the archive's nulls are of the {attributes.get('estimate')} estimate; run nulls again",
-        )
-    if not is_comparable(attributes.get("settings", {}).get("statistics", {}), settings):
-        return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls again",)
-    return null_table(archive), ()
-
-
-def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:
-    """Return an archive's measured profiles for an estimate, and their settings, which are None if there are none."""
-    attributes = _attributes(archive, "intermittency")
-    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
-        return pd.DataFrame(), None
-    _, studied = failed_profiles(study_table(archive, "intermittency"))
-    return studied.reset_index(drop=True), IntermittencySettings.model_validate(attributes["settings"])
-
-
-def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
-    """Return whether stored settings give the same statistics: all must agree except seeds and numbers of draws."""
-    own = settings.model_dump(mode="json")
-    free = {"seed", "draws", "block_draws", "surrogates", "groups"}
-    return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
-
-
-def _attributes(archive: Archive, name: str) -> dict[str, Any]:
-    return {str(key): value for key, value in archive[name].attrs.items()} if name in archive.children else {}
-
-
-# The nulls' ceiling
-
-
-@dataclass(frozen=True)
-class NullFloor:
-    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square due to sensor noise alone."""
-
-    ceiling: float
-    noise: float
-
-
-def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
-    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and the reason."""
-    own_noise = "events are ranked by each profile's own noise floor"
-    attributes = _attributes(archive, "nulls")
-    if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
-        return None, (f"there are no nulls of this estimate: {own_noise}; run the study nulls",)
-    made = IntermittencySettings.model_validate(attributes["settings"]["statistics"])
-    if (made.channel, made.cutoff) != (settings.channel, settings.cutoff):
-        return None, (f"the archive's nulls are of another channel or high-pass: {own_noise}",)
-    ensembles = Ensembles(pd.DataFrame(), null_table(archive), made)
-    if not np.isfinite(ensembles.ceiling):
-        return None, (f"none of the archive's nulls has statistics, so there is no ceiling: {own_noise}",)
-    noise = ensembles.family(NOISE_ONLY)
-    floor = noise if len(noise) else ensembles.artefacts
-    return NullFloor(ensembles.ceiling, float(floor["rms"].median())), ()
-
-
-# The verdict
 
 
 @dataclass(frozen=True)
@@ -194,6 +74,8 @@ class TurbulenceVerdict:
         Comparison of the profiles' flatness with that of the Gaussian nulls; None if either is missing.
     null_passes : NullPasses, optional
         Nulls without any disturbance that pass the rank test; None if there are no such nulls.
+    gaussianity : Gaussianity, optional
+        Test of the smoother's standardised noise; None if the archive has none.
     """
 
     features: tuple[Feature, ...]
@@ -202,6 +84,7 @@ class TurbulenceVerdict:
     profiles: int
     contrast: Contrast | None = None
     null_passes: NullPasses | None = None
+    gaussianity: Gaussianity | None = None
 
     @property
     def stands(self) -> bool:
@@ -226,6 +109,7 @@ class TurbulenceVerdict:
             "joint_probability": self.joint,
             "assumptions": list(ASSUMPTIONS),
             "flatness_contrast": None if self.contrast is None else asdict(self.contrast),
+            "gaussianity": None if self.gaussianity is None else _gaussianity_json(self.gaussianity),
             "conclusion": list(conclusion(self)),
         }
 
@@ -235,21 +119,40 @@ def judge(ensembles: Ensembles) -> TurbulenceVerdict:
     features = (_exponents(ensembles), _amplitudes(ensembles), _rank_test(ensembles))
     inside, joint = _joint_probability(ensembles)
     return TurbulenceVerdict(
-        features, inside, joint, len(ensembles.measured), _flatness_contrast(ensembles), _null_passes(ensembles)
+        features,
+        inside,
+        joint,
+        len(ensembles.measured),
+        _flatness_contrast(ensembles),
+        _null_passes(ensembles),
+        _gaussianity(ensembles),
     )
+
+
+def _gaussianity(ensembles: Ensembles) -> Gaussianity | None:
+    column = "gaussianity_p_value"
+    if column not in ensembles.measured:
+        return None
+    nulls = {family: ensembles.family(family) for family in FAMILIES}
+    of_nulls = {name: own[column].to_numpy(dtype=np.float64) for name, own in nulls.items() if column in own}
+    return judged_gaussianity(ensembles.scores, ensembles.measured[column].to_numpy(dtype=np.float64), of_nulls)
+
+
+def _gaussianity_json(found: Gaussianity) -> dict[str, Any]:
+    return asdict(found) | {"p_value": found.p_value}
 
 
 def _flatness_contrast(ensembles: Ensembles) -> Contrast | None:
     nulls = ensembles.family(GAUSSIAN)
     if not len(nulls):
         return None
-    return contrast_of(ensembles.measured_values("flatness"), _finite(nulls["flatness"]))
+    return contrast_of(ensembles.measured_values("flatness"), finite(nulls["flatness"]))
 
 
 def _null_passes(ensembles: Ensembles) -> NullPasses | None:
     if not len(ensembles.artefacts):
         return None
-    values, level = _finite(ensembles.artefacts["p_value"]), 1.0 / (1 + ensembles.settings.surrogates)
+    values, level = finite(ensembles.artefacts["p_value"]), 1.0 / (1 + ensembles.settings.surrogates)
     return NullPasses(int((values <= level + 1e-9).sum()), len(values), level) if len(values) else None
 
 
@@ -261,18 +164,36 @@ def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
 def _found(verdict: TurbulenceVerdict) -> str:
     passed = [feature.name for feature in verdict.features if feature.outcome == PASSED]
     features = f"{len(passed)} of the publication's {len(verdict.features)} features"
-    text = f"Found: {features}" + (f" ({', '.join(passed)})" if passed else "")
-    if verdict.contrast is None:
-        return f"{text}."
+    parts = [f"Found: {features}" + (f" ({', '.join(passed)})" if passed else "")]
+    if verdict.gaussianity is not None:
+        parts.append(_found_in_noise(verdict.gaussianity))
+    if verdict.contrast is not None:
+        parts.append(
+            f"a flatness larger than that of Gaussian disturbances seen through the same pipeline in "
+            f"{number(verdict.contrast.larger)} of pairs of a profile and a null (one half is expected by chance)"
+        )
+    return f"{'; '.join(parts)}."
+
+
+def _found_in_noise(found: Gaussianity) -> str:
+    strongest = found.strongest
+    if strongest is None:
+        return (
+            "a roll that changes too little, next to its resolution, to test whether lateral disturbances are Gaussian"
+        )
+    gaussian = "not Gaussian" if found.p_value <= LEVEL else "no different from Gaussian"
+    p = f"p below {_SMALL:g}" if found.p_value < _SMALL else f"p = {number(found.p_value)}"
     return (
-        f"{text}, and a flatness larger than that of Gaussian disturbances seen through the same pipeline in "
-        f"{number(verdict.contrast.larger)} of pairs of a profile and a null (one half is expected by chance)."
+        f"lateral disturbances {gaussian} (pooled score {strongest.score:.1f} of {strongest.channel}, {p}; "
+        f"{found.rejected} of {found.tested} profiles that can be tested reject it alone)"
     )
 
 
 def _how_sure(verdict: TurbulenceVerdict) -> str:
     contrast, passes = verdict.contrast, verdict.null_passes
     parts = []
+    if verdict.gaussianity is not None and verdict.gaussianity.nulls:
+        parts.append(_sure_of_noise(verdict.gaussianity))
     if contrast is not None:
         parts.append(
             f"{contrast.profiles} profiles of Gaussian disturbances would exceed {contrast.nulls} nulls by as much "
@@ -286,8 +207,21 @@ def _how_sure(verdict: TurbulenceVerdict) -> str:
     return f"How sure: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
 
 
+def _sure_of_noise(found: Gaussianity) -> str:
+    counts = ", ".join(
+        f"{passes.passed} of {passes.count} {name.replace('_', ' ')}" for name, passes in found.nulls.items()
+    )
+    use = "as its level allows" if found.holds_on_nulls else "more than its level allows, so the test decides nothing"
+    return f"the test on Gaussian disturbances rejects {counts} nulls (level {LEVEL:g}), {use}"
+
+
 def _what_would_settle_it(verdict: TurbulenceVerdict) -> str:
-    contrast, start = verdict.contrast, "What would settle it:"
+    contrast, noise, start = verdict.contrast, verdict.gaussianity, "What would settle it:"
+    if noise is not None and noise.p_value <= LEVEL and noise.holds_on_nulls:
+        return (
+            f"{start} against a Gaussian disturbance this is settled at {LEVEL:.0%}; against trains of impulses, false "
+            "samples and actuators that move unrecorded, a microstructure sensor on the same dive."
+        )
     if contrast is None:
         return f"{start} nulls with a Gaussian disturbance (study nulls), and profiles that resolve the flatness."
     if not contrast.can_decide:
@@ -353,11 +287,6 @@ def _joint_probability(ensembles: Ensembles) -> tuple[float, float]:
     artefacts = ensembles.artefacts
     if not len(artefacts) or not len(ensembles.measured):
         return float("nan"), float("nan")
-    values = _finite(artefacts["zeta_ratio"])
+    values = finite(artefacts["zeta_ratio"])
     inside = (1.0 + np.count_nonzero(np.abs(values - SHE_LEVEQUE) <= TOLERANCE)) / (1.0 + len(values))
     return float(inside), float(inside ** len(ensembles.measured))
-
-
-def _finite(column: pd.Series) -> Array:
-    values: Array = column.to_numpy(dtype=np.float64)
-    return values[np.isfinite(values)]
