@@ -4,7 +4,8 @@ Usage: ``python -m benchmarks.turbulence known twins power levels spectra interm
 ARCHIVE.zarr --levels ARCHIVE.zarr --paper ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named,
 stores each one's figures in ``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and
 all that is there. The sections of the studies' names run these on the archive of `--mission`; `paper` runs two of them on
-one that preset `paper` made, and `levels` makes 200 nulls of each kind from the archive of `--levels`.
+one that preset `paper` made, and `levels` makes 200 nulls of each kind in the archive of `--levels`, in
+place of its own.
 """
 
 import argparse
@@ -39,7 +40,6 @@ from gliderhpc.simulator import simulate_profile
 from gliderhpc.store_schema.columns import FAMILIES
 from gliderhpc.studies.library.turbulence.contrast import LEVEL
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles, null_table, stored_measured, stored_nulls
-from gliderhpc.studies.library.turbulence.gaussianity import stored_scores
 from gliderhpc.studies.library.turbulence.series import (
     GappySeries,
     IntermittencySettings,
@@ -121,7 +121,7 @@ def study(name: str, archive: Path, workers: int, assignments: tuple[str, ...] =
 
 
 def levels(archive: Path, workers: int) -> Figures:
-    """Nulls of each kind that the tests reject."""
+    """Nulls of each kind that the tests reject; the group of the archive's own nulls is replaced."""
     began = time.perf_counter()
     counts = tuple(f"nulls.{family}={LEVEL_NULLS}" for family in FAMILIES)
     analyze_archive("nulls", Request(archive, lambda: local_executor(workers), assignments=counts))
@@ -177,8 +177,7 @@ def verdict_figures(archive: Path) -> Figures:
         measured, settings = stored_measured(opened, ADJOINT)
         if settings is None:
             return {"text": ""}
-        scores = stored_scores(opened, measured["profile"].tolist()) if len(measured) else {}
-        ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings, scores)
+        ensembles = Ensembles(measured, stored_nulls(opened, ADJOINT, settings)[0], settings)
     return {"text": table_3_text(ensembles) + "\n" + verdict_text(judge(ensembles)), "profiles": len(measured)}
 
 

@@ -6,13 +6,11 @@ standardised noise (`gliderhpc.studies.library.turbulence.gaussianity`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -38,7 +36,8 @@ if TYPE_CHECKING:
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "assets" / "turbulence-power.png"
 
-HULLS, INTERVALS, RESOLUTIONS = ("petrel-l", "slocum"), (0.1, 0.2, 0.5, 1.0, 2.0), (0.01, 0.1)
+INTERVALS = {"petrel-l": (0.1, 0.2, 0.5, 1.0), "slocum": (0.2, 0.5, 1.0)}
+RESOLUTIONS = (0.01, 0.1)
 STRENGTHS, KINDS = (0.001, 0.004, 0.016, 0.064), ("cascade", "gaussian")
 SEEDS, DEPTH = range(400, 410), 120.0
 COUNTS = (1, 9, 100)
@@ -46,6 +45,9 @@ COUNTS = (1, 9, 100)
 
 ENOUGH = 0.9
 """Share of pairs from which the two kinds are told apart."""
+
+DRAWS = 2000
+"""Resampled missions for the pooled shares."""
 
 Array = NDArray[np.float64]
 
@@ -95,10 +97,7 @@ def score_of(twin: Twin) -> Figures:
 
 def power(workers: int) -> Figures:
     """Scores of all twins."""
-    twins = [
-        Twin(Logger(*logger), strength, kind, seed)
-        for *logger, strength, kind, seed in product(HULLS, INTERVALS, RESOLUTIONS, STRENGTHS, KINDS, SEEDS)
-    ]
+    twins = [Twin(*each) for each in product(loggers(), STRENGTHS, KINDS, SEEDS)]
     with local_executor(workers) as executor:
         rows = []
         for row in executor.run(score_of, twins):
@@ -113,53 +112,76 @@ class Cell(NamedTuple):
     Attributes
     ----------
     shares : (c,) array
-        Shares of pairs in which the cascades' pooled score is the larger, by the numbers of profiles in `COUNTS`.
-    detected, false : float
-        Shares of the cascades, and of the Gaussian gusts, that one profile's test rejects at `LEVEL`.
+        Shares of pairs of missions, of as many profiles as `COUNTS`, in which the cascades have the larger mean score.
+    false : float
+        Share of the Gaussian gusts, among those tested, that one profile's test rejects at `LEVEL`; NaN if none is.
     tested : float
-        Share of the twins in which a channel is tested.
+        Share of the twins that are tested.
     """
 
     shares: Array
-    detected: float
     false: float
     tested: float
 
 
 def cell_of(rows: list[Figures]) -> Cell:
-    """Summarise the twins of a logger and strength; twins that are not tested have no score to pool, which is zero."""
-    scores, p = (
-        {kind: np.array([row[name] for row in rows if row["kind"] == kind], dtype=np.float64) for kind in KINDS}
-        for name in ("gaussianity_score", "gaussianity_p_value")
-    )
-    tested = float(np.mean([np.isfinite(values).mean() for values in scores.values()]))
-    ours, theirs = (np.nan_to_num(scores[kind]) for kind in KINDS)
-    single = np.mean((ours[:, None] > theirs) + 0.5 * (ours[:, None] == theirs))
-    spread = float(np.sqrt(ours.var(ddof=1) + theirs.var(ddof=1)))
-    distance = (ours.mean() - theirs.mean()) / spread if spread > 0.0 else 0.0
-    pooled = [scipy.stats.norm.cdf(distance * np.sqrt(count)) for count in COUNTS[1:]]
-    shares = np.array([single, *(max(single, share) if single > 0.5 else share for share in pooled)])
-    return Cell(shares, float(np.mean(p["cascade"] <= LEVEL)), float(np.mean(p["gaussian"] <= LEVEL)), tested)
+    """Summarise the twins of a logger and strength.
+
+    Missions are resampled from the twins that are tested, after these have been resampled themselves, as they are few. A
+    pair with a mission that cannot be tested tells nothing, and counts one half.
+    """
+    rng = np.random.default_rng(28)
+    of_kind = {kind: np.array([row["gaussianity_score"] for row in rows if row["kind"] == kind]) for kind in KINDS}
+    known = {kind: scores[np.isfinite(scores)] for kind, scores in of_kind.items()}
+    both = float(np.prod([len(known[kind]) / len(of_kind[kind]) for kind in KINDS]))
+    p = np.array([row["gaussianity_p_value"] for row in rows if row["kind"] == "gaussian"])
+    p = p[np.isfinite(p)]
+    shares = np.full(len(COUNTS), 0.5)
+    if both:
+        for at, count in enumerate(COUNTS):
+            ours, theirs = (_resampled_means(known[kind], count, rng) for kind in KINDS)
+            shares[at] = both * np.mean(ours > theirs) + 0.5 * (1.0 - both)
+    tested = sum(len(one) for one in known.values()) / sum(len(one) for one in of_kind.values())
+    return Cell(shares, float(np.mean(p <= LEVEL)) if len(p) else float("nan"), tested)
 
 
-def cells(figures: Figures) -> Iterator[tuple[Logger, float, Cell]]:
-    """Yield the cells of the table."""
-    for *logger, strength in product(HULLS, INTERVALS, RESOLUTIONS, STRENGTHS):
-        where = Logger(*logger)
+def _resampled_means(scores: Array, count: int, rng: np.random.Generator) -> Array:
+    """Mean scores ``(d,)`` of missions of `count` profiles, drawn from resampled scores."""
+    pools = scores[rng.integers(0, len(scores), (DRAWS, len(scores)))]
+    chosen = rng.integers(0, len(scores), (DRAWS, count))
+    return np.asarray(np.take_along_axis(pools, chosen, axis=1).mean(axis=1))
+
+
+def loggers() -> list[Logger]:
+    """Hulls and loggers of the table."""
+    return [
+        Logger(hull, interval, resolution)
+        for hull, intervals in INTERVALS.items()
+        for interval in intervals
+        for resolution in RESOLUTIONS
+    ]
+
+
+def cells(figures: Figures) -> dict[tuple[Logger, float], Cell]:
+    """Return the cells of the table."""
+    found = {}
+    for logger, strength in product(loggers(), STRENGTHS):
         own = [
-            row for row in figures["rows"]
-            if (row["hull"], row["interval"], row["resolution"]) == where and row["strength"] == strength
-        ]  # fmt: skip
-        yield where, strength, cell_of(own)
+            row
+            for row in figures["rows"]
+            if (row["hull"], row["interval"], row["resolution"]) == logger and row["strength"] == strength
+        ]
+        found[logger, strength] = cell_of(own)
+    return found
 
 
 def power_text(figures: Figures) -> str:
     """Table of the shares of pairs, and what it says to an operator."""
     columns = ("hull", "interval, s", "resolution, degrees", *(f"{1000 * rms:g} mm/s" for rms in STRENGTHS))
-    found = {(logger, strength): cell for logger, strength, cell in cells(figures)}
+    found = cells(figures)
     lines = []
-    for logger in dict.fromkeys(logger for logger, _ in found):
-        shares = [" / ".join(f"{share:.2f}" for share in found[logger, rms].shares) for rms in STRENGTHS]
+    for logger in loggers():
+        shares = [_cell_text(found[logger, rms]) for rms in STRENGTHS]
         lines.append((logger.hull, f"{logger.interval:g}", f"{logger.resolution:g}", *shares))
     return (
         f"{markdown(columns, lines, columns[1:])}\n\n{_weakest(found)}\n\nIn Gaussian gusts the test of one profile rejects "
@@ -168,15 +190,22 @@ def power_text(figures: Figures) -> str:
     )
 
 
+def _cell_text(cell: Cell) -> str:
+    if cell.tested == 0.0:
+        return "not tested"
+    false = f"{cell.false:.2f}" if np.isfinite(cell.false) else "–"
+    return f"{' / '.join(f'{share:.2f}' for share in cell.shares)} ({false})"
+
+
 def _weakest(found: dict[tuple[Logger, float], Cell]) -> str:
-    """Say where one, 9 and 100 profiles tell the two kinds apart at the loggers' usual setting."""
+    """Say from what strength on one, 9 and 100 profiles tell the two kinds apart at the usual setting."""
     sentences = []
-    for hull in HULLS:
-        usual = Logger(hull, 1.0, 0.1)
+    for hull in INTERVALS:
         reached = []
         for at, count in enumerate(COUNTS):
-            strong = [rms for rms in STRENGTHS if found[usual, rms].shares[at] >= ENOUGH]
-            reached.append(f"{count} from {1000 * min(strong):g} mm/s on" if strong else f"{count} at no strength")
+            enough = [found[Logger(hull, 1.0, 0.1), rms].shares[at] >= ENOUGH for rms in STRENGTHS]
+            from_here = [rms for i, rms in enumerate(STRENGTHS) if all(enough[i:])]
+            reached.append(f"{count} from {1000 * from_here[0]:g} mm/s on" if from_here else f"{count} at no strength")
         sentences.append(f"{hull}, 1 s and 0.1 degrees: {', '.join(reached)}")
     return f"Profiles that tell the two kinds apart in {ENOUGH:g} of pairs: {'; '.join(sentences)}."
 
@@ -197,10 +226,10 @@ def _rate(figures: Figures, kind: str, **chosen: float) -> str:
 def power_figure(figures: Figures) -> Figure:
     """Draw the share of pairs told apart by one profile over the gust's strength, one panel for each hull."""
     figure = new_figure((9.2, 4.2), 110)
-    found = {(logger, strength): cell for logger, strength, cell in cells(figures)}
-    for place, hull in enumerate(HULLS):
-        axes = figure.add_subplot(1, len(HULLS), place + 1)
-        for interval, colour in zip(INTERVALS, ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7"), strict=True):
+    found = cells(figures)
+    for place, (hull, intervals) in enumerate(INTERVALS.items()):
+        axes = figure.add_subplot(1, len(INTERVALS), place + 1)
+        for interval, colour in zip(intervals[::-1], ("#000000", "#0072B2", "#009E73", "#D55E00"), strict=False):
             for resolution, style in zip(RESOLUTIONS, ("--", "-"), strict=True):
                 shares = [found[Logger(hull, interval, resolution), rms].shares[0] for rms in STRENGTHS]
                 text = f"{interval:g} s, {resolution:g} degrees"

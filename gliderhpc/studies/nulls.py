@@ -33,7 +33,7 @@ from gliderhpc.simulator.replay import Actuation, record_of, replay
 from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY, NULL, REALISATIONS
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
-from gliderhpc.studies.library.turbulence.gaussianity import gaussianity_row, noise_of_estimate
+from gliderhpc.studies.library.turbulence.gaussianity import TESTED, gaussianity_row, noise_of_estimate
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -63,7 +63,7 @@ class NullSettings(Settings):
 
     noise_only: int = Field(12, ge=0, description="realisations of the known hull with sensor noise alone")
     model_error: int = Field(12, ge=0, description="realisations of hulls whose coefficients are drawn")
-    gaussian: int = Field(12, ge=0, description="realisations with a Gaussian disturbance of the measured spectrum")
+    gaussian: int = Field(12, ge=0, description="realisations with Gaussian disturbances of the measured spectra")
     spread: float = Field(0.15, ge=0, lt=1, description="largest relative error of a coefficient that is drawn")
     seed: int = Field(0, ge=0, description="seed of all draws")
     statistics: IntermittencySettings = IntermittencySettings()
@@ -134,8 +134,7 @@ def fly_null(
     bodies = Glider(platform).bodies(model_controls(platform, actuation.at(times), seawater))
     disturbances = np.zeros((len(times), 6))
     if null.family == GAUSSIAN:
-        channel = settings.statistics.channel
-        disturbances[:, list(CHANNELS).index(channel)] = gaussian_disturbance(data, platform, settings, times, rng)
+        disturbances = gaussian_disturbances(data, platform, settings, times, rng)
     flight = replay(hull, actuation, bodies, disturbances)
     record = record_of(flight, actuation, platform, rng)
     series = _with_seawater(on_steps(record, without_corrections(mission)), data)
@@ -158,19 +157,26 @@ def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
     return Actuation(data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled)
 
 
-def gaussian_disturbance(
+def gaussian_disturbances(
     data: ProfileData, platform: Platform, settings: NullSettings, times: Array, rng: np.random.Generator
 ) -> Array:
-    """Draw a Gaussian series ``(n,)`` at times (s): spectrum of the profile's fast part, with random phases."""
-    statistics = settings.statistics
-    series = channel_of(data, statistics.channel, platform)
-    counted = series.counted(actuated=False)
-    fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
-    spectrum = scipy.fft.rfft(fast)
-    phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
-    phases[0] = 1.0
-    drawn = scipy.fft.irfft(np.abs(spectrum) * phases, len(fast))
-    return np.interp(times, series.time, drawn)
+    """Draw Gaussian disturbances ``(n, 6)`` at times (s): in the channel studied, and in sway and roll.
+
+    They have the spectra of the fast parts of the profile's disturbances, and their coherence, as all channels have the
+    same random phases.
+    """
+    statistics, drawn, phases = settings.statistics, np.zeros((len(times), 6)), None
+    for name in dict.fromkeys((statistics.channel, *TESTED)):
+        series = channel_of(data, name, platform)
+        counted = series.counted(actuated=False)
+        fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
+        spectrum = scipy.fft.rfft(fast)
+        if phases is None:
+            phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
+            phases[0] = 1.0
+        random = scipy.fft.irfft(spectrum * phases, len(fast))
+        drawn[:, list(CHANNELS).index(name)] = np.interp(times, series.time, random)
+    return drawn
 
 
 def factors_of(hull: Platform, platform: Platform) -> Array:

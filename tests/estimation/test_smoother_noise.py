@@ -67,7 +67,6 @@ def test_factors_are_spent_over_resolved():
     np.testing.assert_array_equal(renewed[:, 1:5], 2.0)
 
 
-@pytest.mark.compiled
 def test_standardised_noise_is_over_its_own_deviation():
     """Harvey and Koopman (1992): the smoothed noise has the variance of the noise less what is left of it."""
     linear = allocate_backward(3, 3)
@@ -78,6 +77,7 @@ def test_standardised_noise_is_over_its_own_deviation():
     assert np.isnan(found[2]).all()
 
 
+@pytest.mark.compiled
 def test_a_dive_tells_its_own_intensity():
     """With a prior nine times too strong in yaw, the factor is close to a ninth, and the interval is narrower."""
     flown = fly(41, 6000)

@@ -94,7 +94,8 @@ def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
     assert (on_records.disturbances_std > smoothed.disturbances_std[::EVERY]).all()
     for channel, name in enumerate(CHANNELS):
         for values, stored in (
-            (on_records.disturbances, row[name]), (on_records.disturbances_std, row[f"{name}_std"])
+            (on_records.disturbances, row[name]), (on_records.disturbances_std, row[f"{name}_std"]),
+            (on_records.standardised_noise, row[f"{name}_noise"]),
         ):  # fmt: skip
             np.testing.assert_allclose(stored.values[: len(values)], values[:, channel], rtol=1e-6)
     for column, name in enumerate(STATES):

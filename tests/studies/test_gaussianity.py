@@ -1,7 +1,5 @@
 """Whether disturbances are Gaussian: the test of the smoother's noise on known series, on twins and on archives."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,13 +17,10 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.studies.library.turbulence.contrast import NullPasses
-from gliderhpc.studies.library.turbulence.ensembles import Ensembles
+from gliderhpc.studies.library.turbulence.ensembles import NEWER, Ensembles, is_comparable
 from gliderhpc.studies.library.turbulence.gaussianity import (
-    TESTED,
-    Gaussianity,
     Noise,
     gaussianity_row,
-    judged_gaussianity,
     kurtosis_score,
     moments_of,
     noise_moments,
@@ -89,10 +84,30 @@ def test_gaussian_noise_is_rejected_at_the_level():
     """Correlated, and of a strength that doubles along the dive, which would raise the kurtosis of the whole."""
     rng, strength = np.random.default_rng(2), np.linspace(1.0, 2.0, 1500)
     scores = np.array([moments(strength * correlated(1500, 0.5, rng)).score for _ in range(600)])
+    assert abs(scores.mean()) < 0.25
     rejected = int((scores > scipy.stats.norm.isf(0.05)).sum())
     assert binom.cdf(rejected, 600, 0.05) > 1e-3
     assert binom.sf(rejected - 1, 600, 0.05) > 1e-3
     assert scores.std() == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize("every", [lambda i: i % 4 == 0, lambda i: np.where(i < 1200, i % 4 == 0, i % 5 == 0)])
+def test_samples_slower_than_the_records_count_once_each(every):
+    """White noise at samples 4 s apart, and at samples whose interval changes, on records of 1 s."""
+    rng, at = np.random.default_rng(9), every(np.arange(2400))
+    series = [noise(rng.standard_normal(2400)) for _ in range(200)]
+    found = [noise_moments(one, at, 300.0) for one in series]
+    assert np.mean([one.independent for one in found]) == pytest.approx(at.sum(), rel=0.05)
+    scores = np.array([one.score for one in found])
+    assert np.isfinite(scores).all()
+    assert scores.std() == pytest.approx(1.0, abs=0.2)
+    assert abs(scores.mean()) < 0.4
+
+
+def test_the_local_root_mean_square_needs_values_within_its_window():
+    values = np.random.default_rng(10).standard_normal(1500)
+    assert np.isnan(moments(values, window=5.0).score)
+    assert moments(values, window=40.0).kurtosis == pytest.approx(3.0, abs=0.35)
 
 
 def test_cascades_are_rejected():
@@ -123,7 +138,6 @@ def test_short_and_slow_records_are_not_tested():
     slow = moments(np.repeat(values[:20], 75))
     assert slow.independent < 100
     assert np.isnan(slow.score)
-    assert np.isfinite(slow.kurtosis)
     assert np.isnan(moments(np.full(500, 3.0)).score)
 
 
@@ -209,6 +223,7 @@ def test_an_archive_has_the_noise_of_its_estimate(recommended):
     assert list(of_archive.channels) == list(CHANNELS)
     assert of_archive.sampled.mean() > 0.9
     np.testing.assert_array_equal(of_archive.roll, data.measured[:, 0])
+    assert 0.0 < of_archive.repeated < 1.0
     series = of_archive.channels["B_cp"]
     np.testing.assert_array_equal(series.values, stored[: len(data.record_time)])
     assert np.isfinite(series.values[:-1]).all()
@@ -230,69 +245,86 @@ def test_an_archive_of_an_earlier_version_has_no_noise(recommended):
 # The verdict
 
 MEASURED = {
-    "profile": 1, "flatness": 90.0, "zeta_ratio": 1.78, "kurtosis": 60.0, "peak": 1.0, "rms": 0.1, "p_value": 0.025,
-    "gaussianity_p_value": 0.5,
+    "profile": 1, "flatness": 50.0, "zeta_ratio": 1.78, "kurtosis": 60.0, "peak": 1.0, "rms": 0.1, "p_value": 0.025,
 }  # fmt: skip
-NULL = {"family": "noise_only", "flatness": 50.0, "zeta_ratio": 1.2, "peak": 0.2, "rms": 0.01, "p_value": 0.5,
-        "gaussianity_p_value": np.nan}  # fmt: skip
+NULL = {"flatness": 50.0, "zeta_ratio": 1.2, "peak": 0.2, "rms": 0.01, "p_value": 0.5}
 
 
-def judged(scores, p, nulls=()):
-    rows = [MEASURED | {"gaussianity_p_value": value} for value in p]
-    table = pd.DataFrame([NULL | changed for changed in nulls])
-    return judge(Ensembles(pd.DataFrame(rows), table, SETTINGS, scores))
+def with_score(row, score):
+    """Row of a profile or null with such a score of one tested channel."""
+    return row | {"gaussianity_score": score, "gaussianity_p_value": smallest_p(score, 1) if score == score else score}
 
 
-def test_scores_are_pooled_over_profiles():
-    scores = {
-        "B_cv": np.array([1.0, 2.0, np.nan, 3.0]),
-        "B_cp": np.array([0.0, 0.0, 0.0, 0.0]),
-        "B_cr": np.full(4, np.nan),
-    }
-    found = judged_gaussianity(scores, np.array([0.5, 0.04, np.nan, 0.001]), {"gaussian": np.array([0.2, np.nan])})
-    assert (found.tested, found.profiles, found.rejected) == (3, 4, 2)
-    assert [(one.channel, one.profiles) for one in found.pooled] == [("B_cv", 3), ("B_cp", 4)]
-    assert found.strongest.score == pytest.approx(6.0 / np.sqrt(3.0))
-    assert found.p_value == pytest.approx(2.0 * scipy.stats.norm.sf(6.0 / np.sqrt(3.0)))
-    assert found.nulls == {"gaussian": NullPasses(0, 2, 0.05)}
-    assert judged_gaussianity({}, np.array([0.5]), {}) is None
+def judged(scores, gaussian=(), others=()):
+    """Verdict on profiles of such scores, with Gaussian and other nulls of such scores."""
+    nulls = [with_score(NULL | {"family": "gaussian"}, score) for score in gaussian]
+    nulls += [with_score(NULL | {"family": "noise_only"}, score) for score in others]
+    return judge(
+        Ensembles(pd.DataFrame([with_score(MEASURED, score) for score in scores]), pd.DataFrame(nulls), SETTINGS)
+    )
 
 
-def test_pooled_gaussian_profiles_are_rejected_at_the_level():
+def test_profiles_are_compared_with_gaussian_nulls():
+    found = judged([4.0, 5.0, np.nan, 6.0], [0.1, -0.3, 2.0, np.nan], [np.nan] * 5).gaussianity
+    assert (found.profiles, found.tested, found.rejected) == (4, 3, 3)
+    assert found.nulls == NullPasses(1, 3, 0.05)
+    assert (found.contrast.profiles, found.contrast.nulls, found.contrast.larger) == (3, 3, 1.0)
+    assert found.settled
+    assert found.count_p_value == pytest.approx(0.05**3)
+
+
+def test_scores_that_the_pipeline_biases_settle_nothing():
+    """Gaussian profiles whose scores are all too large, like those of their nulls: the comparison keeps its level."""
     rng = np.random.default_rng(7)
-    p = [
-        judged_gaussianity({name: rng.standard_normal(9) for name in TESTED}, np.ones(9), {}).p_value
-        for _ in range(1000)
+    settled = [
+        judged(2.0 + rng.standard_normal(9), 2.0 + rng.standard_normal(12)).gaussianity.settled for _ in range(400)
     ]
-    assert np.mean(np.array(p) <= 0.05) == pytest.approx(0.05, abs=0.021)
+    assert np.mean(settled) == pytest.approx(0.05, abs=0.033)
 
 
-def test_the_verdict_says_whether_disturbances_are_gaussian():
-    strong = {"B_cp": np.full(4, 5.0)}
-    verdict = judged(strong, [1e-6] * 4, [{"family": "gaussian", "gaussianity_p_value": 0.4}] * 9 + [{}] * 9)
+def test_the_verdict_says_whether_lateral_disturbances_are_gaussian():
+    verdict = judged([5.0, 6.0, 4.0, 5.5], np.linspace(-1.0, 1.0, 9), [np.nan] * 9)
     found, sure, settle = conclusion(verdict)
-    assert "lateral disturbances not Gaussian (pooled score 10.0 of B_cp, p below 1e-09; 4 of 4 profiles" in found
-    assert "rejects 0 of 9 noise only, 0 of 9 gaussian nulls (level 0.05), as its level allows" in sure
-    assert "settled at 5%; against trains of impulses, false samples and actuators that move unrecorded" in settle
-    plain = verdict.as_json()["gaussianity"]
-    assert list(plain["pooled"]) == [{"channel": "B_cp", "profiles": 4, "score": 10.0}]
-    calm = conclusion(judged({"B_cp": np.array([0.3, -0.4])}, [0.4, 0.6]))
-    assert "lateral disturbances no different from Gaussian" in calm[0]
+    assert "lateral disturbances that are not Gaussian in 4 of the 4 profiles in which this can be tested" in found
+    assert "4 profiles of Gaussian lateral disturbances would exceed the kurtosis of 9 nulls" in sure
+    assert "rejects 0 of these nulls, as its level allows" in sure
+    assert "settled at 5%; against trains of impulses, false samples, actuators that move unrecorded" in settle
+    assert verdict.as_json()["gaussianity"]["contrast"]["larger"] == 1.0
+
+
+def test_without_tested_nulls_nothing_is_settled():
+    for verdict in (judged([5.0, 6.0]), judged([5.0, 6.0], [np.nan] * 9, [np.nan] * 9)):
+        found, sure, settle = conclusion(verdict)
+        assert "not Gaussian in 2 of the 2 profiles" in found
+        assert "so many would be found with p = 0.00250" in sure
+        assert "of these nulls" not in sure
+        assert "actuators that move unrecorded" not in settle
+
+
+def test_gaussian_profiles_and_untested_ones_are_not_called_otherwise():
+    calm = conclusion(judged([0.3, -0.4, 0.9], np.linspace(-1.0, 1.0, 9)))
+    assert "not Gaussian in 0 of the 3 profiles" in calm[0]
     assert "settled" not in calm[2]
-    weak = conclusion(judged({"B_cp": np.full(2, np.nan)}, [np.nan, np.nan]))
-    assert "changes too little" in weak[0]
+    still = judged([np.nan, np.nan], np.linspace(-1.0, 1.0, 9))
+    assert "no profile in which it can be tested" in conclusion(still)[0]
+    assert "lateral" not in conclusion(still)[1]
+    assert np.isnan(still.gaussianity.count_p_value)
 
 
-def test_a_test_that_rejects_too_many_nulls_decides_nothing():
-    verdict = judged({"B_cp": np.full(4, 5.0)}, [1e-6] * 4, [{"family": "gaussian", "gaussianity_p_value": 0.01}] * 9)
-    assert not verdict.gaussianity.holds_on_nulls
-    _, sure, settle = conclusion(verdict)
-    assert "decides nothing" in sure
-    assert "actuators that move unrecorded" not in settle
+def test_a_test_that_rejects_too_many_nulls_leaves_the_comparison():
+    verdict = judged([5.0, 6.0, 7.0, 8.0], [2.0] * 9)
+    assert not verdict.gaussianity.nulls.holds
+    assert (
+        "rejects 9 of these nulls, more than its level allows, so only the comparison counts" in conclusion(verdict)[1]
+    )
 
 
-def test_nothing_is_pooled_where_nothing_is_tested():
-    found = Gaussianity(0, 3, 0, (), {})
-    assert found.strongest is None
-    assert np.isnan(found.p_value)
-    assert replace(found, nulls={"gaussian": NullPasses(1, 20, 0.05)}).holds_on_nulls
+def test_studies_of_an_earlier_version_have_no_test():
+    rows = pd.DataFrame([MEASURED] * 3)
+    verdict = judge(Ensembles(rows, pd.DataFrame([NULL | {"family": "gaussian"}] * 3), SETTINGS))
+    assert verdict.gaussianity is None
+    assert "lateral" not in " ".join(conclusion(verdict))
+    old = {name: value for name, value in SETTINGS.model_dump(mode="json").items() if name not in NEWER}
+    assert is_comparable(old, SETTINGS)
+    assert not is_comparable(old | {"cutoff": 0.1}, SETTINGS)
+    assert not is_comparable(old | {"noise_window": 100.0}, SETTINGS)

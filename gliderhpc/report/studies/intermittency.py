@@ -28,10 +28,9 @@ from gliderhpc.store_schema.columns import FLATNESS_BY_LAG, NOISE_MOMENTS, RANGE
 from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
 from gliderhpc.studies.intermittency import NAME
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles, stored_nulls
-from gliderhpc.studies.library.turbulence.gaussianity import stored_scores
 from gliderhpc.studies.library.turbulence.series import IntermittencySettings, series_step
 from gliderhpc.studies.library.turbulence.statistics import ORDERS
-from gliderhpc.studies.library.turbulence.verdict import judge
+from gliderhpc.studies.library.turbulence.verdict import TurbulenceVerdict, judge
 from gliderhpc.vocabulary import she_leveque
 
 if TYPE_CHECKING:
@@ -52,12 +51,11 @@ def show(archive: Archive) -> Findings:
     failed, studied = failed_profiles(table)
     nulls, null_remarks = stored_nulls(archive, made.estimate, settings)
     numbers = studied["profile"].tolist()
-    scores = stored_scores(archive, numbers)
-    ensembles = Ensembles(studied, nulls, settings, scores)
+    ensembles = Ensembles(studied, nulls, settings)
     verdict = judge(ensembles)
     facts = shared_facts(made) | {"settings": settings.model_dump(mode="json"), "verdict": verdict.as_json()}
     tables = {"profiles": table, "ranges": _ranges(archive, numbers), "table_3": table_3(ensembles)}
-    if scores:
+    if verdict.gaussianity is not None:
         tables["gaussianity"] = _gaussianity(archive, numbers)
     about_band = band_remarks(table, settings, series_step(archive, made.estimate))
     findings = archive_findings(
@@ -67,7 +65,7 @@ def show(archive: Archive) -> Findings:
         {"figure_6": partial(figure_6, archive, studied, settings)} if len(studied) else {},
         facts,
         failed,
-        (*made.remarks, *about_band, *null_remarks, verdict.sentence),
+        (*made.remarks, *about_band, *_noise_remarks(verdict, studied), *null_remarks, verdict.sentence),
         captions=_captions(made, table, ensembles),
     )
     return replace(findings, documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)})
@@ -86,6 +84,16 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
             for place, number in enumerate(numbers)
             for at, (low, high) in enumerate(ends)
         ]
+    )
+
+
+def _noise_remarks(verdict: TurbulenceVerdict, studied: pd.DataFrame) -> tuple[str, ...]:
+    """Explain why it is not tested whether disturbances are Gaussian, if they have statistics at all."""
+    if verdict.gaussianity is not None or not len(studied):
+        return ()
+    return (
+        "the archive has no noise of the smoother, so it is not tested whether lateral disturbances are Gaussian; run "
+        "the mission again",
     )
 
 

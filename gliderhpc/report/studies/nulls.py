@@ -26,7 +26,6 @@ from gliderhpc.report.studies.turbulence import (
 from gliderhpc.store_schema.columns import GAUSSIAN, MODEL_ERROR, NOISE_ONLY
 from gliderhpc.studies.archived import Provenance, mission_of, provenance_of
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles, is_comparable, null_table, stored_measured
-from gliderhpc.studies.library.turbulence.gaussianity import stored_scores
 from gliderhpc.studies.library.turbulence.verdict import SHE_LEVEQUE, TOLERANCE, judge
 from gliderhpc.studies.nulls import NAME, NullSettings
 
@@ -43,8 +42,7 @@ def show(archive: Archive) -> Findings:
     made, nulls = provenance_of(archive, NAME), null_table(archive)
     settings = NullSettings.model_validate(made.settings)
     measured, remarks = _measured(archive, made, settings)
-    numbers = measured["profile"].tolist() if len(measured) else []
-    ensembles = Ensembles(measured, nulls, settings.statistics, stored_scores(archive, numbers))
+    ensembles = Ensembles(measured, nulls, settings.statistics)
     verdict = judge(ensembles)
     facts = {
         "estimate": made.estimate,

@@ -36,7 +36,7 @@ LABELS = {
     SURROGATES: "surrogates",
     NOISE_ONLY: "noise only",
     MODEL_ERROR: "model error",
-    GAUSSIAN: "Gaussian disturbance of the measured spectrum",
+    GAUSSIAN: "Gaussian disturbances of the measured spectra",
 }
 """Labels of the ensembles."""
 

@@ -2,7 +2,7 @@
 
 The rank test of the publication compares a profile with surrogates of its own series. It cannot distinguish impulses
 that the pipeline itself makes from intermittency, and even records without any disturbance pass it. Nulls with a
-Gaussian disturbance of the measured spectrum go through the same instrument and the same inversion. If the measured
+Gaussian disturbances of the measured spectra go through the same instrument and the same inversion. If the measured
 disturbance is Gaussian too, profiles and nulls are draws from one distribution, whatever the pipeline does to them, and
 a rank-sum test over the whole mission has its nominal level.
 """
@@ -74,7 +74,7 @@ def contrast_of(measured: Array, nulls: Array) -> Contrast | None:
 
 @dataclass(frozen=True)
 class NullPasses:
-    """Number of nulls without any disturbance that pass a test, number of such nulls, and level of the test."""
+    """Number of nulls for which a test finds what is not there, number of nulls tested, and level of the test."""
 
     passed: int
     count: int

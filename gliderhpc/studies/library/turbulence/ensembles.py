@@ -1,7 +1,6 @@
 """Measured profiles and nulls of an archive: the ensembles that are compared, and the nulls' ceiling."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,10 @@ ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 """Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
 
 
+NEWER = {"noise_window", "most_repeated"}
+"""Settings that older studies lack; they change none of the statistics that these have."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ensembles:
     """Measured profiles and nulls of a mission.
@@ -32,14 +35,11 @@ class Ensembles:
         Table of group ``nulls``, one row for each realisation; empty if there are none.
     settings : IntermittencySettings
         Settings of both.
-    scores : mapping of str to (n,) array
-        Scores of the measured profiles' noise by channel (`gliderhpc.studies.library.turbulence.gaussianity`).
     """
 
     measured: pd.DataFrame
     nulls: pd.DataFrame
     settings: IntermittencySettings
-    scores: Mapping[str, Array] = field(default_factory=dict)
 
     def family(self, name: str) -> pd.DataFrame:
         """Realisations of a family that have statistics."""
@@ -99,8 +99,10 @@ def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, Inte
 def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
     """Return whether stored settings give the same statistics: all must agree except seeds and numbers of draws."""
     own = settings.model_dump(mode="json")
-    free = {"seed", "draws", "block_draws", "surrogates", "groups"}
-    return isinstance(stored, dict) and all(stored.get(key) == value for key, value in own.items() if key not in free)
+    if not isinstance(stored, dict):
+        return False
+    free = {"seed", "draws", "block_draws", "surrogates", "groups"} | (NEWER - stored.keys())
+    return all(stored.get(key) == value for key, value in own.items() if key not in free)
 
 
 def _attributes(archive: Archive, name: str) -> dict[str, Any]:

@@ -6,7 +6,9 @@ intermittent gust is larger. The strength of a disturbance may also change slowl
 The noise is therefore divided by its root mean square over some minutes first.
 
 Lateral gusts roll the glider and push it sideways, and are tested there. Where the roll hardly changes by more than the
-sensor's resolution, the noise reflects the rounding, which is not Gaussian; such profiles are not tested.
+sensor's resolution, the noise reflects the rounding, which is not Gaussian; such profiles are not tested. With heavy
+tails in sway or roll (setting `smoother.heavy_tailed`) the smoother fits the variance to each value, and the test has
+no power.
 
 References
 ----------
@@ -16,11 +18,12 @@ F. J. Anscombe, W. J. Glynn (1983), Distribution of the kurtosis statistic b2 fo
 227-234.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
@@ -30,7 +33,7 @@ from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.store_schema.columns import NOISE_MOMENTS
-from gliderhpc.studies.library.turbulence.contrast import LEVEL, NullPasses
+from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, NullPasses, contrast_of
 from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings
 from gliderhpc.vocabulary import CHANNELS
 
@@ -41,9 +44,11 @@ TESTED = ("B_cv", "B_cp")
 """Channels on which lateral gusts act directly: sway and roll. The moment of yaw is not tested: the record resolves it
 less, and the test then rejects Gaussian gusts too often (docs/turbulence.md)."""
 
-MIN_INDEPENDENT = 100.0
-"""Least number of independent values for a test."""
+MIN_INDEPENDENT, MIN_LOCAL = 100.0, 10.0
+"""Least numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
 
+_FEWEST_PAIRS = 0.05
+"""Least number of pairs of values with a correlation, relative to the number of values."""
 
 _SAME_ROLL = 1e-4
 """Largest difference of rolls that are regarded as repeated, degree."""
@@ -58,20 +63,25 @@ class Noise:
     channels : mapping of str to ChannelSeries
         Noise of each channel ``(m,)``.
     sampled : (m,) array of bool
-        Records at which the instrument sampled. Between them the noise may have another variance, relative to the one
-        that the smoother states.
+        Records nearest to samples. Between them the noise may have another variance, relative to the one that the
+        smoother states.
     roll : (m,) array
-        Measured roll, degree.
+        Measured roll, degree, NaN in gaps. Where samples lie between records, it is interpolated to the records, and
+        fewer values are repeated than were in the samples.
     """
 
     channels: Mapping[str, ChannelSeries]
     sampled: NDArray[np.bool_]
     roll: Array
 
+    def counted(self, channel: str) -> NDArray[np.bool_]:
+        """Mask ``(m,)`` of the records that are used of a channel."""
+        return self.channels[channel].counted(actuated=False) & self.sampled
+
     @property
     def repeated(self) -> float:
-        """Share of the samples with the roll of the sample before; 1 without any samples."""
-        roll = self.roll[self.sampled & np.isfinite(self.roll)]
+        """Share of the rolls of the records used that equal the one before; 1 without any records."""
+        roll = self.roll[self.counted(TESTED[-1]) & np.isfinite(self.roll)]
         return float(np.mean(np.abs(np.diff(roll)) < _SAME_ROLL)) if len(roll) > 1 else 1.0
 
 
@@ -88,8 +98,8 @@ class NoiseMoments:
     independent : float
         Number of independent values of which this kurtosis is equally uncertain (Lomnicki 1961).
     score : float
-        Standard normal score of this kurtosis under a Gaussian disturbance (Anscombe and Glynn 1983); NaN if there are
-        too few values.
+        Standard normal score of this kurtosis under a Gaussian disturbance (Anscombe and Glynn 1983); NaN with fewer
+        than `MIN_INDEPENDENT` independent values, or `MIN_LOCAL` in the window of the local root mean square.
     """
 
     variance: float = float("nan")
@@ -130,7 +140,19 @@ def noise_of_estimate(estimate: ProfileEstimate, every: int) -> Noise | None:
 
 
 def smoothed_noise(series: ProfileSeries, quality: NDArray[np.uint8], noise: Array, every: int) -> Noise:
-    """Return the noise ``(m, 6)`` of a record on its steps, with quality flags of the steps."""
+    """Return the standardised noise of a record that is not in an archive.
+
+    Parameters
+    ----------
+    series : ProfileSeries
+        Record on its ``n+1`` rows.
+    quality : (n+1,) array of uint8
+        Flag masks of the rows.
+    noise : (m, 6) array
+        Standardised noise on the records.
+    every : int
+        Number of steps from record to record.
+    """
     time, depth, step = (series.time - series.time[0])[::every], series.measurements[::every, 3], every * series.step
     values = np.full((len(time), len(CHANNELS)), np.nan)
     values[: len(noise)] = noise[: len(time)]
@@ -139,7 +161,8 @@ def smoothed_noise(series: ProfileSeries, quality: NDArray[np.uint8], noise: Arr
     sampled[nearest[nearest < len(time)]] = True
     columns = dict(zip(CHANNELS, values.T, strict=True))
     channels = {name: ChannelSeries(time, one, depth, quality[::every], step, step) for name, one in columns.items()}
-    return Noise(channels, sampled, np.degrees(series.measurements[::every, 0]))
+    roll = np.where(series.weights > 0.0, np.degrees(series.measurements[:, 0]), np.nan)
+    return Noise(channels, sampled, roll[::every])
 
 
 # The test
@@ -148,7 +171,7 @@ def smoothed_noise(series: ProfileSeries, quality: NDArray[np.uint8], noise: Arr
 def moments_of(noise: Noise, settings: IntermittencySettings) -> dict[str, NoiseMoments]:
     """Compute the moments of all channels of a profile, over the samples that the studies use."""
     return {
-        name: noise_moments(series, series.counted(actuated=False) & noise.sampled, settings.noise_window)
+        name: noise_moments(series, noise.counted(name), settings.noise_window)
         for name, series in noise.channels.items()
     }
 
@@ -165,37 +188,56 @@ def noise_moments(series: ChannelSeries, counted: NDArray[np.bool_], window: flo
     window : float
         Window of the local root mean square, s.
     """
-    if np.count_nonzero(counted) < MIN_INDEPENDENT:
+    count = np.count_nonzero(counted)
+    if count < MIN_INDEPENDENT:
         return NoiseMoments()
     centred = np.where(counted, series.values - series.values[counted].mean(), 0.0)
     variance = float(np.mean(centred[counted] ** 2))
     if variance == 0.0:
         return NoiseMoments(variance)
     width = max(1, round(window / series.step))
-    scaled = centred / _local_rms(centred, counted, width)
-    square = float(np.mean(scaled[counted] ** 2))
-    kurtosis = float(np.mean(scaled[counted] ** 4)) / square**2
-    independent = float(np.count_nonzero(counted) / np.sum(_correlation(scaled, counted, width) ** 4))
+    rms, values_within = _local_rms(centred, counted, width)
+    scaled = centred / rms
+    pairs, correlation = _correlation(scaled, counted, width)
+    independent, by_square = (float(count**2 / np.sum(pairs * correlation**power)) for power in (4, 2))
+    local = values_within * by_square / count
+    if local < MIN_LOCAL:
+        return NoiseMoments(variance, independent=independent)
+    kurtosis = float(np.mean(scaled[counted] ** 4) / np.mean(scaled[counted] ** 2) ** 2)
+    # A value is part of its own local mean square, so that the expectation is 3 m / (m + 2) with m values within.
+    kurtosis *= (local + 2.0) / local
     score = kurtosis_score(kurtosis, independent) if independent >= MIN_INDEPENDENT else float("nan")
     return NoiseMoments(variance, kurtosis, independent, score)
 
 
-def _local_rms(values: Array, counted: NDArray[np.bool_], width: int) -> Array:
-    """Root mean square ``(n,)`` over a window of `width` samples; values that are not counted are zero."""
+def _local_rms(values: Array, counted: NDArray[np.bool_], width: int) -> tuple[Array, float]:
+    """Root mean square ``(n,)`` over a window of `width` samples, and the mean number of values used within it.
+
+    Values that are not used are zero.
+    """
     square, share = (
         scipy.ndimage.uniform_filter1d(x, width, mode="constant") for x in (values**2, counted.astype(np.float64))
     )
-    return np.asarray(np.sqrt(np.divide(square, share, out=np.ones_like(square), where=(share > 0.0) & (square > 0.0))))
+    known = (share > 0.0) & (square > 0.0)
+    rms = np.sqrt(np.divide(square, share, out=np.ones_like(square), where=known))
+    return np.asarray(rms), float(width * share[counted].mean())
 
 
-def _correlation(values: Array, counted: NDArray[np.bool_], width: int) -> Array:
-    """Autocorrelation at all lags from ``1 - width`` to ``width - 1``, from pairs of counted values; 0 without."""
+def _correlation(values: Array, counted: NDArray[np.bool_], width: int) -> tuple[Array, Array]:
+    """Numbers of pairs of used values, and their correlation, at all lags from ``1 - width`` to ``width - 1``.
+
+    At lags with few pairs, as where the sample interval changes, the correlation is regarded as zero.
+    """
     own, pairs = (
         scipy.signal.correlate(x, x, mode="full", method="fft")[len(x) - 1 : len(x) - 1 + width]
         for x in (values, counted.astype(np.float64))
     )
-    covariance = np.where(pairs > 0.5, own / np.maximum(pairs, 1.0), 0.0)
-    return np.asarray(np.concatenate([covariance[:0:-1], covariance]) / covariance[0])
+    pairs = np.rint(pairs)
+    known = pairs >= _FEWEST_PAIRS * pairs[0]
+    correlation = np.divide(own, pairs, out=np.zeros_like(own), where=known) * pairs[0] / own[0]
+    both = (np.concatenate([x[:0:-1], x]) for x in (pairs, correlation))
+    first, second = both
+    return np.asarray(first), np.asarray(second)
 
 
 def kurtosis_score(kurtosis: float, count: float) -> float:
@@ -251,95 +293,59 @@ def smallest_p(score: float, channels: int) -> float:
 
 
 @dataclass(frozen=True)
-class PooledScore:
-    """Scores of a channel pooled over profiles: their number, and their sum over its standard deviation (Stouffer)."""
-
-    channel: str
-    profiles: int
-    score: float
-
-
-@dataclass(frozen=True)
 class Gaussianity:
-    """Test of a mission's disturbances, pooled over its profiles.
+    """Test of a mission's lateral disturbances over its profiles.
 
     Attributes
     ----------
-    tested, profiles : int
-        Numbers of profiles in which a channel is tested, and of all profiles with statistics.
-    rejected : int
-        Profiles whose own test rejects a Gaussian disturbance at `LEVEL`.
-    pooled : tuple of PooledScore
-        Scores of the channels over all profiles.
-    nulls : mapping of str to NullPasses
-        Nulls that the test rejects, by family.
+    profiles, tested, rejected : int
+        Numbers of profiles with statistics, of those that are tested, and of those whose own test rejects a Gaussian
+        disturbance at `LEVEL`.
+    nulls : NullPasses, optional
+        Gaussian nulls that are tested and rejected; None if none is tested.
+    contrast : Contrast, optional
+        Comparison of the profiles' scores with those of the Gaussian nulls. It has its level even if the scores of
+        Gaussian disturbances are not exactly standard normal.
     """
 
-    tested: int
     profiles: int
+    tested: int
     rejected: int
-    pooled: tuple[PooledScore, ...]
-    nulls: Mapping[str, NullPasses]
+    nulls: NullPasses | None = None
+    contrast: Contrast | None = None
 
     @property
-    def strongest(self) -> PooledScore | None:
-        """Channel with the largest pooled score; None if no channel is tested."""
-        return max(self.pooled, key=lambda one: one.score, default=None)
+    def count_p_value(self) -> float:
+        """Probability of as many rejections if all profiles were Gaussian; NaN if none is tested."""
+        if not self.tested:
+            return float("nan")
+        return float(scipy.stats.binomtest(self.rejected, self.tested, LEVEL, "greater").pvalue)
 
     @property
-    def p_value(self) -> float:
-        """One-sided p of the largest pooled score; NaN if no channel is tested."""
-        strongest = self.strongest
-        return float("nan") if strongest is None else smallest_p(strongest.score, len(self.pooled))
-
-    @property
-    def holds_on_nulls(self) -> bool:
-        """Return whether the test rejects no more nulls than its level allows."""
-        return all(passes.holds for passes in self.nulls.values())
+    def settled(self) -> bool:
+        """Whether the profiles differ from Gaussian nulls at `LEVEL`."""
+        return self.contrast is not None and self.contrast.p_value <= LEVEL
 
 
-def stored_scores(archive: Archive, numbers: Sequence[int]) -> dict[str, Array]:
-    """Return the scores ``(n,)`` of an archive's profiles by tested channel, NaN in profiles that are not tested.
-
-    Empty if the study of the archive did not test them.
-    """
-    if "intermittency" not in archive.children:
-        return {}
-    group = archive["intermittency"].to_dataset()
-    if "noise_score" not in group:
-        return {}
-    at = group.sel(profile=list(numbers))
-    tested = np.isfinite(at["gaussianity_score"].values)
-    return {name: np.where(tested, at["noise_score"].sel(channel=name).values, np.nan) for name in TESTED}
-
-
-def judged_gaussianity(
-    scores: Mapping[str, Array], measured_p: Array, null_p: Mapping[str, Array]
-) -> Gaussianity | None:
-    """Pool the test over a mission.
+def judged_gaussianity(measured: pd.DataFrame, nulls: pd.DataFrame) -> Gaussianity | None:
+    """Judge the test over a mission.
 
     Parameters
     ----------
-    scores : mapping of str to (n,) array
-        Scores of the profiles by tested channel (`stored_scores`).
-    measured_p : (n,) array
-        P-values of the profiles' own tests, NaN where no channel is tested.
-    null_p : mapping of str to (m,) array
-        The same of the nulls, by family. A null that is not tested is not rejected.
+    measured, nulls : pandas.DataFrame
+        Measured profiles, and Gaussian nulls, with columns ``gaussianity_score`` and ``gaussianity_p_value``.
 
     Returns
     -------
     Gaussianity or None
-        None if the profiles have no scores.
+        None if the profiles have no such columns.
     """
-    if not scores:
+    if "gaussianity_p_value" not in measured:
         return None
-    known = {channel: values[np.isfinite(values)] for channel, values in scores.items()}
-    pooled = tuple(
-        PooledScore(channel, len(values), float(values.sum() / np.sqrt(len(values))))
-        for channel, values in known.items()
-        if len(values)
-    )
-    nulls = {name: NullPasses(int((values <= LEVEL).sum()), len(values), LEVEL) for name, values in null_p.items()}
-    tested, rejected = int(np.isfinite(measured_p).sum()), int((measured_p <= LEVEL).sum())
-    return Gaussianity(tested, len(measured_p), rejected, pooled, {k: v for k, v in nulls.items() if v.count})
+    scores, p = (measured[name].to_numpy(dtype=np.float64) for name in ("gaussianity_score", "gaussianity_p_value"))
+    found = Gaussianity(len(measured), int(np.isfinite(p).sum()), int((p <= LEVEL).sum()))
+    if "gaussianity_p_value" not in nulls or not np.isfinite(nulls["gaussianity_p_value"]).any():
+        return found
+    null_scores, null_p = (nulls[name].dropna().to_numpy() for name in ("gaussianity_score", "gaussianity_p_value"))
+    passes = NullPasses(int((null_p <= LEVEL).sum()), len(null_p), LEVEL)
+    return replace(found, nulls=passes, contrast=contrast_of(scores, null_scores))

@@ -101,7 +101,7 @@ class IntermittencySettings(SpectraSettings):
         2.0, gt=0, description="time over which stretches are faded in and out before surrogates are made, s"
     )
     noise_window: float = Field(300.0, gt=0, description="window of the noise's local root mean square, s")
-    most_repeated: float = Field(0.7, gt=0, le=1, description="largest share of samples that repeat the last roll")
+    most_repeated: float = Field(0.7, gt=0, le=1, description="largest share of repeated rolls that is tested")
 
     @property
     def every_lag(self) -> tuple[float, ...]:

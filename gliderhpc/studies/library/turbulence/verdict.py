@@ -2,8 +2,8 @@
 
 The paper requires three features together. Each is passed, failed or not tested. A feature is passed only if every
 profile shows it; a statistic that the records do not resolve is not tested. One feature that is not passed refutes the
-claim. Two tests that have their nominal level on nulls (`gaussianity` and `contrast`), and a conclusion in three
-sentences, are added.
+claim. Two comparisons with Gaussian nulls (`gaussianity` and `contrast`), which have their level whatever the pipeline
+does, and a conclusion in three sentences are added.
 """
 
 from dataclasses import asdict, dataclass
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.findings.findings import number
-from gliderhpc.store_schema.columns import FAMILIES, GAUSSIAN
+from gliderhpc.store_schema.columns import GAUSSIAN
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, NullPasses, contrast_of
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles, finite
 from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, judged_gaussianity
@@ -26,7 +26,7 @@ TOLERANCE = 0.05
 """Largest distance of an exponent from She and Leveque's that the paper regards as turbulence."""
 
 _SMALL = 1e-9
-"""P-value below which its size means nothing."""
+"""P-value below which only this bound is given."""
 
 PASSED, FAILED, NOT_TESTED = "passed", "failed", "not tested"
 
@@ -42,6 +42,8 @@ ASSUMPTIONS = (
     "probability that the events are turbulence",
     "a passed rank test excludes a Gaussian linear process seen through a fixed distortion, and nothing else: a train "
     "of independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
+    "lateral disturbances are Gaussian only as far as the force is linear in the gust, the rounding of roll acts like "
+    "independent noise, and the strength is constant within some minutes",
 )
 """Assumptions of the joint statement."""
 
@@ -109,7 +111,7 @@ class TurbulenceVerdict:
             "joint_probability": self.joint,
             "assumptions": list(ASSUMPTIONS),
             "flatness_contrast": None if self.contrast is None else asdict(self.contrast),
-            "gaussianity": None if self.gaussianity is None else _gaussianity_json(self.gaussianity),
+            "gaussianity": None if self.gaussianity is None else asdict(self.gaussianity),
             "conclusion": list(conclusion(self)),
         }
 
@@ -125,21 +127,8 @@ def judge(ensembles: Ensembles) -> TurbulenceVerdict:
         len(ensembles.measured),
         _flatness_contrast(ensembles),
         _null_passes(ensembles),
-        _gaussianity(ensembles),
+        judged_gaussianity(ensembles.measured, ensembles.family(GAUSSIAN)),
     )
-
-
-def _gaussianity(ensembles: Ensembles) -> Gaussianity | None:
-    column = "gaussianity_p_value"
-    if column not in ensembles.measured:
-        return None
-    nulls = {family: ensembles.family(family) for family in FAMILIES}
-    of_nulls = {name: own[column].to_numpy(dtype=np.float64) for name, own in nulls.items() if column in own}
-    return judged_gaussianity(ensembles.scores, ensembles.measured[column].to_numpy(dtype=np.float64), of_nulls)
-
-
-def _gaussianity_json(found: Gaussianity) -> dict[str, Any]:
-    return asdict(found) | {"p_value": found.p_value}
 
 
 def _flatness_contrast(ensembles: Ensembles) -> Contrast | None:
@@ -176,23 +165,21 @@ def _found(verdict: TurbulenceVerdict) -> str:
 
 
 def _found_in_noise(found: Gaussianity) -> str:
-    strongest = found.strongest
-    if strongest is None:
+    if not found.tested:
         return (
-            "a roll that changes too little, next to its resolution, to test whether lateral disturbances are Gaussian"
+            "no profile in which it can be tested whether lateral disturbances are Gaussian, as the roll hardly "
+            "changes or there are too few samples"
         )
-    gaussian = "not Gaussian" if found.p_value <= LEVEL else "no different from Gaussian"
-    p = f"p below {_SMALL:g}" if found.p_value < _SMALL else f"p = {number(found.p_value)}"
     return (
-        f"lateral disturbances {gaussian} (pooled score {strongest.score:.1f} of {strongest.channel}, {p}; "
-        f"{found.rejected} of {found.tested} profiles that can be tested reject it alone)"
+        f"lateral disturbances that are not Gaussian in {found.rejected} of the {found.tested} profiles in which this "
+        f"can be tested (at {LEVEL:.0%} each)"
     )
 
 
 def _how_sure(verdict: TurbulenceVerdict) -> str:
     contrast, passes = verdict.contrast, verdict.null_passes
     parts = []
-    if verdict.gaussianity is not None and verdict.gaussianity.nulls:
+    if verdict.gaussianity is not None and verdict.gaussianity.tested:
         parts.append(_sure_of_noise(verdict.gaussianity))
     if contrast is not None:
         parts.append(
@@ -208,19 +195,29 @@ def _how_sure(verdict: TurbulenceVerdict) -> str:
 
 
 def _sure_of_noise(found: Gaussianity) -> str:
-    counts = ", ".join(
-        f"{passes.passed} of {passes.count} {name.replace('_', ' ')}" for name, passes in found.nulls.items()
+    if found.nulls is None or found.contrast is None:
+        return f"if all of them were Gaussian, so many would be found with p = {_p_text(found.count_p_value)}"
+    allowed = (
+        "as its level allows" if found.nulls.holds else "more than its level allows, so only the comparison counts"
     )
-    use = "as its level allows" if found.holds_on_nulls else "more than its level allows, so the test decides nothing"
-    return f"the test on Gaussian disturbances rejects {counts} nulls (level {LEVEL:g}), {use}"
+    return (
+        f"{found.contrast.profiles} profiles of Gaussian lateral disturbances would exceed the kurtosis of "
+        f"{found.contrast.nulls} nulls by as much with p = {_p_text(found.contrast.p_value)}, and the test rejects "
+        f"{found.nulls.passed} of these nulls, {allowed}"
+    )
+
+
+def _p_text(p: float) -> str:
+    return f"{_SMALL:g} or less" if p <= _SMALL else number(p)
 
 
 def _what_would_settle_it(verdict: TurbulenceVerdict) -> str:
     contrast, noise, start = verdict.contrast, verdict.gaussianity, "What would settle it:"
-    if noise is not None and noise.p_value <= LEVEL and noise.holds_on_nulls:
+    if noise is not None and noise.settled:
         return (
-            f"{start} against a Gaussian disturbance this is settled at {LEVEL:.0%}; against trains of impulses, false "
-            "samples and actuators that move unrecorded, a microstructure sensor on the same dive."
+            f"{start} against Gaussian lateral disturbances like the nulls this is settled at {LEVEL:.0%}; against "
+            "trains of impulses, false samples, actuators that move unrecorded and gusts so strong that their force is "
+            "not linear, a microstructure sensor on the same dive."
         )
     if contrast is None:
         return f"{start} nulls with a Gaussian disturbance (study nulls), and profiles that resolve the flatness."
