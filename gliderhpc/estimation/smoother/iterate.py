@@ -195,6 +195,8 @@ class _Iteration:
         self._damping = Damping(sweeps.dive)
         self.iterate = sweeps.forward(start, gate)
         self.passes = self.damped = 0
+        # Whether the damping was released without a move since: to release it again would repeat the same passes.
+        self._released = False
         self.movement = np.inf
         # Share of the log determinant that is consistent with the dive's own noise.
         self.share = 1.0
@@ -236,6 +238,9 @@ class _Iteration:
             if self.movement <= self._settings.tolerance and noise is self._sweeps.dive.noise:
                 if not self._damping.active:
                     return Outcome.CONVERGED
+                if self._released:
+                    return Outcome.STALLED
+                self._released = True
                 self._damping.set(0.0)
                 self.iterate = self._sweeps.forward(self.iterate.trajectory)
             else:
@@ -281,7 +286,7 @@ class _Iteration:
         for fraction in _FRACTIONS:
             trial = self._sweeps.forward(self._moved(fraction))
             if trial.merit(weights, self.share) <= most:
-                self.iterate = trial
+                self.iterate, self._released = trial, False
                 self.damped += fraction < 1.0
                 if noise is not self._sweeps.dive.noise:
                     self._sweeps.dive.noise[:] = noise
