@@ -21,6 +21,7 @@ from gliderhpc.studies.library.turbulence.ensembles import NEWER, Ensembles, is_
 from gliderhpc.studies.library.turbulence.gaussianity import (
     Noise,
     gaussianity_row,
+    judged_gaussianity,
     kurtosis_score,
     moments_of,
     noise_moments,
@@ -276,8 +277,13 @@ def test_profiles_are_compared_with_gaussian_nulls():
 def test_scores_that_the_pipeline_biases_settle_nothing():
     """Gaussian profiles whose scores are all too large, like those of their nulls: the comparison keeps its level."""
     rng = np.random.default_rng(7)
+    p = np.ones(12)
     settled = [
-        judged(2.0 + rng.standard_normal(9), 2.0 + rng.standard_normal(12)).gaussianity.settled for _ in range(400)
+        judged_gaussianity(
+            pd.DataFrame({"gaussianity_score": 2.0 + rng.standard_normal(9), "gaussianity_p_value": p[:9]}),
+            pd.DataFrame({"gaussianity_score": 2.0 + rng.standard_normal(12), "gaussianity_p_value": p}),
+        ).settled
+        for _ in range(400)
     ]
     assert np.mean(settled) == pytest.approx(0.05, abs=0.033)
 
