@@ -26,7 +26,7 @@ from benchmarks.turbulence_series import COUNT, SERIES, SURROGATES, Figures, kno
 from gliderhpc import load_platform
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT
-from gliderhpc.errors import ProfileError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.findings.drawing import rendered
@@ -162,13 +162,14 @@ def paper(archive: Path, workers: int) -> Figures:
 
 
 def real(archive: Path) -> Figures:
-    """Spectra and intermittency of a real mission: reasons where they have no numbers, and the verdict."""
-    request = Request(archive, lambda: local_executor(0))
-    failed = {}
+    """Reasons for which the studies refuse a real mission, by study; none if they do not."""
+    request, refused = Request(archive, lambda: local_executor(0)), {}
     for name in ("spectra", "intermittency"):
-        findings = analyze_archive(name, request)
-        failed[name] = dict(findings.failed)
-    return {"archive": archive.stem, "failed": failed, **verdict_figures(archive)}
+        try:
+            analyze_archive(name, request)
+        except InputError as error:
+            refused[name] = str(error).removeprefix(f"{name}: ")
+    return {"archive": archive.stem, "refused": refused, **verdict_figures(archive)}
 
 
 def verdict_figures(archive: Path) -> Figures:
@@ -265,12 +266,11 @@ def mission_text(work: Path) -> str:
 
 
 def real_text(figures: Figures) -> str:
-    """Reasons for which the real profiles have no numbers."""
-    reasons = sorted({reason for failed in figures["failed"].values() for reason in failed.values()})
-    count = len(figures["failed"]["spectra"])
-    return f"{count} profiles without a number, {figures.get('profiles', 0)} with. " + " ".join(
-        f'"{r}".' for r in reasons
-    )
+    """Reasons for which the studies refuse the real mission, or their verdict."""
+    if not figures["refused"]:
+        return _below(figures["text"])
+    reasons = " ".join(f'"{reason}".' for reason in dict.fromkeys(figures["refused"].values()))
+    return f"The studies refuse {figures['archive']}: {reasons}"
 
 
 def _below(text: str) -> str:

@@ -131,18 +131,24 @@ def cell_of(rows: list[Figures]) -> Cell:
     pair with a mission that cannot be tested tells nothing, and counts one half.
     """
     rng = np.random.default_rng(28)
-    of_kind = {kind: np.array([row["gaussianity_score"] for row in rows if row["kind"] == kind]) for kind in KINDS}
+    of_kind = {kind: _values(rows, kind, "gaussianity_score") for kind in KINDS}
     known = {kind: scores[np.isfinite(scores)] for kind, scores in of_kind.items()}
-    both = float(np.prod([len(known[kind]) / len(of_kind[kind]) for kind in KINDS]))
-    p = np.array([row["gaussianity_p_value"] for row in rows if row["kind"] == "gaussian"])
+    untested = [1.0 - len(known[kind]) / len(of_kind[kind]) for kind in KINDS]
+    p = _values(rows, "gaussian", "gaussianity_p_value")
     p = p[np.isfinite(p)]
     shares = np.full(len(COUNTS), 0.5)
-    if both:
+    if max(untested) < 1.0:
         for at, count in enumerate(COUNTS):
+            both = float(np.prod([1.0 - share**count for share in untested]))
             ours, theirs = (_resampled_means(known[kind], count, rng) for kind in KINDS)
             shares[at] = both * np.mean(ours > theirs) + 0.5 * (1.0 - both)
     tested = sum(len(one) for one in known.values()) / sum(len(one) for one in of_kind.values())
     return Cell(shares, float(np.mean(p <= LEVEL)) if len(p) else float("nan"), tested)
+
+
+def _values(rows: list[Figures], kind: str, name: str) -> Array:
+    """Values of the twins of a kind, NaN where there is none."""
+    return np.array([row[name] for row in rows if row["kind"] == kind], dtype=np.float64)
 
 
 def _resampled_means(scores: Array, count: int, rng: np.random.Generator) -> Array:
@@ -211,15 +217,10 @@ def _weakest(found: dict[tuple[Logger, float], Cell]) -> str:
 
 
 def _rate(figures: Figures, kind: str, **chosen: float) -> str:
-    """Number of twins of a kind that the test rejects."""
-    p = np.array(
-        [
-            row["gaussianity_p_value"]
-            for row in figures["rows"]
-            if row["kind"] == kind and all(row[name] == value for name, value in chosen.items())
-        ],
-        dtype=np.float64,
-    )
+    """Number of the tested twins of a kind that the test rejects."""
+    rows = [row for row in figures["rows"] if all(row[name] == value for name, value in chosen.items())]
+    p = _values(rows, kind, "gaussianity_p_value")
+    p = p[np.isfinite(p)]
     return f"{int((p <= LEVEL).sum())} of {len(p)} ({np.mean(p <= LEVEL):.3f})"
 
 
@@ -239,6 +240,8 @@ def power_figure(figures: Figures) -> Figure:
         axes.axhline(ENOUGH, color="#999999", linewidth=0.7)
         axes.axhline(0.5, color="#999999", linewidth=0.7, linestyle=":")
         axes.set_xscale("log")
+        axes.set_xticks([1000 * rms for rms in STRENGTHS], [f"{1000 * rms:g}" for rms in STRENGTHS])
+        axes.minorticks_off()
         axes.set_ylim(0.0, 1.03)
         dress(axes)
         label(axes, hull, "gust (mm/s)", "share of pairs told apart (1)")
