@@ -318,10 +318,11 @@ def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSetting
     """Simulate and invert the nulls in batches; a profile is reported as done with its first null."""
     request, seen, results = plan.request, set[int](), list[NullResult]()
     with request.executor() as executor:
-        size = batch_size(mission, len(planned), executor.workers)
+        batches = -(-len(planned) // batch_size(mission, len(planned), executor.workers))
+        # Families in every batch, as those with a disturbance take longer.
         jobs = [
-            NullJob(tuple(planned[first : first + size]), request.path, request.estimate, plan.settings)
-            for first in range(0, len(planned), size)
+            NullJob(tuple(planned[first::batches]), request.path, request.estimate, plan.settings)
+            for first in range(batches)
         ]
         for batch in executor.run(run_nulls, jobs):
             results += batch

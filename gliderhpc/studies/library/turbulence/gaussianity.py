@@ -235,9 +235,7 @@ def _correlation(values: Array, counted: NDArray[np.bool_], width: int) -> tuple
     pairs = np.rint(pairs)
     known = pairs >= _FEWEST_PAIRS * pairs[0]
     correlation = np.divide(own, pairs, out=np.zeros_like(own), where=known) * pairs[0] / own[0]
-    both = (np.concatenate([x[:0:-1], x]) for x in (pairs, correlation))
-    first, second = both
-    return np.asarray(first), np.asarray(second)
+    return np.concatenate([pairs[:0:-1], pairs]), np.concatenate([correlation[:0:-1], correlation])
 
 
 def kurtosis_score(kurtosis: float, count: float) -> float:
