@@ -1,4 +1,4 @@
-"""How well one profile tells an intermittent gust from a Gaussian one: by hull, logger, strength and number of profiles.
+"""How well one profile distinguishes an intermittent gust from a Gaussian one: by hull, logger, strength and number of profiles.
 
 Every twin is simulated, filtered, smoothed and inverted with the default settings, and tested by the score of its
 standardised noise (`gliderhpc.studies.library.turbulence.gaussianity`).
@@ -44,7 +44,7 @@ COUNTS = (1, 9, 100)
 """Numbers of profiles that are pooled."""
 
 ENOUGH = 0.9
-"""Share of pairs from which the two kinds are told apart."""
+"""Share of pairs from which the two kinds are distinguished."""
 
 DRAWS = 2000
 """Resampled missions for the pooled shares."""
@@ -128,7 +128,7 @@ def cell_of(rows: list[Figures]) -> Cell:
     """Summarise the twins of a logger and strength.
 
     Missions are resampled from the twins that are tested, after these have been resampled themselves, as they are few. A
-    pair with a mission that cannot be tested tells nothing, and counts one half.
+    pair with a mission that cannot be tested shows nothing, and counts one half.
     """
     rng = np.random.default_rng(28)
     of_kind = {kind: _values(rows, kind, "gaussianity_score") for kind in KINDS}
@@ -204,7 +204,7 @@ def _cell_text(cell: Cell) -> str:
 
 
 def _weakest(found: dict[tuple[Logger, float], Cell]) -> str:
-    """Say from what strength on one, 9 and 100 profiles tell the two kinds apart at the usual setting."""
+    """Say from what strength on one, 9 and 100 profiles distinguish the two kinds at the usual setting."""
     sentences = []
     for hull in INTERVALS:
         reached = []
@@ -213,7 +213,7 @@ def _weakest(found: dict[tuple[Logger, float], Cell]) -> str:
             from_here = [rms for i, rms in enumerate(STRENGTHS) if all(enough[i:])]
             reached.append(f"{count} from {1000 * from_here[0]:g} mm/s on" if from_here else f"{count} at no strength")
         sentences.append(f"{hull}, 1 s and 0.1 degrees: {', '.join(reached)}")
-    return f"Profiles that tell the two kinds apart in {ENOUGH:g} of pairs: {'; '.join(sentences)}."
+    return f"Profiles that distinguish the two kinds in {ENOUGH:g} of pairs: {'; '.join(sentences)}."
 
 
 def _rate(figures: Figures, kind: str, **chosen: float) -> str:
@@ -225,7 +225,7 @@ def _rate(figures: Figures, kind: str, **chosen: float) -> str:
 
 
 def power_figure(figures: Figures) -> Figure:
-    """Draw the share of pairs told apart by one profile over the gust's strength, one panel for each hull."""
+    """Draw the share of pairs distinguished by one profile over the gust's strength, one panel for each hull."""
     figure = new_figure((9.2, 4.2), 110)
     found = cells(figures)
     for place, (hull, intervals) in enumerate(INTERVALS.items()):
@@ -244,7 +244,7 @@ def power_figure(figures: Figures) -> Figure:
         axes.minorticks_off()
         axes.set_ylim(0.0, 1.03)
         dress(axes)
-        label(axes, hull, "gust (mm/s)", "share of pairs told apart (1)")
+        label(axes, hull, "gust (mm/s)", "share of pairs distinguished (1)")
         if place == 0:
             legend(axes)
     return figure

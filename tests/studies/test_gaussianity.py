@@ -200,7 +200,7 @@ def estimates():
 
 
 @pytest.mark.compiled
-def test_an_intermittent_gust_is_told_from_a_gaussian_one(estimates):
+def test_an_intermittent_gust_is_distinguished_from_a_gaussian_one(estimates):
     rows = {kind: gaussianity_row(of_kind, SETTINGS) for kind, of_kind in estimates.items()}
     assert rows["cascade"]["gaussianity_p_value"] < 1e-3
     assert rows["gaussian"]["gaussianity_p_value"] > 0.05
