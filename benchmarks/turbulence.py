@@ -4,8 +4,7 @@ Usage: ``python -m benchmarks.turbulence known twins power levels spectra interm
 ARCHIVE.zarr --levels ARCHIVE.zarr --paper ARCHIVE.zarr --real ARCHIVE.zarr --work DIR`` runs the sections that are named,
 stores each one's figures in ``DIR/SECTION.json``, and writes ``docs/turbulence.md`` from ``benchmarks/turbulence.md`` and
 all that is there. The sections of the studies' names run these on the archive of `--mission`; `paper` runs two of them on
-one that preset `paper` made, and `levels` makes 200 nulls of each kind in the archive of `--levels`, in
-place of its own.
+one that preset `paper` made, and `levels` makes 200 nulls of each kind in the archive of `--levels`, in place of its own.
 """
 
 import argparse
@@ -139,9 +138,8 @@ def levels_text(figures: Figures) -> str:
         own = [row for row in figures["rows"] if row["family"] == family]
         p, rank = (np.array([row[name] for row in own], dtype=float) for name in ("gaussianity_p_value", "p_value"))
         tested, rejected, passed = int(np.isfinite(p).sum()), int((p <= LEVEL).sum()), int((rank <= RANK_LEVEL).sum())
-        lines.append(
-            (LABELS[family], str(len(own)), str(tested), f"{rejected} ({rejected / len(own):.3f})", str(passed))
-        )
+        share = f"{rejected} ({rejected / tested:.3f})" if tested else "–"
+        lines.append((LABELS[family], str(len(own)), str(tested), share, str(passed)))
     columns = (
         "nulls",
         "number",

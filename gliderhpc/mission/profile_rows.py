@@ -176,9 +176,7 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
 def observed_row(series: ProfileSeries, every: int) -> Row:
     """Return the profile's row of group ``observed`` without times: missing in gaps, interpolated between samples."""
     measured = np.where(series.weights[:, None] > 0.0, series.measurements, np.nan)[::every]
-    sampled = np.zeros(len(measured), dtype=np.int8)
-    nearest = np.rint(series.sample_index / every).astype(np.int64)
-    sampled[nearest[nearest < len(sampled)]] = 1
+    sampled = series.sampled_records(every).astype(np.int8)
     controls = np.vstack([series.controls, series.controls[-1:]])[::every]
     columns = dict(zip(MEASURED, measured.T, strict=True)) | dict(zip((*CONTROLS, "rudder"), controls.T, strict=True))
     return {**_in_file_units(columns), "sampled": sampled}

@@ -154,6 +154,13 @@ class ProfileSeries:
     velocity: FloatArray | None = None
     velocity_std: FloatArray | None = None
 
+    def sampled_records(self, every: int) -> npt.NDArray[np.bool_]:
+        """Mask ``(n // every + 1,)`` of the records, `every` steps apart, that are nearest to samples."""
+        sampled = np.zeros((len(self.time) - 1) // every + 1, dtype=np.bool_)
+        nearest = np.rint(self.sample_index / every).astype(np.int64)
+        sampled[nearest[nearest < len(sampled)]] = True
+        return sampled
+
 
 def resample(
     record: ProfileRecord, step: float, max_gap: float | FloatArray, actuator_lag: float = 0.0

@@ -31,10 +31,9 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
-from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.store_schema.columns import NOISE_MOMENTS
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, NullPasses, contrast_of
-from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings
+from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, padded
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
@@ -136,33 +135,15 @@ def noise_of_estimate(estimate: ProfileEstimate, every: int) -> Noise | None:
     """Return the standardised noise of an estimate that is not in an archive; records are `every` steps apart."""
     if estimate.smoothed is None:
         return None
-    return smoothed_noise(estimate.series, quality_flags(estimate), estimate.smoothed.standardised_noise, every)
-
-
-def smoothed_noise(series: ProfileSeries, quality: NDArray[np.uint8], noise: Array, every: int) -> Noise:
-    """Return the standardised noise of a record that is not in an archive.
-
-    Parameters
-    ----------
-    series : ProfileSeries
-        Record on its ``n+1`` rows.
-    quality : (n+1,) array of uint8
-        Flag masks of the rows.
-    noise : (m, 6) array
-        Standardised noise on the records.
-    every : int
-        Number of steps from record to record.
-    """
+    series, quality = estimate.series, quality_flags(estimate)[::every]
     time, depth, step = (series.time - series.time[0])[::every], series.measurements[::every, 3], every * series.step
-    values = np.full((len(time), len(CHANNELS)), np.nan)
-    values[: len(noise)] = noise[: len(time)]
-    nearest = np.rint(series.sample_index / every).astype(np.int64)
-    sampled = np.zeros(len(time), dtype=np.bool_)
-    sampled[nearest[nearest < len(time)]] = True
-    columns = dict(zip(CHANNELS, values.T, strict=True))
-    channels = {name: ChannelSeries(time, one, depth, quality[::every], step, step) for name, one in columns.items()}
+    noise = dict(zip(CHANNELS, estimate.smoothed.standardised_noise.T, strict=True))
+    channels = {
+        name: ChannelSeries(time, padded(column, len(time)), depth, quality, step, step)
+        for name, column in noise.items()
+    }
     roll = np.where(series.weights > 0.0, np.degrees(series.measurements[:, 0]), np.nan)
-    return Noise(channels, sampled, roll[::every])
+    return Noise(channels, series.sampled_records(every), roll[::every])
 
 
 # The test

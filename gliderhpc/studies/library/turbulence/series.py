@@ -289,10 +289,10 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
     series, column = estimate.series, list(CHANNELS).index(channel)
     time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
     if which != SMOOTHED or estimate.smoothed is None:
-        values = _padded(estimate.solution.disturbances[:, column], len(time))
+        values = padded(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
     time, quality, depth = time[::every], quality[::every], depth[::every]
-    values = _padded(estimate.smoothed.disturbances[:, column], len(time))
+    values = padded(estimate.smoothed.disturbances[:, column], len(time))
     return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
 
 
@@ -308,7 +308,7 @@ def series_step(archive: Archive, estimate: str) -> float:
     return float(archive.attrs["output_interval" if estimate == SMOOTHED else "step"])
 
 
-def _padded(values: Array, count: int) -> Array:
+def padded(values: Array, count: int) -> Array:
     """Pad values to ``(count,)`` with NaN at the end: there is no disturbance after the last sample."""
     return np.concatenate([values[:count], np.full(max(0, count - len(values)), np.nan)])
 
