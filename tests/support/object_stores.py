@@ -22,9 +22,11 @@ KEYS = {
 """Environment of a user of the server, in addition to its address in AWS_ENDPOINT_URL."""
 
 SERVER = """
-import logging, sys
+import functools, logging, sys
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication as Application
 from moto.server import main
-# A line in colours for every request would take longer than the request.
+# Finding the service of a host and printing a line for every request would take longer than the request itself.
+Application.get_backend_for_host = functools.cache(Application.get_backend_for_host)
 logging.getLogger("werkzeug").setLevel(logging.ERROR)
 main(sys.argv[1:])
 """
