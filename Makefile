@@ -1,6 +1,6 @@
 # `make demo` and `make test` do all the set-up: each creates the virtual environment from plain python3.
 PYTHON ?= python3
-# Test workers: a number, or auto for one more than the cores at hand (eight at most).
+# Test workers: a number, or auto for two more than the cores at hand (eight at most).
 WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
