@@ -26,13 +26,13 @@ from gliderhpc.kernels.smoother_covariance import (
 )
 from gliderhpc.kernels.smoother_mean_shift import expected_mean_shift
 from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, copy_row
-from gliderhpc.kernels.smoother_segments import linearise_segments
+from gliderhpc.kernels.smoother_segments import linearise_segments, run_segments
 from gliderhpc.kernels.window import sensed_of
 
 
 @inner_kernel
-def _begin(dive, states, disturbances, block, tally):
-    """Set predicted deviation and covariance of row 0 from the prior; add the cost of the path's initial state."""
+def _begin(dive, states, disturbances, block):
+    """Set predicted deviation and covariance of row 0 from the prior."""
     y = sensed_of(states[0])
     for i in range(16):
         value = y[i] if i < 10 else disturbances[0, i - 10]
@@ -40,10 +40,25 @@ def _begin(dive, states, disturbances, block, tally):
         block.mean[0, i] = dive.mean[i] - value
         for j in range(16):
             block.covariance[0, i, j] = deviation * deviation if i == j else 0.0
-        if deviation > 0.0:
-            tally[0] += 0.5 * ((value - dive.mean[i]) / deviation) ** 2
     clear(block.cross[0])
     clear(block.track[0])
+
+
+@inner_kernel
+def _add_cost_of_start(dive, states, disturbances, tally):
+    """Add the cost of the path's initial state."""
+    y = sensed_of(states[0])
+    for i in range(16):
+        value = y[i] if i < 10 else disturbances[0, i - 10]
+        if dive.deviation[i] > 0.0:
+            tally[0] += 0.5 * ((value - dive.mean[i]) / dive.deviation[i]) ** 2
+
+
+@inner_kernel
+def _residual(dive, states, k, channel):
+    """Return the deviation of a channel of sample ``k``, which must be there, from the path."""
+    residual = dive.measured[k, channel] - states[k, channel if channel < 3 else channel + 2]
+    return wrap(residual) if channel == 2 else residual
 
 
 @inner_kernel
@@ -53,12 +68,9 @@ def _assimilate(dive, states, k, block, at, gate, tally):
     if not dive.fed[k]:
         return
     for channel in range(dive.measured.shape[1]):
-        value = dive.measured[k, channel]
-        if not math.isfinite(value):
+        if not math.isfinite(dive.measured[k, channel]):
             continue
-        residual = value - states[k, channel if channel < 3 else channel + 2]
-        if channel == 2:
-            residual = wrap(residual)
+        residual = _residual(dive, states, k, channel)
         innovation = residual - block.mean[at, channel]
         excess = innovation * innovation / (gate * gate) - block.covariance[at, channel, channel]
         variance = max(dive.variance[k, channel], excess)
@@ -144,13 +156,36 @@ def forward(hull, dive, states, disturbances, mean_shift, gate, segments, block,
     """
     clear(tally)
     rows = segments.rows.shape[0]
-    _begin(dive, states, disturbances, block, tally)
+    _begin(dive, states, disturbances, block)
+    _add_cost_of_start(dive, states, disturbances, tally)
     for first in range(0, rows, BLOCK):
         number, stop = first // BLOCK, min(first + BLOCK, rows)
         symmetrise(block.covariance[0])
         copy_row(block, 0, checkpoints, number)
         _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, gate, tally, False)
         copy_row(block, BLOCK, block, 0)
+
+
+@kernel
+def run_path(hull, dive, states, disturbances, segments, tally):
+    """Run the model along a path and sum up its cost, as `forward` does, without filtering.
+
+    The log determinant, which follows from the filter's covariances, is left at zero.
+
+    Parameters
+    ----------
+    hull, dive, states, disturbances, segments, tally
+        Arguments of `forward`.
+    """
+    clear(tally)
+    run_segments(hull, dive, states, disturbances, segments, tally)
+    _add_cost_of_start(dive, states, disturbances, tally)
+    for k in range(dive.fed.shape[0]):
+        if dive.fed[k]:
+            for channel in range(dive.measured.shape[1]):
+                if math.isfinite(dive.measured[k, channel]):
+                    residual = _residual(dive, states, k, channel)
+                    tally[1] += 0.5 * residual * residual / dive.variance[k, channel]
 
 
 @inner_kernel

@@ -113,6 +113,29 @@ def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
     np.testing.assert_array_equal(iterate.noise_from_segment(*given), noise)
 
 
+@pytest.mark.compiled
+def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
+    """The estimate is the same to the bit as with a sweep for each; only the number of sweeps differs."""
+    flown, found, sweeps = fly(41, 6000), [], []
+    forward = problem.Sweeps.forward
+    monkeypatch.setattr(problem.Sweeps, "forward", lambda *args: (sweeps.append(len(found)), forward(*args))[1])
+    for at_once in (True, False):
+        if not at_once:
+            monkeypatch.setattr(iterate._Iteration, "_moves_at_once", lambda *args: False)
+        noise = flown.dive.noise.copy()
+        noise[:, 5] *= 9.0
+        dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
+        scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
+        smoothed = iterate_passes(PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale])
+        found.append((smoothed, dive.noise.copy()))
+    (once, noise), (twice, usual) = found
+    np.testing.assert_array_equal(once.states, twice.states)
+    np.testing.assert_array_equal(once.disturbances_std, twice.disturbances_std)
+    np.testing.assert_array_equal(noise, usual)
+    assert once.passes == twice.passes
+    assert sweeps.count(0) < sweeps.count(1)
+
+
 def _filtered(flown):
     return SimpleNamespace(states=flown.guess.states, disturbances=flown.guess.disturbances)
 

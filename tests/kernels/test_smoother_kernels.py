@@ -70,6 +70,22 @@ def dense(problem, smoothed):
     return DenseLeastSquares(dive, path, GLIDE.control)
 
 
+def test_a_run_along_the_path_costs_what_the_sweep_says(problem, smoothed, sweeps):
+    """Equal but for rounding, for a path whose inner rows are the model's run already; so is the path afterwards."""
+    dive, path = problem
+    iterate, *_ = smoothed
+    again = Trajectory(path.states.copy(), path.disturbances.copy())
+    run = sweeps.run(again)
+    np.testing.assert_allclose(run.costs, iterate.costs, rtol=1e-14)
+    np.testing.assert_allclose(run.defects, iterate.defects, rtol=1e-14)
+    np.testing.assert_array_equal(again.states, path.states)
+    assert run.costs.min() > 0.0
+    np.testing.assert_allclose(iterate.with_noise(dive, dive.noise).costs, iterate.costs, rtol=1e-12)
+    np.testing.assert_allclose(
+        iterate.with_noise(dive, 2.0 * dive.noise).costs, iterate.costs * [1.0, 1.0, 0.5], rtol=1e-12
+    )
+
+
 def test_segments_are_short_and_have_no_sample_inside(problem, sweeps, longest):
     dive, _ = problem
     lengths = np.diff(sweeps.rows)

@@ -213,7 +213,7 @@ class _Iteration:
             self.iterate = self._sweeps.forward(self.iterate.trajectory)
             self.linear = self._pass()
         if outcome is Outcome.CONVERGED:
-            self.iterate = self._sweeps.forward(self._moved(1.0))
+            self.iterate = self._sweeps.run(self._moved(1.0))
         # An iteration that would still move by a standard deviation, or is not finite, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
@@ -277,6 +277,8 @@ class _Iteration:
         merit has no defects.
         """
         weights = _PENALTY * self.linear.steepest
+        if noise is not self._sweeps.dive.noise and self._moves_at_once(noise, weights):
+            return
         trajectory, strength = self.iterate.trajectory, self._damping.strength
         if self._damping.active:
             self._damping.loosen()
@@ -296,6 +298,20 @@ class _Iteration:
         self._damping.set(strength)
         self._damping.tighten()
         self.iterate = self._sweeps.forward(trajectory)
+
+    def _moves_at_once(self, noise: Array, weights: Array) -> bool:
+        """Make the whole move and renew the noise in one sweep, if the merit decreases even without its determinant.
+
+        The determinants before and after the move belong to different noise, so that they cannot be compared.
+        """
+        dive, used = self._sweeps.dive, self._sweeps.dive.noise.copy()
+        dive.noise[:] = noise
+        trial = self._sweeps.forward(self._moved(1.0))
+        if trial.with_noise(dive, used).merit(weights, 0.0) < self.iterate.merit(weights, 0.0):
+            self.iterate, self._released = trial, False
+            return True
+        dive.noise[:] = used
+        return False
 
 
 def consistency(linear: Backward, noise: Array, usual: NDArray[np.bool_]) -> float:

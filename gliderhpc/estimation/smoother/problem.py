@@ -10,7 +10,7 @@ is included because the speed would be wrong without it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -195,6 +195,12 @@ class Iterate:
     log_determinant: float
     defects: Array
 
+    def with_noise(self, dive: Dive, noise: Array) -> "Iterate":
+        """Return the same with the cost of its noise by other variances ``(n, 6)``."""
+        disturbances = self.trajectory.disturbances
+        added = dive.decay * disturbances[:-1] - disturbances[1:]
+        return replace(self, costs=np.array([*self.costs[:2], 0.5 * np.sum(added**2 / noise)]))
+
     def merit(self, weights: Array, share: float) -> float:
         """Merit to be minimised, with the defects weighted by ``weights`` and the log determinant by ``share``.
 
@@ -282,6 +288,17 @@ class Sweeps:
         the displacement along the trajectory.
         """
         self._sweep(trajectory, gate, backwards=False)
+        return self._tallied(trajectory)
+
+    def run(self, trajectory: Trajectory) -> Iterate:
+        """Run the model along a trajectory as `forward` does, without filtering; the log determinant stays unknown (0).
+
+        This takes a tenth of the time. A backward sweep needs a forward sweep before it.
+        """
+        kernel.run_path(self._hull, self.dive, trajectory.states, trajectory.disturbances, self._segments, self._tally)
+        return self._tallied(trajectory)
+
+    def _tallied(self, trajectory: Trajectory) -> Iterate:
         log_determinant = float(self._tally[LOG_DETERMINANT]) if self._mean else 0.0
         return Iterate(
             trajectory, self._tally[:DEFECTS].copy(), log_determinant, self._tally[DEFECTS:LOG_DETERMINANT].copy()
