@@ -306,11 +306,17 @@ def sign_in_doubt(platform: Platform, angle_of_attack: float, spread: float = 0.
     return float(np.mean((factors @ terms) * terms.sum() <= 0.0))
 
 
+def glide_coefficients(platform: Platform) -> tuple[float, float, float, float]:
+    """Return K_D0, K_D, K_L0 and K_L, which alone give a steady glide its angle of attack at a pitch."""
+    viscous = platform.viscous
+    return viscous.K_D0, viscous.K_D, viscous.K_L0, viscous.K_L
+
+
 def drag_and_lift(platform: Platform, angle_of_attack: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return drag and lift over the squared speed without sideslip (eq. 11), kg/m."""
-    viscous = platform.viscous
+    drag, induced, without_angle, lift = glide_coefficients(platform)
     alpha = np.asarray(angle_of_attack, dtype=np.float64)
-    return viscous.K_D0 + viscous.K_D * alpha**2, viscous.K_L0 + viscous.K_L * alpha
+    return drag + induced * alpha**2, without_angle + lift * alpha
 
 
 def _glides(

@@ -8,6 +8,7 @@ from support.hull_errors import profile_of, steady_controls
 from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 
 from gliderhpc.estimation.preparation import corrected, on_steps, prepare_profile
+from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
@@ -103,6 +104,31 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
         assert np.linalg.norm((found.states[:, j] - expected) / scale) < 0.05 * np.linalg.norm(expected / scale), key
         moved = (ahead.displacement - behind.displacement) / 2e-3
         np.testing.assert_allclose(found.displacement[j], moved, atol=0.05 * np.abs(moved).max())
+
+
+def test_the_guess_of_the_start_changes_with_what_acts_on_it(flown):
+    """The slopes are differences of the guess itself, from a glide by a hull that has lift at zero angle of attack."""
+    dive, profile, _ = flown
+    platform = with_values(PETREL.platform, {"viscous.K_L0": 0.4})
+    lifted = replace(profile, glider=Glider(platform))
+    parameters = hull_parameters(platform)
+    found = hull_forcing(lifted, dive.dive, RecordSettings(), parameters, profile.series.measurements).start
+    acting = set()
+    for j, parameter in enumerate(parameters):
+        if parameter.key.startswith("sensors."):
+            continue
+        ahead, behind = (
+            flight_guesses(
+                moved_platform(platform, parameters, sign * 1e-3 * np.eye(len(parameters))[j]), profile.series
+            )
+            for sign in (1.0, -1.0)
+        )
+        slope = (ahead - behind)[0, SENSED] / 2e-3
+        np.testing.assert_allclose(found[j, :10], slope, rtol=1e-6, atol=1e-12)
+        if slope.any():
+            acting.add(parameter.key)
+    assert acting == {"viscous.K_D0", "viscous.K_D", "viscous.K_L0", "viscous.K_L"}
+    assert found[[p.key for p in parameters].index("sensors.pitch_offset"), 1] < 0.0
 
 
 def test_samples_change_as_the_correction_of_the_record_changes():

@@ -16,6 +16,7 @@ from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter, with_values
 from gliderhpc.flight.packing import hull_of, masses_of
+from gliderhpc.flight.steady_glide import glide_coefficients
 from gliderhpc.kernels.sensitivity_memory import Forcing
 from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.observations.resample import ProfileSeries
@@ -229,15 +230,18 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
     rates = depth_rate(first)
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
-        change = np.zeros_like(first.measurements)
+        ahead, behind = (_moved(platform, parameter, sign * _SMALL) for sign in (1.0, -1.0))
         if _shifts_measurements(parameter):
             change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
-        ahead, behind = (
-            flight_guesses(
-                _moved(platform, parameter, sign * _SMALL),
-                replace(first, measurements=first.measurements + sign * change),
-            )[0, SENSED]
-            for sign in (1.0, -1.0)
-        )
-        out[j, :10] = (ahead - behind) / (2.0 * _SMALL)
+        elif glide_coefficients(ahead) != glide_coefficients(behind):
+            change = np.zeros_like(first.measurements)
+        else:
+            continue
+        out[j, :10] = (_first_guess(ahead, first, change) - _first_guess(behind, first, -change)) / (2.0 * _SMALL)
     return out
+
+
+def _first_guess(platform: Platform, series: ProfileSeries, change: Array) -> Array:
+    """Guess of the initial state ``(10,)`` from changed measurements."""
+    changed = replace(series, measurements=series.measurements + change)
+    return np.asarray(flight_guesses(platform, changed)[0, SENSED])
