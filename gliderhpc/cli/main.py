@@ -184,6 +184,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except MemoryError:
         return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
+        _discard_unwritable_output()
         return _report_system_error(error, remedy)
     except Exception as error:  # noqa: BLE001 - the last handler
         if _follows_interruption(error):
@@ -237,6 +238,14 @@ def _flushed(status: int) -> int:
             _discard(name)
             status = _say(f"the output cannot be written ({error.strerror})", max(status, FAILED))
     return status
+
+
+def _discard_unwritable_output() -> None:
+    """Discard what is left of the output if it cannot be written: its error is reported already."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _discard("stdout")
 
 
 def _discard(name: str) -> None:

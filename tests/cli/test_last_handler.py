@@ -104,9 +104,13 @@ def test_closed_streams(number):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
-def test_output_that_cannot_be_written():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_cannot_be_written(unbuffered):
     with open("/dev/full", "w") as full:  # noqa: PTH123
-        done = subprocess.run(PLATFORMS, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(
+            PLATFORMS, stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("gliderhpc: ")

@@ -242,7 +242,11 @@ def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
     assert "no profile 7" in program("report", own_copy, "--out", tmp_path / "out", "--profile", 7).line
     (tmp_path / "file").write_text("")
     assert "give another --out" in program("report", own_copy, "--out", tmp_path / "file" / "report").line
-    assert "twin windows" in program("report", own_copy, "--out", tmp_path, "--twins", tmp_path / "no").line
+
+
+def test_a_wrong_folder_of_twins_is_refused_before_anything_is_drawn(studied, tmp_path, monkeypatch):
+    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: pytest.fail("drawn"))
+    assert "twin windows" in program("report", studied, "--out", tmp_path, "--twins", tmp_path / "no").line
 
 
 @pytest.mark.usefixtures("undrawn")

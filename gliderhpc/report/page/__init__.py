@@ -132,6 +132,8 @@ def mission_page(
 ) -> Page:
     """Assemble the mission's page: answers, overview, representative profile, every study, and reproduction."""
     example = f"{_command(place, out, None, truth)} --profile N"
+    # First, since a wrong folder of twins should not be refused only after everything is drawn.
+    windows = windows_section(twins, platform_option(archive))
     short, overview, representative, *studies = _drawn_sections(
         place,
         (
@@ -148,7 +150,7 @@ def mission_page(
         representative,
         published_section(archive, twins is not None),
         *studies,
-        windows_section(twins, platform_option(archive)),
+        windows,
         provenance_section(archive, place, _command(place, out, twins, truth)),
     )
     attributes = summary.attributes
