@@ -38,7 +38,7 @@ class Box(_Section):
 
 
 class Rules(_Section):
-    """Rules, each optional.
+    """Limits whose violation raises an alert, each optional.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Alerts(_Section):
             with urllib.request.urlopen(request, timeout=self.timeout):
                 return
         except (OSError, ValueError, HTTPException) as error:
-            # The rest of an address is often a secret.
+            # The path of a webhook is often a secret token, so only the host is named.
             yield f"{urlsplit(self.webhook).hostname}: {first_line(error)}"
 
 

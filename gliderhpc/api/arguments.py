@@ -19,13 +19,13 @@ Hull = Platform | str | Path
 """A platform, the name of a shipped one, or the path of a platform file."""
 
 Profiles = int | str | Iterable[int] | None
-"""One profile number, several numbers, a text such as ``18:20,68``, or None for all."""
+"""One profile number, several numbers, a string such as ``18:20,68``, or None for all."""
 
 SettingsModel = TypeVar("SettingsModel", bound=Settings)
 
 
 def platform_of(hull: Hull) -> Platform:
-    """Return the platform of an argument.
+    """Return the platform given as an argument, loading it by name or path if necessary.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def platform_of(hull: Hull) -> Platform:
 
 
 def profiles_text(profiles: Profiles) -> str | None:
-    """Return a choice of profiles as a text such as ``18:20,68``, None for all.
+    """Return the chosen profiles as a string such as ``18:20,68``, or None for all.
 
     Raises
     ------
     InputError
-        The choice is neither numbers nor a text.
+        The choice is neither numbers nor a string.
     """
     if profiles is None or isinstance(profiles, str):
         return profiles
@@ -63,7 +63,7 @@ def profiles_text(profiles: Profiles) -> str | None:
 
 
 def chosen_profile(available: Sequence[int], profile: int | None) -> int:
-    """Return the number of the one profile chosen.
+    """Return the number of the chosen profile, which may be omitted if only one is available.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
         There is no such profile, or there are several and `profile` is None.
     """
     if not available:
-        raise InputError("profile: there is none to choose; all have failed, or none is done yet")
+        raise InputError("profile: none is available; all have failed, or none is done yet")
     if profile is None:
         if len(available) != 1:
             (first, last), count = (min(available), max(available)), len(available)
@@ -108,7 +108,7 @@ def settings_of(model: type[SettingsModel], settings: SettingsModel | None, name
 
 
 def assignments_of(named: Mapping[str, Any], prefix: str = "") -> tuple[str, ...]:
-    """Return keyword arguments as texts ``KEY=VALUE`` of ``--set``, with sections as dotted names."""
+    """Return keyword arguments as ``KEY=VALUE`` strings, as for ``--set``, with sections as dotted names."""
     texts: list[str] = []
     for key, value in named.items():
         if isinstance(value, Settings):

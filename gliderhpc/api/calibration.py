@@ -34,17 +34,17 @@ Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
 """Function that opens a progress display for a number of dives and yields the function that advances it."""
 
 _JUDGED = 2
-"""Number of quantities of the steady balance that judge the hull of the rounds: depth rate and pitch. Roll and rate of
-turn also respond to moments of the water. The dives separate these from moments of the hull; the steady balance does
-not."""
+"""Number of quantities of the steady balance by which the hull found in the rounds is judged: depth rate and pitch.
+Roll and rate of turn also respond to moments exerted by the moving water. The dives separate these from errors in the
+hull's own moments; the steady balance does not."""
 
 _PROBABLE = 0.01
-"""Probability of a hull's distance from the base below which the hull is refused."""
+"""Smallest prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
 
 
 @contextmanager
 def no_progress(_: int) -> Iterator[Callable[[], None]]:
-    """Show nothing."""
+    """Open no display, and yield a function that does nothing."""
     yield lambda: None
 
 
@@ -61,7 +61,7 @@ class DiveCalibration:
     fitted, held_out : Score
         Errors of the steady balance before and after, on the fitted and on the held-out profiles.
     notes : list of str
-        Remarks.
+        Remarks on the rounds, for the user.
     """
 
     platform: Platform
@@ -100,6 +100,7 @@ def calibrated_by_dives(
         No dive can be smoothed, or the hull found has no stable glide, is farther from the platform than its plausible
         deviations allow, or is worse than the platform.
     """
+    # If the rudder moved, its coefficient is marked as stated, which makes it one of the hull's parameters.
     if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
         base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
     known = hull_parameters(base)
@@ -135,8 +136,8 @@ def _check_plausible(found: HullRounds) -> None:
     Raises
     ------
     CalibrationError
-        By chance such a distance would be found less than once in a hundred missions. Strong yaw impulses and gusts
-        can act like errors of the hull.
+        The distance is so large that chance alone would produce it in fewer than one mission in a hundred. Strong yaw
+        impulses and gusts can be mistaken for errors of the hull.
     """
     distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
     if probability < _PROBABLE:

@@ -1,4 +1,4 @@
-"""Depth-averaged currents from pitch, heading, depth and GPS fixes alone: no ballast, no calibration, no compiling."""
+"""Depth-averaged currents from pitch, heading, depth and GPS fixes alone: no ballast, calibration or compilation."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -58,7 +58,7 @@ def currents(
     Raises
     ------
     InputError
-        Something that a current needs is missing, as the message names it; or no profile can be used.
+        An input that the currents require is missing (the message names it), or no profile can be used.
 
     Notes
     -----
@@ -123,7 +123,7 @@ def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Na
 
 
 def _plain_navigation(path: Path) -> Navigation:
-    """Read the navigation of a table of text, a netCDF file or a Zarr folder."""
+    """Read the navigation from a text table, a netCDF file or a Zarr folder."""
     if is_table(path):
         return read_navigation(read_table(path), str(path))
     return open_navigation(path)
@@ -135,9 +135,7 @@ def _plain_files(path: Path) -> list[Path]:
         return [path]
     held = sorted(path.glob("*.nc"))
     if not held:
-        raise InputError(
-            f"{path}: contains neither a netCDF file nor records of an instrument; give files that have them"
-        )
+        raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")
     return held
 
 
@@ -280,7 +278,7 @@ def _global_attributes(
     drag, lift = polar.platform.viscous.K_D0, polar.platform.viscous.K_L
     return {
         "Conventions": CONVENTIONS,
-        "title": "Depth-averaged currents and positions of an underwater glider by the glide angle",
+        "title": "Depth-averaged currents and positions of an underwater glider from the glide angle",
         "source": f"gliderhpc {__version__}, command currents, from {Path(navigation.source).name}",
         "history": f"made by gliderhpc {__version__}",
         "drag_over_lift": drag / lift,

@@ -110,7 +110,7 @@ def calibrated_on(
     executor: OpenExecutor,
     progress: Progress = no_progress,
 ) -> CalibratedHull:
-    """Calibrate on an open file, as `calibrate` does, and name the `assignments` in the platform's source.
+    """Calibrate on an open file, as `calibrate` does, and record the `assignments` in the platform's source.
 
     ``progress(total)`` opens a display of the number of finished dives, over all rounds.
     """
@@ -125,7 +125,7 @@ def calibrated_on(
     try:
         measured = bool(np.isfinite(segments.velocity).any())
         if observations.has_velocity and not measured:
-            log.warning("the measured velocity is not used: no steady flight has one that agrees with the depth rate")
+            log.warning("the measured velocity is not used: in no steady segment does it agree with the depth rate")
         if rounds > 0 or measured:
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
@@ -149,9 +149,9 @@ def calibrated_on(
 def _before_rounds(
     platform: Platform, segments: SteadySegments, settings: CalibrateSettings
 ) -> tuple[Platform, Platform]:
-    """Return the hull about which the calibration has its prior, and the start of the rounds.
+    """Return the hull on which the calibration's prior is centred, and the hull from which the rounds start.
 
-    The former is the platform, with drag and lift of the measured velocity where there is one.
+    The former is the platform, with drag and lift from the measured velocity if there is one.
     """
     start = fit_trim(platform, segments, settings.calibration, log.info)
     held = keys_of(settings.calibration.hold, (*hull_parameters(platform), *steady_parameters(platform, segments)))
@@ -186,7 +186,7 @@ def chosen_profiles(
 
 
 def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
-    """Return the segments to fit and those to score, from the named profiles or every fourth with steady flight."""
+    """Split the segments into fitted and held-out ones, the latter from the named profiles or every fourth flown."""
     if apart is None:
         flown = np.unique(segments.profile).tolist()
         apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []

@@ -37,7 +37,7 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.run")
 
 LOOK, LOOK_FOR_LAG = 24, 4
-"""Numbers of profiles checked before a run for errors of the records and for a lag."""
+"""Largest numbers of profiles examined before a run: for all checks of the records but the lag, and for the lag."""
 
 
 @speaks_python

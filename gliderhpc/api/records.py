@@ -74,7 +74,7 @@ def open_records(path: str | Path) -> xr.Dataset:
 
 
 def _can_be_imported(path: Path) -> bool:
-    """Return whether a path is an instrument's records; false if it cannot be read, which the reader then reports."""
+    """Return whether a path contains an instrument's records; false if unreadable, which the reader reports later."""
     if not path.exists():
         return False
     try:
@@ -176,7 +176,7 @@ def kind_of(sources: Sequence[Path]) -> str:
 
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
-    """Refuse the first netCDF file or table, which no importer reads, and name what it lacks."""
+    """Raise an error that names what the first netCDF file or table, which no importer reads, lacks."""
     for path in (held for source in sources for held in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
@@ -243,7 +243,7 @@ def kind_of_file(path: Path) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class RecordsInspected:
-    """Findings of the checks of the records.
+    """Findings of the record checks.
 
     Attributes
     ----------

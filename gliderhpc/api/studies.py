@@ -31,7 +31,7 @@ from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
 from gliderhpc.studies.registry import STUDIES
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.request import Request, archive_on_disk
 from gliderhpc.studies.validation import GROUP
 from gliderhpc.wording import python_words, speaks_python
 
@@ -161,7 +161,7 @@ def analyze(
         raise InputError(f"study={study!r}: there is no such study; give one of {', '.join(STUDIES)}")
     if estimate not in ESTIMATES:
         raise InputError(f"estimate={estimate!r}: give one of {', '.join(ESTIMATES)}")
-    archive = Path(store)
+    archive = archive_on_disk(store)
     executor = executor_of(workers, cluster_of(scheduler), (archive,))
     given = (models,) if isinstance(models, str | Path) else models
     request = Request(
@@ -177,6 +177,7 @@ def analyze(
         _path(reference),
         assignments_of(named, f"{study}."),
     )
+    # An unreadable archive is reported before the lock is taken.
     with reading(archive), open_for_reading(archive):
         pass
     with reading(archive), locked(archive):
@@ -226,7 +227,7 @@ def validate(
     InputError
         The archive was made from other observations or on other axes, or an argument cannot be used.
     """
-    archive, platform, executor = Path(store), platform_of(hull), executor_of(workers)
+    archive, platform, executor = archive_on_disk(store), platform_of(hull), executor_of(workers)
     with reading(archive), open_for_reading(archive):
         if settings is None:
             settings = validated_settings(MissionSettings, read_attributes(archive)["settings"], named)

@@ -1,4 +1,4 @@
-"""Watch of a folder that imports every new dive, inverts it into the archive and reports it once."""
+"""Watch over a folder: every new dive is imported, inverted into the archive and reported once."""
 
 import logging
 import time
@@ -193,7 +193,7 @@ class Watch:
             log.warning("%s: no complete file of %s yet", self.watched.source, kind)
 
     def _chosen(self) -> dict[str, str]:
-        """Return the files to import, by name, with their digests; only one of several with the same content."""
+        """Return the digests of the files to import, by name; of several with the same content only one."""
         same = duplicates(self.state.taken)
         for name, first in same.items():
             log.info("%s: same content as %s", name, first)
@@ -263,7 +263,7 @@ class Watch:
         )  # fmt: skip
 
     def _executor(self, workers: int) -> Executor:
-        """Return an executor that stays open: a worker started for each dive would load all again, for seconds."""
+        """Return an executor that stays open, since starting workers for every dive would take seconds each time."""
         if self._opened is None or self._opened[0] != workers:
             self.close()
             warm = partial(warm_kernels, self.watched.settings.engine)

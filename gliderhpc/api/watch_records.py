@@ -1,4 +1,4 @@
-"""Records of a watch: one observation file from all files, and truncated copies of it for a replay."""
+"""Records of a watch: one observation file made from all arriving files, and truncated copies for a replay."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ _OWN_OPTIONS = ("overwrite", "reads")
 
 @dataclass(frozen=True)
 class Importing:
-    """Import of files as records.
+    """Import of the arriving files: their kind, and the options of the importer.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Importing:
             The files are of several kinds, or an option of the importer cannot be used.
         """
         kind, chosen, faults = _sorted_by_kind(paths, self.kind, reads)
-        if kind == OBSERVATIONS:
+        if kind == OBSERVATIONS and chosen:
             try:
                 return faults | join_observations(chosen, out, reads)
             except InputError as error:
@@ -135,7 +135,7 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
             f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as --kind {first}"
         )
     found, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
-    return (found, chosen, faults) if chosen else (next(iter(IMPORTERS)), [], faults)
+    return found, chosen, faults
 
 
 def _culprit(error: InputError, paths: Sequence[Path]) -> Path:

@@ -53,7 +53,7 @@ def executor_of(
 
 
 def cluster_of(scheduler: Scheduler) -> ClusterAddress | None:
-    """Return the cluster of an argument: a text with ``://`` is an address, anything else a file."""
+    """Return the cluster given as an argument: a string with ``://`` is an address, anything else a file."""
     if scheduler is None or isinstance(scheduler, ClusterAddress):
         return scheduler
     if isinstance(scheduler, str) and "://" in scheduler:

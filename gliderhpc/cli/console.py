@@ -59,9 +59,8 @@ def table(title: str, rows: Sequence[tuple[str, ...]], headings: Sequence[str], 
     return made
 
 
-_FORMAT = "%(asctime)s %(levelname)s %(message)s"
 _LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")
-"""Pattern of the beginning of a log line in that format."""
+"""Pattern of the beginning of a log line, as `LogFormatter` writes it."""
 
 
 @contextmanager

@@ -204,7 +204,7 @@ def _invert(tour: _Tour) -> MissionResult:
 
 
 def _validate(tour: _Tour) -> None:
-    tour.say("comparing the model with fixed coefficients with the records")
+    tour.say("comparing the fixed-coefficient model with the records")
     with open_observations(tour.observations) as opened:
         validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
 

@@ -1,4 +1,4 @@
-"""Interruption of a command by Ctrl-C or SIGTERM, at a moment at which it neither gets lost nor leaves a lock taken."""
+"""Interruption of a command by Ctrl-C or SIGTERM, raised only where it is neither lost nor leaves a lock held."""
 
 import _thread
 import signal
@@ -17,10 +17,10 @@ _LONGEST = 250
 
 _LOCKING = ("xarray.backends.locks", "xarray.backends.file_manager")
 """Modules that take locks of files in Python code. An exception between taking a lock and entering the block that
-releases it leaves the lock taken, and the process waits for ever when it closes the file."""
+releases it leaves the lock held, and the process hangs when it closes the file."""
 
 _NEAR = 4
-"""Number of innermost frames in which those modules are looked for: their context managers run under `contextlib`."""
+"""Number of innermost frames searched for those modules: their context managers are called through `contextlib`."""
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def interruptible() -> Iterator[None]:
 
     An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
     releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
-    Ctrl-C stays ignored if the process was started so, as shells start background jobs. The context has no effect
+    Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs. The context has no effect
     outside the main thread, which alone receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
@@ -61,7 +61,7 @@ def interruptible() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = usual_hook
-        # A signal after the usual handlers are back would end the process.
+        # A signal sent after the usual handlers are restored would end the process.
         later.end()
         for number, handler in usual_handlers.items():
             signal.signal(number, handler)

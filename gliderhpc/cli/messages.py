@@ -74,7 +74,7 @@ _EXPECTED = (
 
 
 def is_expected(error: BaseException) -> bool:
-    """Return whether the user or the machine can cause an error, and it has a message of its own."""
+    """Return whether an error is due to the user or the machine, not to a bug, and has a message of its own."""
     if isinstance(error, OSError):
         return error.errno in FULL or is_of_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)

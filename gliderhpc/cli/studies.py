@@ -21,9 +21,10 @@ from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_folder
 from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
+from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
 from gliderhpc.studies.registry import STUDIES, missing_input
-from gliderhpc.studies.request import Request, default_folder
+from gliderhpc.studies.request import Request, archive_on_disk, default_folder
 from gliderhpc.studies.validation import GROUP, validated_profiles
 
 ALL = "all"
@@ -32,7 +33,7 @@ _MAX_SHOWN_FAILURES = 10
 
 
 @click.command("analyze")
-@click.argument("archive", type=click.Path(path_type=Path))
+@click.argument("archive", metavar="ARCHIVE", type=options.PLACE)
 @click.argument("study", type=click.Choice([*STUDIES, ALL]))
 @options.profiles
 @click.option("--quick", is_flag=True, help="A reduced size, for a first look.")
@@ -70,7 +71,7 @@ _MAX_SHOWN_FAILURES = 10
 @options.study_folder
 @options.log_file
 def analyze(
-    archive: Path, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
+    archive: Place, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
     truth: Path | None, budget: Path | None, models: tuple[str, ...], reference: Path | None,
     assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
     log_file: Path | None,
@@ -95,6 +96,7 @@ def analyze(
       gliderhpc analyze mission.zarr intermittency --set intermittency.scaling=[2,20]
       gliderhpc analyze mission.zarr nulls --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    archive = archive_on_disk(archive)
     with reading(archive), open_for_reading(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
@@ -156,7 +158,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
 @options.study_folder
 @options.log_file
 def validate(
-    observations: Path, platform_name: str, store: Path, profiles: str | None, quick: bool, workers: int | None,
+    observations: Path, platform_name: str, store: Place, profiles: str | None, quick: bool, workers: int | None,
     assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
 ) -> int:  # fmt: skip
     """Simulate every profile of OBSERVATIONS open loop with its recorded controls, and compare it with the record.
@@ -169,6 +171,7 @@ def validate(
       gliderhpc validate mission.nc --platform petrel-l --store mission.zarr
       gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    store = archive_on_disk(store)
     out = out or default_folder(store, GROUP)
     check_folder(out)
     values, platform_values = parse_assignments(assignments)

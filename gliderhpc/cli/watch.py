@@ -53,7 +53,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     type=options.Finite(0.1, _DAY),
     default=30.0,
     show_default=True,
-    help="Seconds between looks at SOURCE; a file that is unchanged in two looks is used.",
+    help="Seconds between listings of SOURCE; a file unchanged in two successive ones is used.",
 )
 @click.option("--kind", type=click.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
 @click.option(

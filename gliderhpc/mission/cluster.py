@@ -86,7 +86,7 @@ class UnseenFileError(InputError):
 def cluster_executor(
     cluster: ClusterAddress, needed: tuple[Path, ...] = (), warm: Callable[[], None] = warm_estimation
 ) -> Iterator[Executor]:
-    """Open an executor on a running cluster whose workers run the same versions, see the same files and have kernels.
+    """Open an executor on a running cluster, after checking its workers' versions and files and compiling the kernels.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:
 
 
 def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
-    """Check that a worker of every host sees the files."""
+    """Check that one worker on every host can see the files."""
     names = [str(path.resolve()) for path in needed]
     for host, worker in _one_a_host(client).items():
         for unseen in client.run(_unseen, names, workers=[worker], on_error="ignore").values():

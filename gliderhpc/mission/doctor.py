@@ -35,7 +35,7 @@ EXTRAS = {
 """Optional extras: a distribution that identifies each, and its purpose."""
 
 MIN_FREE_BYTES = 1 << 30
-"""Free disk below which no run should begin: a mission of some hundred profiles takes one or two GiB."""
+"""Free disk space below which no run should begin: a mission of a few hundred profiles takes one or two GiB."""
 
 _BY_WIDTH = (("avx512f", "512-bit vectors (AVX-512)"), ("avx2", "256-bit vectors (AVX2)"), ("neon", "128-bit (NEON)"))
 
@@ -114,7 +114,7 @@ def kernel_cache() -> Check:
 
 
 def precompiled() -> Check:
-    """Report whether kernels compiled beforehand, in the wheel or in a named folder, are in use, or why not."""
+    """Report whether precompiled kernels, from the wheel or from a named folder, are in use, and if not, why not."""
     folder, reason = precompiled_kernels()
     if folder is None:
         return Check("precompiled", State.ABSENT, reason, "kernels are compiled on this machine instead, once")

@@ -33,7 +33,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS"
 
 
 class WorkerKilledError(Exception):
-    """Error of a job whose workers all died, as they ran it or as it was queued behind a job that kills workers."""
+    """Error of a job whose workers all died, while running it or with it queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed or ran out of memory {deaths} times")
@@ -171,7 +171,7 @@ class DaskExecutor(Executor):
             yield from ended
 
     def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
-        """Yield every part of the jobs' results: soon after a worker has it, and again with the job's whole result.
+        """Yield every part of the jobs' results: when a worker announces it, and again with the job's complete result.
 
         Workers announce each part as an event of the scheduler; a lost event loses no part.
         """
@@ -267,7 +267,7 @@ def _all_parts(function: Callable[[Any], Iterable[Any]], job: Any) -> list[Any]:
 def _announced_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
     """Run a job on a worker and announce each part of its result, with the job's number, as soon as it is complete.
 
-    A cancelled job ends after its current part: dask itself would let it run to its end.
+    A cancelled job ends after its current part, whereas dask itself would let it finish.
     """
     from distributed import get_worker
 
@@ -287,7 +287,7 @@ def _is_cancelled(worker: Any) -> bool:
 
 
 def was_killed(error: Exception) -> bool:
-    """Return whether an error states that a job failed by the deaths of its workers (`WorkerKilledError`)."""
+    """Return whether a job failed because its workers died (`WorkerKilledError`)."""
     return isinstance(error, WorkerKilledError)
 
 
@@ -322,7 +322,7 @@ def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> 
     """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
 
     Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
-    Those of a window alone are compiled by the worker that first needs them.
+    Those for a single window are compiled by the first worker that needs them.
     """
     warm()
     if workers == 0:

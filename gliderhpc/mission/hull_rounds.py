@@ -1,8 +1,8 @@
 """Calibration on whole dives: rounds in which every dive is smoothed and the information on the hull is summed.
 
-The trim fitted to the steady glides is the start. In each round every dive is smoothed with the present hull, which
-gives score and information on the errors of hull and records. Their sum over the mission
-(`gliderhpc.tuning.mission_hull`) gives the next hull, until it no longer changes.
+The rounds start from the trim fitted to the steady glides. In each round every dive is smoothed with the present hull,
+which gives the score and the information on the errors of hull and records. Their sum over the mission
+(`gliderhpc.tuning.mission_hull`) gives the next hull. The rounds end when the hull no longer changes.
 """
 
 import logging
@@ -52,9 +52,9 @@ _DIGITS = 6
 _HALVINGS = 5
 """Largest number of halvings of a step to reach a hull that glides stably."""
 _HELD = 1.0
-"""Weight of the prior's noise, in resolved values, relative to those of all dives."""
+"""Weight of the prior's noise in the pooled factor, as an equivalent number of resolved values."""
 _NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
-"""Errors of a current without those of the hull and the compass, which are unknowns of the sum."""
+"""Error terms of a current without those of the hull and the compass, which are estimated as unknowns of the sum."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ class SmoothedDive:
     number : int
         Number of the profile.
     time : numpy.datetime64
-        Middle of its time.
+        Time at the middle of the dive.
     score, information : (p,), (p, p), optional
         Score and information, in plausible deviations of the hull used for the smoothing; None if there is no estimate.
     noise : (2, 6), optional
-        Sums of the squares of the smoothed noise over the job's variances, and of the resolved values.
+        Sums of the squared smoothed noise divided by the job's variances, and of the resolved values.
     current : DiveCurrent, optional
         Depth-averaged current, if there are fixes.
     message : str
@@ -142,7 +142,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 
 
 def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
-    """Sums over the steady steps of the smoothed noise's squares over the job's variances, and of resolved values.
+    """Sum, over steady steps, the squared smoothed noise divided by the job's variances, and the resolved values.
 
     In gusts the side force has another prior, and its sums are zero.
     """
@@ -203,7 +203,7 @@ class HullRounds:
     def errors(self) -> Gaussian:
         """Distribution of the errors over all dives, about the hull found, including the random walk.
 
-        As in the smoother, the last move is added as uncertainty: rounds that end before convergence have a larger one.
+        As in the smoother, the last move is added to the uncertainty; it is larger if the rounds ended unconverged.
         """
         return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.wanted, self.wanted))
 
@@ -288,7 +288,7 @@ class DiveRounds:
             divisor = 1.0 + self._settings.misfit * sum(number in known for number in self._fitted)
             terms = {number: self._term(each, platform, eta, divisor) for number, each in known.items()}
             mission = self._sum(terms, dives)
-            noise_factor = noise_factor * pooled_factor(dives)
+            noise_factor = noise_factor * pooled_factor([each for each in dives if each.number in self._fitted])
             wanted = mission.overall.mean - eta
             following = bounded_step(self._base, self._parameters, eta, eta + wanted)
             moves.append(float(np.abs(following - eta).max()))
@@ -373,8 +373,8 @@ def pooled_factor(dives: Sequence[SmoothedDive]) -> Array:
 def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
     """Step from ``eta`` towards the mean of the sum, as far as the linearisation is valid and the hull glides stably.
 
-    The step is shortened as a whole. Combinations of the errors are known much better than single errors, and to
-    shorten only parts of the step would lead away from the combinations that the dives determine.
+    The step is shortened as a whole. Combinations of the errors are known much better than single errors, and
+    shortening only some components would lead away from the combinations that the dives determine.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array
     Returns
     -------
     (p,) array
-        The next ``eta``; the one given if no fraction tried of the step leads to a stable glide.
+        The next ``eta``; unchanged if none of the fractions of the step that are tried leads to a stable glide.
     """
     step = wanted - eta
     step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), _LONGEST_STEP))

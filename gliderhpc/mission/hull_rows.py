@@ -58,7 +58,7 @@ def _placed(values: Array, place: NDArray[np.int64]) -> Array:
 
 
 def steady_phases(estimate: ProfileEstimate, every: int) -> tuple[Mask, Mask]:
-    """Return masks of the records of steady glide in mid-depth, of the dive and of the climb."""
+    """Return masks of the records in steady mid-depth glide, one for the dive and one for the climb."""
     series = estimate.series
     depth, time = series.measurements[::every, 3], series.time[::every]
     steady = ~estimate.vibrating[::every] & (series.weights[::every] > 0.0) & (time >= _SETTLING)

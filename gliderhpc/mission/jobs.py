@@ -40,7 +40,7 @@ from gliderhpc.version import __version__
 log = logging.getLogger(__name__)
 
 FIXES = "fixes"
-"""Kind of input that only the currents follow from."""
+"""Kind of input on which only the currents depend."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class _Batch:
         self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, kept)
 
     def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
-        """Derive the currents of an earlier commit from the new fixes; return False where that cannot be done."""
+        """Recompute the currents of an earlier commit from the new fixes; return False if that is impossible."""
         if damages(self._job.store, {index: earlier}):
             log.warning("profile %d: chunks are damaged; it is computed again", number)
             return False
@@ -199,7 +199,7 @@ class _Batch:
 
 
 def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
-    """Return whether a profile was estimated from the same inputs but for its fixes, and what that takes was kept."""
+    """Return whether only the fixes differ, and the commit stores what is needed to recompute the currents."""
     others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
     same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
     return same and bool(commit.kept) and commit.row.get("status") == "done"

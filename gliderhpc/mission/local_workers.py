@@ -30,7 +30,7 @@ from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 log = logging.getLogger(__name__)
 
 ALLOWED_DEATHS = 3
-"""Largest number of workers' deaths after which a job is assigned again."""
+"""Largest number of worker deaths after which a job is still assigned again."""
 
 _GRACE_PERIOD = 1.0
 """Seconds between terminating workers and killing them."""
@@ -141,7 +141,7 @@ class LocalWorkers:
             self._failed_starts += 1
             if self._failed_starts > ALLOWED_DEATHS:
                 raise RunStoppedError(
-                    f"local worker processes end at once (exit status {worker.status}); try --workers 0, and in "
+                    f"local worker processes exit immediately (exit status {worker.status}); try --workers 0, and in "
                     'a script call this function under `if __name__ == "__main__":`'
                 )
         log.warning("worker process %s ended (%s); another replaces it", worker.process_id, worker.status)
@@ -174,7 +174,7 @@ class _Worker:
         return not self.is_starting and self.job is None
 
     def assign(self, place: int, task: bytes) -> None:
-        """Assign a job; a death of the worker is detected when receiving."""
+        """Assign a job; if the worker has died, `receive` detects it."""
         self.job = place
         try:
             self.pipe.send_bytes(task)

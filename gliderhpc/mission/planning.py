@@ -28,13 +28,13 @@ SECONDS_PER_STEP = {
     ("scipy", "recommended"): 8.5e-5,
     ("scipy", "paper"): 1.0e-4,
 }
-"""Processor time of a step (s), including the smoother (for engine fortran that of lanes, which is slightly longer).
+"""Processor time per step (s), including the smoother; fortran is assumed as slow as lanes, but is slightly faster.
 
 It is about twice as long in rough water, where the smoother needs more passes."""
 BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 700
-"""Memory of a filtered profile: record, mass properties, estimates, and path from which its windows start."""
+"""Memory of a filtered profile: record, mass properties, estimates, and trajectory from which its windows start."""
 _SMOOTHER_BYTES_PER_STEP = 4500
 """Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""
 _BYTES_PER_SAMPLE = 300
@@ -121,7 +121,7 @@ def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
 
 
 def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
-    """Select profiles by a text such as ``18:20,68`` (ranges include both ends, ``18-20`` too), or all.
+    """Select profiles by a string such as ``18:20,68`` (ranges are inclusive; ``18-20`` is accepted too), or all.
 
     Raises
     ------
@@ -214,7 +214,7 @@ _OWN_GROUPS = Path("/proc/self/cgroup")
 def memory_limit() -> float:
     """Return the memory (bytes) available to all processes of a run on this machine; infinite if unknown.
 
-    It is the least of the physical memory, the limits of the control groups and the limit of the address space.
+    It is the smallest of the physical memory, the limits of the control groups and the limit of the address space.
     """
     return min(_physical(), *_group_limits(), _address_space())
 

@@ -1,7 +1,8 @@
-"""A profile's currents in the archive, and what they follow from besides the fixes.
+"""A profile's currents in the archive, and the displacements from which they are recomputed when fixes arrive.
 
-The fixes after a dive often arrive in the files of the next one. The rest is therefore kept with the profile's commit:
-with new fixes the currents follow from it, and nothing is inverted again.
+The fixes after a dive often arrive only with the files of the next dive. The displacements through the water are
+therefore stored with the profile's commit. When fixes arrive, the currents are recomputed from these, and nothing is
+inverted again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,12 +36,15 @@ Row = dict[str, Any]
 _SECOND = np.timedelta64(1, "s")
 
 BY_FIXES = ("entry_", "exit_", "dac_", "surface_drift_")
-"""Beginnings of the names of the table's columns that follow from the fixes."""
+"""Prefixes of the table's columns that depend on the fixes."""
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothedTrack:
-    """Displacement ``(2,)`` through the water by the smoother, m, with its covariance ``(2, 2)``, m2."""
+    """Displacement ``(2,)`` through the water by the smoother, m, with its covariance ``(2, 2)``, m2.
+
+    The flag `with_hull` indicates whether the covariance includes the errors of the hull.
+    """
 
     displacement: Array
     covariance: Array
@@ -49,14 +53,14 @@ class SmoothedTrack:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Displacements through the water from which, with the fixes, a profile's currents follow.
+    """Displacements through the water from which, together with the fixes, a profile's currents are computed.
 
     Attributes
     ----------
     adjoint : Track
         Displacement by the windows.
     covariance : (2, 2), optional
-        Covariance of that displacement including the hull's errors, m2, where the smoother has stated it.
+        Covariance of that displacement including the hull's errors, m2, if the smoother provides it.
     glide_angle : Track
         Displacement by the glide-angle relation.
     smoothed : SmoothedTrack, optional
@@ -110,7 +114,7 @@ def _smoothed_track(estimate: ProfileEstimate, *, with_hull: bool) -> SmoothedTr
 
 
 def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> tuple[Row, Row]:
-    """Return the table's columns that follow from the fixes, and the row of group ``drift_current``.
+    """Return the table's columns that depend on the fixes, and the row of group ``drift_current``.
 
     Parameters
     ----------
@@ -211,7 +215,7 @@ def epoch_seconds(time: np.datetime64) -> float:
     return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
-# What is kept with the commit, as JSON, which gives every finite number back to the bit
+# Content stored with the commit, as JSON, which reproduces every finite number exactly
 
 
 def as_kept(tracks: Tracks, remarks: list[str]) -> Row:

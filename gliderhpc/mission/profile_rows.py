@@ -60,7 +60,7 @@ def derive_and_write(
     row : dict
         The profile's row of the table.
     kept : dict
-        What the currents follow from besides the fixes, to be kept with the commit (`with_other_fixes`).
+        Content to store with the commit, from which other fixes give new currents (`with_other_fixes`).
     """
     series, platform = estimate.series, estimate.profile.glider.platform
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
@@ -89,7 +89,7 @@ def derive_and_write(
 def with_other_fixes(
     record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
 ) -> tuple[Row, Row]:
-    """Derive the currents of a committed profile from other fixes.
+    """Recompute the currents of a committed profile from other fixes.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def with_other_fixes(
     Raises
     ------
     KeyError, TypeError, ValueError
-        What was kept with the commit is not what this version keeps.
+        The content stored with the commit does not have this version's form.
     """
     tracks, own = from_kept(commit.kept)
     by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))

@@ -134,7 +134,7 @@ log = logging.getLogger(__name__)
 def examine_archive(
     work: MissionWork, plan: MissionPlan, append: bool, check_last: int | None = None
 ) -> tuple[list[int], Validity]:
-    """Determine the valid profiles of an archive; nothing is changed but damaged metadata, which is repaired.
+    """Determine the valid profiles of an archive; nothing is changed except damaged metadata, which are repaired.
 
     Parameters
     ----------
@@ -170,8 +170,7 @@ def examine_archive(
     else:
         _check_structure(store)
         _check_fits(store, numbers, plan)
-    chosen = set(plan.profiles)
-    inputs = {i: work.inputs(n) for i, n in enumerate(numbers) if n in chosen}
+    inputs = {i: work.inputs(n) for i, n in enumerate(numbers)}
     validity = check_profiles(store, numbers, inputs, check_last)
     log.info("%s: %s", store, validity.describe())
     for line in (*validity.damages, *damaged_studies(store)):
@@ -233,7 +232,7 @@ def _check_structure(store: str) -> None:
 
 
 def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:
-    if not set(plan.profiles) <= set(numbers) or len(numbers) > len(plan.profiles):
+    if set(plan.profiles) != set(numbers):
         raise InputError(
             f"{store}: was made for other profiles; resume with the same --profiles, add new ones with --append, or "
             "use --overwrite"

@@ -143,7 +143,7 @@ def run_mission(
             on_commit = contexts.enter_context(open_archive(token))
             if opened is not None:
                 _execute(opened, work, token, waiting, dict(validity.valid), result, _both(on_commit, report))
-                # A worker that was killed may have left a file half written; another has done its profiles.
+                # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
     _warn_of_slope(platform, result)
@@ -241,7 +241,7 @@ def _both(on_commit: Callable[[], None], report: Callable[[ProfileResult], None]
 def _log(done: ProfileResult) -> None:
     row = done.row
     if done.amended:
-        log.info("profile %d: only its fixes have changed, and its currents follow from them", done.number)
+        log.info("profile %d: only its fixes have changed, so only its currents were recomputed", done.number)
         return
     detail = (
         f" in {row['run_seconds']:.1f} s: {row['window_count']} windows, {row['converged_fraction']:.0%} converged"
@@ -329,7 +329,7 @@ def summary_table(result: MissionResult) -> Table:
 
 
 def closing_line(result: MissionResult, store: str) -> str:
-    """Return a sentence with counts, median current and duration."""
+    """Summarise a run in one line: counts of profiles, median current, duration and archive."""
     done = [row for row in result.rows.values() if row["status"] == "done"]
     parts = [f"{len(done)} of {len(result.rows)} profiles done"]
     if result.reused:

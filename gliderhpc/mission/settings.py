@@ -1,6 +1,7 @@
 """Settings of a mission's run, and their overrides by ``--set KEY=VALUE``."""
 
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -66,7 +67,7 @@ def build_settings_of(
     InputError
         A key is unknown (the known ones are listed) or a value is out of range.
     """
-    values: dict[str, Any] = dict(base)
+    values: dict[str, Any] = deepcopy(dict(base))
     known = sorted(_dotted(model))
     for key, text in assignments.items():
         if key not in known:

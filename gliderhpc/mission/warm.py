@@ -54,13 +54,13 @@ def warm_kernels(engine: str = "lanes") -> None:
 
 
 def warm_window_alone() -> None:
-    """Compile the kernels of a window alone, which a run compiles only when it has one."""
+    """Compile the kernels for a single window, which a run compiles only when it first needs them."""
     from_prior = _brief_settings("lanes").model_copy(update={"start": "prior"})
     list(estimate_profiles([(None, _brief_record())], from_prior))
 
 
 def warm_smoother() -> None:
-    """Compile the smoother's kernels by smoothing a record of four seconds about an artificial path."""
+    """Compile the smoother's kernels by smoothing a record of four seconds about an artificial trajectory."""
     record = _brief_record()
     smooth_profile(record, _made_up(record), _brief_settings("lanes"))
 
@@ -125,7 +125,7 @@ def _brief_record() -> PreparedProfile:
 
 
 def _made_up(record: PreparedProfile) -> FilterEstimate:
-    """Return a path through the measurements at 0.3 m/s, in the form of the filter's result."""
+    """Return an artificial trajectory through the measurements at 0.3 m/s, in the form of the filter's result."""
     rows = len(record.series.time)
     states, unfed = np.zeros((rows, 12)), np.zeros((0, 4))
     states[:, [0, 1, 2, 5]], states[:, 6] = record.series.measurements, 0.3

@@ -46,7 +46,7 @@ class Provenance:
     estimate : str
         Estimate of disturbances and motion.
     quick : bool
-        True for a first look.
+        Whether the study had its reduced size, for a first look.
     settings : mapping
         Settings of the study, as JSON values.
     remarks : tuple of str
@@ -140,7 +140,7 @@ def settings_of(archive: Archive) -> MissionSettings:
 
 
 def positions(archive: Archive) -> dict[int, int]:
-    """Positions along the archive's profile dimension, by profile number."""
+    """Return the index of every profile along the archive's profile dimension, by profile number."""
     return {int(number): index for index, number in enumerate(archive.to_dataset()["profile"].values)}
 
 

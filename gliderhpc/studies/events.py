@@ -171,7 +171,7 @@ def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
 
 
 def missing(request: Request) -> str | None:
-    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
+    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
     return describe_missing_band(request, STUDY.settings_for(request))
 
 

@@ -61,7 +61,7 @@ class HullSettings(Settings):
     """Settings of the sum over the dives."""
 
     robust: bool = Field(
-        True, description="whether dives get less weight where they differ, and those that do not fit the least"
+        True, description="whether scatter between the dives reduces their weight, and that of outliers further"
     )
     change: float = Field(
         1.0, gt=0, description="plausible size of a change during the mission, in the parameter's plausible deviations"

@@ -258,7 +258,7 @@ def run_nulls(job: NullJob) -> list[NullResult]:
 def _inverted_row(
     job: NullJob, null: Realisation, estimate: ProfileEstimate | ProfileError, every: int
 ) -> dict[str, Any]:
-    """Statistics of a null, with the rank test among its own surrogates; nulls that pass it are false positives."""
+    """Statistics of a null, and its rank test against surrogates; a null found intermittent is a false positive."""
     if isinstance(estimate, ProfileError):
         return {"message": str(estimate)}
     settings = job.settings.statistics
@@ -345,7 +345,7 @@ def null_settings(request: Request) -> NullSettings:
 
 
 def missing(request: Request) -> str | None:
-    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
+    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
     return describe_missing_band(request, null_settings(request).statistics)
 
 

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from gliderhpc.archive.profile import ADJOINT
+from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
+from gliderhpc.store_schema.place import is_address
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,19 @@ class Request:
     def path(self) -> str:
         """Absolute path of the archive, for workers that start in another folder."""
         return str(self.archive.resolve())
+
+
+def archive_on_disk(place: str | Path) -> Path:
+    """Return the path of an archive to study.
+
+    Raises
+    ------
+    InputError
+        The place is an address in an object store.
+    """
+    if is_address(place):
+        raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
+    return Path(place)
 
 
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:

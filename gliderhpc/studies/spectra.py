@@ -73,15 +73,16 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     if part.message:
         return {**row, "message": part.message}, {}
     rng = np.random.default_rng(settings.seed)
-    for name, chosen in zip(PARTS, (counted, *thirds(channel.depth, counted)), strict=True):
-        spectra = _periodograms(part.series, chosen, settings)
+    chosen_by_part = (counted, *thirds(channel.depth, counted))
+    spectra_by_part = [_periodograms(part.series, chosen, settings) for chosen in chosen_by_part]
+    for name, chosen, spectra in zip(PARTS, chosen_by_part, spectra_by_part, strict=True):
         row |= _extent_row(name, channel.depth[chosen], len(spectra.density))
         row |= _exponents_row(spectra, channel, settings, rng, name)
     row["rms"] = rms(part.series)
     with_actuated = fast_part(channel, settings, actuated=True).series
     spectra_all = _periodograms(with_actuated, with_actuated.counted & deep_enough, settings)
     row |= _exponents_row(spectra_all, channel, settings, rng, None)
-    whole = _periodograms(part.series, counted, settings)
+    whole = spectra_by_part[0]
     return row, {"frequency_hz": whole.frequency, "density": whole.mean, "density_all": spectra_all.mean}
 
 
@@ -171,7 +172,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def missing(request: Request) -> str | None:
-    """Return the reason why the records are sampled too rarely for this study, or None if they are not."""
+    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
     return describe_missing_band(request, STUDY.settings_for(request))
 
 

@@ -182,7 +182,8 @@ def missing_input(request: Request) -> str | None:
 def require_velocities(request: Request, rows: Mapping[int, Row]) -> None:
     """Refuse a study in which no profile has a vertical velocity."""
     if all("message" in row for row in rows.values()):
-        raise InputError(f"{request.archive}: {next(iter(rows.values()))['message']}, in any profile")
+        number, row = next(iter(rows.items()))
+        raise InputError(f"{request.archive}: no profile has a vertical velocity; profile {number}: {row['message']}")
 
 
 STUDY = Study(

@@ -163,7 +163,7 @@ class CalibrationSearch:
         return np.asarray(between * np.outer(raised, raised))
 
     def weighted(self) -> tuple[Array, Array]:
-        """Jacobian (m, p) by all parameters, and errors (m,), divided by the scales and weighted by the robust loss."""
+        """Jacobian (m, p) in all parameters, and errors (m,), divided by the scales and weighted by the robust loss."""
         weights = self._weights()
         jacobian = self._errors.jacobian(self.steps, range(len(self.steps)))
         return weights[:, None] * jacobian, weights * self._errors(self.steps)

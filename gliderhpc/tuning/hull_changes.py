@@ -2,8 +2,8 @@
 
 Each candidate adds one unknown, the size of the change, to a chain of dives in which that error is otherwise constant.
 A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1969), here in one pass for all
-candidates: the derivatives of the means by the size are propagated with the filter, and the log evidence of the dives
-is quadratic in the size.
+candidates: the derivatives of the means with respect to the size are propagated with the filter, and the log evidence
+of the dives is quadratic in the size.
 """
 
 from collections.abc import Sequence
@@ -122,7 +122,7 @@ def size_likelihood(
         if number:
             belief = changes[number - 1].applied(belief)
             sensitivity = changes[number - 1].decay[:, None] * sensitivity
-        # Derivative of the unknowns at this dive by the size, relative to the filter's mean.
+        # Derivative of the unknowns at this dive with respect to the size, relative to that of the filter's mean.
         seen = sensitivity.copy()
         seen[parameter] += shapes[:, number]
         missing = term.vector - term.matrix @ belief.mean

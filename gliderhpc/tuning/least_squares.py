@@ -1,4 +1,7 @@
-"""Least squares with errors that are correlated within clusters: weights, covariances, and undetermined directions."""
+"""Least squares with errors that are correlated within clusters, and maximisation of a likelihood by Fisher scoring.
+
+The functions for least squares give robust weights, covariances, and undetermined directions.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -167,7 +170,7 @@ class Expansion:
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Result of scoring.
+    """Result of `maximise`.
 
     Attributes
     ----------
@@ -197,7 +200,7 @@ def maximise(
     max_rounds: int,
     report: Callable[[float], None] = lambda _: None,
 ) -> Maximum:
-    """Climb to a maximum.
+    """Maximise a log-likelihood by damped Fisher scoring.
 
     Each round solves ``(information + damping) step = gradient`` with several dampings, cuts the steps at the bounds
     and takes the step with the largest gain.
@@ -211,7 +214,7 @@ def maximise(
     free : (p,) bool
         Parameters that may move.
     bounds : ((p,), (p,))
-        Least and greatest values.
+        Smallest and largest values.
     tolerance : float
         Gain of log-likelihood at or below which a round is the last; its step is not taken.
     max_rounds : int

@@ -294,7 +294,7 @@ def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
     (Ljung and Box 1978).
     """
     known = np.concatenate([part[np.isfinite(part)] for part in normalised])
-    # A channel at rest within one unit of its resolution has no innovations to judge.
+    # Constant innovations, as of a sensor that never leaves one unit of its resolution, cannot be tested.
     if len(known) <= lags or not known.var() > 0.0:
         return Whiteness(len(known), np.nan, np.nan, np.full(lags, np.nan), np.nan, np.nan)
     mean, variance = float(known.mean()), float(known.var())

@@ -27,11 +27,11 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 Array = NDArray[np.float64]
 
 MIN_SEGMENTS, MIN_PROFILES = 5, 3
-"""Least number of segments on dives, and on climbs, and of profiles."""
+"""Smallest number of segments on dives, and on climbs, and smallest number of profiles."""
 MIN_RELATIVE_ERROR = 0.01
-"""Least relative error of drag and lift: that of the velocity's scale."""
+"""Smallest relative error of drag and lift: that of the velocity's scale."""
 _MIN_SPEED = 0.05
-"""Least forward velocity of a glide, m/s."""
+"""Smallest forward velocity of a glide, m/s."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     Parameters
     ----------
     hull : Platform
-        Hull whose buoyancy is that of the records, such as from `gliderhpc.tuning.trim.fit_trim`.
+        Hull whose buoyancy matches the records, such as the result of `gliderhpc.tuning.trim.fit_trim`.
     segments : SteadySegments
         Segments of steady flight.
     velocity_error : float

@@ -242,7 +242,7 @@ def _doubted(
 
 
 def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
-    """Distribution of unknowns for which other, equally plausible assumptions give other results.
+    """Widen a posterior to include the disagreement of the results under other, equally plausible assumptions.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) ->
 
 
 def surprise(errors: Gaussian) -> tuple[float, float, float]:
-    """Compare the size of errors found, in plausible deviations, with the size expected.
+    """Compare the size of the estimated errors, in plausible deviations, with the size expected from the prior.
 
     Parameters
     ----------

@@ -27,7 +27,9 @@ class RoundSettings(Settings):
         description="variance of the errors common to all dives, relative to the variance stated by one dive",
     )
     step: float = Field(0.25, ge=1e-3, le=0.25, description="integration step of the rounds, s")
-    robust: bool = Field(True, description="whether dives get less weight where they disagree, and outliers least")
+    robust: bool = Field(
+        True, description="whether scatter between the dives reduces their weight, and that of outliers further"
+    )
 
     def largest_number(self, platform: Platform) -> int:
         """Largest number of rounds for a hull.

@@ -111,9 +111,9 @@ class SegmentErrors:
         return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
 
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
-        """Derivatives (m, c) of the errors used by some parameters.
+        """Derivatives (m, c) of the errors used, with respect to the parameters at some positions.
 
-        The solution for the velocity starts from the velocity at the steps themselves, which is close to it.
+        The velocity of every displaced hull is solved for from that of the undisplaced one, which is close.
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
         balances = self._balances([steps, *(steps + moves[i] for i in columns)], velocity)
@@ -165,7 +165,7 @@ def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
 
 
 MIN_SHARE = 0.5
-"""Smallest part of the segments with a known density for the density to be used."""
+"""Smallest fraction of segments with a known density for which the density is used."""
 
 
 def choose_buoyancy(

@@ -22,13 +22,13 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 ITERATIONS = 12
-"""Newton steps for the velocity."""
+"""Largest number of Newton steps for the velocity."""
 
 LARGEST_STEP = 0.1
 """Largest change of the velocity in a step, as a fraction of the speed."""
 
 CONVERGED = 1e-9
-"""Step, m/s, that ends the iteration; convergence is quadratic."""
+"""Step length (m/s) below which the iteration ends; convergence is quadratic."""
 
 MIN_RATIO = 0.25
 """Ratio ``W / -F.k`` (`steady_balance`) below which its square root is continued by the tangent."""
@@ -196,7 +196,7 @@ class _Flight:
     def solve_velocity(self) -> None:
         """Solve by Newton's method for the velocity with the measured depth rate and no horizontal force.
 
-        A hull whose velocities have all converged is left as it is, whatever the others still need.
+        A hull whose velocities have all converged is not changed further, even if other hulls need more steps.
         """
         moving = np.ones(len(self.gliders), dtype=bool)
         for _ in range(ITERATIONS):
@@ -206,7 +206,7 @@ class _Flight:
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
-                # Of a hull with NaN in a stretch, the other stretches go on.
+                # NaN never counts as converged: a hull with NaN in one stretch goes on iterating for the others.
                 moving[hull] = not length[rows].max(initial=0.0) < CONVERGED
             self._evaluate()
             if not moving.any():
@@ -238,12 +238,12 @@ class _Flight:
         return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
     def _following(self, partials: tuple[Array, Array]) -> Array:
-        """Derivatives (n, 10) of the rates by an angle, with the velocity adjusted to keep `missing` unchanged."""
+        """Total derivatives (n, 10) of the rates with respect to an angle; the velocity keeps `missing` unchanged."""
         rates, missing = partials
         return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        """Derivatives by roll or pitch of the rates and of `missing`, at fixed rate of turn and velocity."""
+        """Derivatives of rates and `missing` with respect to roll or pitch, at fixed rate of turn and velocity."""
         down, ahead, across = frame
         turning = _product(self._jacobian[:, :, RATES], down * self._motion.turn_rate[:, None])
         rates = self._jacobian[:, :, column] + turning

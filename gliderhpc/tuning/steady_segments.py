@@ -126,8 +126,8 @@ def steady_segments(
     settings, steady : EstimationSettings, SegmentSettings
         Settings of the records' preparation, and criteria of steady flight.
     may_be_flatter : bool
-        Whether a hull with more lift and less drag chooses the segments if the platform's finds none. A hull that
-        cannot glide as flat as the records show finds none, and calibration is to correct just that.
+        Whether the segments are selected with more lift and less drag if the platform gives none. A hull that cannot
+        glide as flat as the records show gives none, and that is the very error that a calibration has to correct.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The turn test: a gain of the speed and an offset of the compass from currents that are similar from dive to dive.
 
-While a glider turns between dives, an error of its own speed or heading turns with it and a current does not (Todd,
-Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the mission's sum the current is a
-mean and a first-order Gauss-Markov departure from it, next to the hull's errors.
+When a glider changes course between dives, an error of its own speed or heading turns with it and a current does not
+(Todd, Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the sum over the mission the
+current is modelled as a mean plus a first-order Gauss-Markov departure, in addition to the hull's errors.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ class DiveCurrent:
     velocity : (2,)
         Current, north and east, m/s, with the hull about which the dive was smoothed.
     sensitivity : (2, p)
-        Derivative of the mean velocity through the water by the hull's errors, m/s per plausible deviation; the current
-        changes by the opposite amount.
+        Derivative of the mean velocity through the water with respect to the hull's errors, m/s per plausible
+        deviation; the estimated current changes by the opposite amount.
     covariance : (2, 2)
         Covariance of all errors except the hull's: those of the fixes and of the smoother's displacement, m2/s2.
     """

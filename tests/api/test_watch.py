@@ -429,6 +429,12 @@ def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
         Importing(*importing).import_files([path], tmp_path / "out.nc")
 
 
+def test_an_empty_folder_has_no_records_of_any_kind(tmp_path):
+    for kind in (None, "observations", "slocum"):
+        assert Importing(kind, {}).import_files([], tmp_path / "records.nc") == {}
+    assert not (tmp_path / "records.nc").exists()
+
+
 def test_joined_files_are_the_file_that_they_were_cut_from(swift, dives, tmp_path):
     assert join_observations(dives[::-1], tmp_path / "joined.nc") == {}
     with xr.open_dataset(swift) as whole, xr.open_dataset(tmp_path / "joined.nc") as found:

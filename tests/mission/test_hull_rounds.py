@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.missions import program
+from support.missions import changed_observations, program
 
 import gliderhpc as gh
 from gliderhpc.estimation.settings import EstimationSettings
@@ -84,6 +84,24 @@ def test_what_is_found_is_better_than_the_platform(found):
         scores.loc[("held out", "after"), "depth rate, cm/s"] < scores.loc[("held out", "before"), "depth rate, cm/s"]
     )
     assert [number for number, *_ in found.dives.rounds.held_out] == [4]
+
+
+def test_what_is_held_out_changes_nothing(records, tmp_path):
+    """The hull is the same to the bit when the dive held out was much rougher: its noise is not that of the mission."""
+
+    def roughen(content):
+        held = content["profile"].values == 4
+        rough = np.random.default_rng(0).normal(0.0, 2.0, held.sum())
+        content["roll"].values[held] += rough
+        return content
+
+    changed = changed_observations(records, tmp_path / "rough.nc", roughen)
+    first, second = (
+        gh.calibrate(each, "petrel-l", hold_out=4, workers=0, rounds={"most": 2}) for each in (records, changed)
+    )
+    assert second.platform.model_copy(update={"source": first.platform.source}) == first.platform
+    scores = [each.dives.rounds.held_out for each in (first, second)]
+    assert scores[0] != scores[1]
 
 
 def test_the_history_has_every_dive_and_parameter(found):

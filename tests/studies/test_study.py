@@ -18,7 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 from support.archives import Content, put_table_rows, write_archive
+from support.missions import program
 
+import gliderhpc as gh
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import (
@@ -353,3 +355,21 @@ def test_a_job_on_a_worker_computes_what_it_reads_itself():
         Client(cluster) as client,
     ):
         assert list(DaskExecutor(client).run(_sum_and_scheduler, [lazy])) == [(10.0, "synchronous")]
+
+
+@pytest.mark.parametrize("words", [("analyze", "vertical"), ("validate", "--platform", "petrel-l")])
+def test_an_archive_in_an_object_store_is_to_be_copied_first(words, brief):
+    address = "s3://bucket/mission.zarr"
+    place = (brief, "--store", address) if words[0] == "validate" else (address,)
+    answer = program(words[0], *place, *words[1:])
+    assert answer.status == 2
+    assert answer.line.startswith(f"gliderhpc: {address}: studies require the archive on a disk")
+
+
+def test_python_refuses_an_archive_in_an_object_store_too(brief):
+    for call in (
+        lambda: gh.analyze("s3://bucket/a.zarr", "vertical"),
+        lambda: gh.validate(brief, "petrel-l", "s3://b/a"),
+    ):
+        with pytest.raises(InputError, match="copy it from the object store first"):
+            call()
