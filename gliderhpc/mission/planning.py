@@ -21,12 +21,12 @@ MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
 
 # Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
-    ("lanes", "recommended"): 4.2e-5,
-    ("lanes", "paper"): 4.6e-5,
-    ("fortran", "recommended"): 4.2e-5,
-    ("fortran", "paper"): 4.6e-5,
-    ("scipy", "recommended"): 8.5e-5,
-    ("scipy", "paper"): 1.0e-4,
+    ("lanes", "recommended"): 3.6e-5,
+    ("lanes", "paper"): 4.3e-5,
+    ("fortran", "recommended"): 3.6e-5,
+    ("fortran", "paper"): 4.3e-5,
+    ("scipy", "recommended"): 4.8e-5,
+    ("scipy", "paper"): 6.0e-5,
 }
 """Processor time per step (s), including the smoother; fortran is assumed as slow as lanes, but is slightly faster.
 
