@@ -630,7 +630,7 @@ def test_a_study_without_settings_refuses_any(study, swift_store):
 
 def test_a_mission_without_a_finished_profile_has_none_to_plot(mission):
     _, archive = mission
-    with pytest.raises(gh.InputError, match="there is none"):
+    with pytest.raises(gh.InputError, match="profile: none is available"):
         gh.plot_profile(archive.isel(profile=slice(0, 0)))
 
 
