@@ -43,8 +43,8 @@ QUICK_MODULES = (
 def pytest_xdist_auto_num_workers() -> int:
     """Number of test workers for ``-n auto``: two more than the cores that this process may use, eight at most.
 
-    Tests wait for processes that start or are to be killed: four workers on two cores need a twentieth less time than
-    three, and a fifth less than two.
+    Tests wait for processes that start or are to be killed: four workers on two cores need about a twentieth less time
+    than three.
     """
     return min(len(os.sched_getaffinity(0)) + 2, 8)
 

@@ -293,7 +293,7 @@ class Sweeps:
     def run(self, trajectory: Trajectory) -> Iterate:
         """Run the model along a trajectory as `forward` does, without filtering; the log determinant stays unknown (0).
 
-        This takes a tenth of the time. A backward sweep needs a forward sweep before it.
+        It computes no covariances. A backward sweep needs a forward sweep before it.
         """
         kernel.run_path(self._hull, self.dive, trajectory.states, trajectory.disturbances, self._segments, self._tally)
         return self._tallied(trajectory)
