@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor, one_line, was_killed
 from gliderhpc.mission.lock import check_held
-from gliderhpc.mission.planning import batch_size
+from gliderhpc.mission.planning import batch_sizes
 from gliderhpc.mission.profile_currents import epoch_seconds
 from gliderhpc.mission.profile_rows import Row, derive_and_write, with_other_fixes
 from gliderhpc.mission.settings import MissionSettings
@@ -346,8 +347,8 @@ def profile_results(
     When a worker dies, the jobs queued on it fail too, even if another job killed it. After a worker's death each
     profile therefore runs alone.
     """
-    size = batch_size(work.settings, len(profiles), opened.workers)
-    shares = [tuple(profiles[first : first + size]) for first in range(0, len(profiles), size)]
+    left = iter(profiles)
+    shares = [tuple(islice(left, size)) for size in batch_sizes(work.settings, len(profiles), opened.workers)]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
     finished: set[int] = set()

@@ -116,8 +116,23 @@ class MissionPlan:
 
 
 def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
-    """Return the number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
+    """Return the largest number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
     return min(MAX_BATCH[settings.engine], -(-profiles // workers))
+
+
+def batch_sizes(settings: MissionSettings, profiles: int, workers: int) -> list[int]:
+    """Return the numbers of profiles in the batches of a run, in the order in which they are handed out.
+
+    A batch takes half of a worker's share of what is left, but fills the engine's lanes as long as all workers have
+    enough to do. Towards the end of the run batches are therefore small, and the workers end at about the same time.
+    """
+    sizes: list[int] = []
+    left = profiles
+    while left:
+        half_share = -(-left // (2 * workers))
+        sizes.append(min(batch_size(settings, left, workers), max(half_share, LANES)))
+        left -= sizes[-1]
+    return sizes
 
 
 def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:

@@ -36,7 +36,7 @@ from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.planning import plan_mission, select_profiles
+from gliderhpc.mission.planning import MAX_BATCH, batch_sizes, plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
@@ -806,6 +806,26 @@ def test_the_plan_follows_engine_and_batch(brief):
     assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 700 + 4500), abs=0.01)
     assert "on 2 workers" in few
     assert "on 1 worker, " in replace(plan, profiles=(1,)).describe(MissionSettings(), 8)
+
+
+@pytest.mark.parametrize(("profiles", "workers"), [(565, 2), (565, 16), (64, 16), (64, 4), (6, 2), (3, 8), (1, 1)])
+@pytest.mark.parametrize("engine", ["lanes", "scipy"])
+def test_workers_end_at_about_the_same_time(profiles, workers, engine):
+    """Batches that are taken in turn keep every worker busy until few profiles are left."""
+    sizes = batch_sizes(MissionSettings(engine=engine), profiles, workers)
+    assert sum(sizes) == profiles
+    assert sizes == sorted(sizes, reverse=True)
+    assert max(sizes) <= MAX_BATCH[engine]
+    busy = [0] * workers
+    for size in sizes:
+        busy[busy.index(min(busy))] += size
+    assert max(busy) - min(busy) <= 1
+
+
+def test_batches_fill_the_lanes_while_there_is_enough_to_do():
+    sizes = batch_sizes(MissionSettings(), 565, 16)
+    assert all(size >= LANES for size in sizes if sum(sizes[sizes.index(size) :]) > 16 * LANES)
+    assert batch_sizes(MissionSettings(), 0, 4) == []
 
 
 def test_the_plan_fits_what_comes(brief, archive):
