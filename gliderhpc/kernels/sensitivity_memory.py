@@ -217,6 +217,6 @@ def allocate_rows(rows: int, parameters: int) -> SensitivityRows:
 
 def allocate_smoothed(rows: Any, parameters: int) -> SmoothedSensitivity:
     """Allocate the memory for the sensitivities in `rows`, which are in ascending order."""
-    wanted = np.asarray(rows, dtype=np.int64)
+    wanted = np.ascontiguousarray(rows, dtype=np.int64)
     m, p = len(wanted), parameters
     return SmoothedSensitivity(wanted, np.zeros((m, p, 16)), np.zeros((m, p, 2)), np.zeros((p, 2)))

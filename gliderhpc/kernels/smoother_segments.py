@@ -329,7 +329,7 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
         _scatter_products(segments, number, at)
 
 
-@kernel
+@inner_kernel
 def run_segments(hull, dive, states, disturbances, segments, tally):
     """Replace the rows inside the segments by the model's run, and X and Y by the displacement along it.
 

@@ -20,8 +20,10 @@ from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles, smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
-from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
+from gliderhpc.kernels.jacobian import ENTRIES
+from gliderhpc.kernels.points import rates_and_partials, viscous_yaw_moments
 from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.observations import ProfileSeries
@@ -57,6 +59,27 @@ def warm_window_alone() -> None:
     """Compile the kernels for a single window, which a run compiles only when it first needs them."""
     from_prior = _brief_settings("lanes").model_copy(update={"start": "prior"})
     list(estimate_profiles([(None, _brief_record())], from_prior))
+
+
+def warm_points() -> None:
+    """Compile the kernels of the model at single points, which `Glider`, calibration and studies use."""
+    glider = Glider(read_platform("petrel-l"))
+    motion, control = np.array([[0.3, 0.0, 0.01, 0.0, 0.0, 0.0]]), np.array([0.0, 0.0, 400e-6, 0.0])
+    state, bodies = np.concatenate([np.zeros(6), motion[0]]), glider.bodies(control[None])
+    glider.rhs(state, control, np.zeros(6))
+    glider.jacobian(state, control)
+    glider.simulate(state, control[None], np.zeros((1, 6)), 0.1)
+    rates_and_partials(glider.hull, bodies, state[None, SENSED], np.empty((1, 10)), np.empty((1, ENTRIES)))
+    viscous_yaw_moments(glider.hull, motion, np.zeros(1), np.empty(1))
+
+
+def warm_everything() -> None:
+    """Compile every kernel that the program calls, for a wheel or a cluster's folder."""
+    warm_simulator()
+    for engine in ("lanes", "scipy"):
+        warm_kernels(engine)
+    warm_window_alone()
+    warm_points()
 
 
 def warm_smoother() -> None:

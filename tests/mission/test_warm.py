@@ -1,13 +1,19 @@
 """Compilation before workers start: in two processes, which compile what a run uses."""
 
+import ast
 import json
 import subprocess
+from importlib import import_module
 
 import pytest
 from support.programs import python
+from support.repository import REPOSITORY
 
 from gliderhpc.kernels.cache import compiled_cache
+from gliderhpc.kernels.compiler import KernelDispatcher
 from gliderhpc.mission import warm
+
+PACKAGE = REPOSITORY / "gliderhpc"
 
 LIST_SIGNATURES = """
 import json, sys
@@ -32,6 +38,38 @@ def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
     smoothers = {one for one in whole if "smoother" in one[0] or "sensitivity" in one[0]}
     assert smoothers
     assert smoothers <= aside
+
+
+def kernels_called() -> set[tuple[str, str]]:
+    """Return module and name of the kernels that the program's modules outside `gliderhpc.kernels` mention."""
+    found: set[tuple[str, str]] = set()
+    for path in PACKAGE.rglob("*.py"):
+        if path.is_relative_to(PACKAGE / "kernels"):
+            continue
+        tree = ast.parse(path.read_text("utf-8"))
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        modules = {}
+        for node in imports:
+            for alias in node.names:
+                if node.module == "gliderhpc.kernels":
+                    modules[alias.asname or alias.name] = f"gliderhpc.kernels.{alias.name}"
+                elif (node.module or "").startswith("gliderhpc.kernels."):
+                    found.add((str(node.module), alias.name))
+        found |= {
+            (modules[node.value.id], node.attr)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in modules
+        }
+    return {one for one in found if isinstance(getattr(import_module(one[0]), one[1]), KernelDispatcher)}
+
+
+def test_what_is_compiled_beforehand_is_all_that_the_program_calls() -> None:
+    """From a wheel nothing need be compiled, whatever the water, the engine or the study."""
+    called = kernels_called()
+    assert {("gliderhpc.kernels.smoother", "run_path"), ("gliderhpc.kernels.points", "rhs")} <= called
+    compiled = {(module, name) for module, name, _ in signatures("warm_everything")}
+    # Around kernels in Fortran, which are compiled on the machine that uses them.
+    assert called - compiled == {("gliderhpc.kernels.quasi_newton", "proceed")}
 
 
 def test_what_has_been_warmed_counts_as_compiled() -> None:

@@ -34,8 +34,8 @@ from gliderhpc.kernels.sensitivity_memory import (
     allocate_scratch,
     allocate_smoothed,
 )
+from gliderhpc.kernels.smoother import run_path
 from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive, allocate_segments
-from gliderhpc.kernels.smoother_segments import run_segments
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -301,7 +301,7 @@ def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Arra
     steps = np.arange(len(disturbances))
     segment = np.searchsorted(rows, steps, side="right") - 1
     disturbances += dive.decay ** (steps - rows[segment])[:, None] * deviations[segment, 10:]
-    run_segments(hull, dive, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
+    run_path(hull, dive, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
     return Trajectory(states, disturbances)
 
 
