@@ -123,10 +123,13 @@ def _missions(missions: Mapping[str, Mapping[str, Any]]) -> str:
             f"{row['peak_worker_mib']:.0f}",
             f"{row['archive_mib']:.0f}",
             f"{row['failed']}",
+            f"{row['machine']['cpu']}, {row['machine']['cores']} cores",
         ]
         for row in missions.values()
     ]
-    headings = ("whole mission", "minutes", "workers", "core-hours", "peak of a worker, MiB", "archive, MiB", "failed")
+    headings = (
+        "whole mission", "minutes", "workers", "core-hours", "peak of a worker, MiB", "archive, MiB", "failed", "machine",
+    )  # fmt: skip
     return (
         markdown(headings, rows) + f"\n\nThe paper's own pipeline: {PAPERS_CORE_HOURS} core-hours for its 565 profiles."
     )
