@@ -13,7 +13,7 @@ import pytest
 from support.implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from support.missions import BRIEF, SWIFT, Answer, estimate, program
 from support.repository import REPOSITORY
-from support.sharing import compile_kernels, made_once
+from support.sharing import CompiledKernels, made_once
 
 from gliderhpc.garbage import ALLOCATIONS
 from gliderhpc.platform import read_platform
@@ -35,7 +35,8 @@ QUICK_MODULES = (
     "test_seaexplorer.py", "test_slocum.py", "test_smoother_noise.py", "test_steady_balance.py", "test_steady_glide.py",
     "test_stretches.py", "test_synthetic.py", "test_turbulence.py", "test_twin_core.py", "test_twin_estimators.py",
     "test_windows.py", "test_yaml_text.py", "test_import_faults.py", "test_output_files.py",
-    "test_plausibility.py", "test_seaexplorer_legs.py", "test_least_squares.py", "test_compass_likelihood.py",
+    "test_plausibility.py", "test_seaexplorer_legs.py", "test_least_squares.py", "test_fisher_scoring.py",
+    "test_compass_likelihood.py",
 )  # fmt: skip
 """Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 
@@ -87,10 +88,21 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         shutil.rmtree(IN_MEMORY, ignore_errors=True)
 
 
+COMPILING = pytest.StashKey[CompiledKernels]()
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile the kernels before the first worker starts."""
+    """Begin to compile the kernels; the test workers start, and find their tests, meanwhile."""
     if not hasattr(session.config, "workerinput") and not session.config.option.collectonly:
-        compile_kernels()
+        session.config.stash[COMPILING] = CompiledKernels()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session: pytest.Session) -> None:
+    """Wait for the kernels before the first test."""
+    if COMPILING in session.config.stash:
+        session.config.stash[COMPILING].wait()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

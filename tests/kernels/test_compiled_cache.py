@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -17,6 +16,42 @@ compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is
 USE_ONE_KERNEL = """
 import gliderhpc, numpy as np
 gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
+"""
+
+USED_BY_PROCESSES_IN_TURN = """
+import json, os, sys, tempfile
+from pathlib import Path
+import gliderhpc
+import numba
+# Imported, and the compiler started, once for all processes, which are forks of this one.
+gliderhpc.Glider, gliderhpc.platform.read_platform
+numba.njit(lambda x: x)(1.0)
+
+def use():
+    with tempfile.TemporaryFile("w+") as said:
+        child = os.fork()
+        if child == 0:
+            os.dup2(said.fileno(), 2)
+            try:
+                exec(sys.argv[1])
+            except BaseException:
+                os._exit(1)
+            os._exit(0)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        said.seek(0)
+        return status, said.read()
+
+used = [("undamaged", *use())]
+damages = {"cut": lambda whole: whole[:50], "emptied": lambda _: b"", "replaced": lambda _: bytes((128, 5, 78)) * 99}
+for suffix in (".nbi", ".nbc"):
+    files = list(Path(os.environ["GLIDERHPC_CACHE"]).rglob(f"*{suffix}"))
+    assert files
+    for how, damage in damages.items():
+        for file in files:
+            file.write_bytes(damage(file.read_bytes()))
+        used.append((f"{suffix} {how}", *use()))
+    used.append(("undamaged", *use()))
+print(json.dumps(used))
 """
 
 
@@ -95,14 +130,12 @@ def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
 
 @compiled
 def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
-    """Run processes in turn: the first fills the cache of a kernel, and the others find it damaged or repaired."""
-    python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)
-    damages: list[Callable[[bytes], bytes]] = [lambda whole: whole[:50], lambda _: b"", lambda _: b"\x80\x05N" * 99]
-    for suffix in (".nbi", ".nbc"):
-        files = list(tmp_path.rglob(f"*{suffix}"))
-        assert files
-        for damage in damages:
-            for file in files:
-                file.write_bytes(damage(file.read_bytes()))
-            assert "compiling them again" in python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path).stderr
-        assert python(USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path).stderr == ""
+    """A kernel is used by processes in turn: the first fills its cache, the others find it damaged or repaired."""
+    done = python(USED_BY_PROCESSES_IN_TURN, USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)
+    used = json.loads(done.stdout)
+    assert used.pop(0) == ["undamaged", 0, ""]
+    assert len(used) == 8
+    for how, status, said in used:
+        assert status == 0, how
+        assert ("compiling them again" in said) == (how != "undamaged"), how
+        assert how != "undamaged" or said == ""

@@ -39,20 +39,27 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
     return folder
 
 
-def compile_kernels() -> None:
-    """Compile the kernels with two processes at a time, unless that was done for these sources before."""
-    if numba.config.DISABLE_JIT:
-        return
-    done = compiled_cache() / "warm"
-    if done.exists():
-        return
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    program = [sys.executable, "-m", "gliderhpc.mission.warm"]
-    started = [
-        subprocess.Popen([*program, part], stdout=subprocess.DEVNULL, env=environment)
-        for part in ("kernels", "simulator")
-    ]
-    failed = [process.args for process in started if process.wait() != 0]
-    if failed:
-        raise RuntimeError(f"the kernels cannot be compiled: {failed}")
-    done.touch()
+class CompiledKernels:
+    """The kernels, which two processes begin to compile unless that was done for these sources before."""
+
+    def __init__(self) -> None:
+        self._started: list[subprocess.Popen[bytes]] = []
+        if numba.config.DISABLE_JIT:
+            return
+        self._done = compiled_cache() / "warm"
+        if self._done.exists():
+            return
+        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+        program = [sys.executable, "-m", "gliderhpc.mission.warm"]
+        self._started = [
+            subprocess.Popen([*program, part], stdout=subprocess.DEVNULL, env=environment)
+            for part in ("kernels", "simulator")
+        ]
+
+    def wait(self) -> None:
+        """Wait until they are compiled."""
+        failed = [process.args for process in self._started if process.wait() != 0]
+        if failed:
+            raise RuntimeError(f"the kernels cannot be compiled: {failed}")
+        if self._started:
+            self._done.touch()
