@@ -10,7 +10,7 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
-from gliderhpc.tuning.likelihood import spread_over
+from gliderhpc.tuning.likelihood import evenly_spaced
 from gliderhpc.tuning.steady_segments import steady_segments
 from gliderhpc.vocabulary import QUALITY
 
@@ -29,7 +29,7 @@ def shares(observations: Observations, every: int) -> tuple[list[int], list[int]
     complete = [number for number in observations.profile_numbers if number not in observations.faults]
     inverted = complete[::every]
     rest = [number for number in complete if number not in inverted]
-    return inverted, spread_over(rest, MOST_FITTED) if rest else []
+    return inverted, evenly_spaced(rest, MOST_FITTED) if rest else []
 
 
 def calibrated(

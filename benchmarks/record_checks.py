@@ -19,7 +19,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.report.tuning import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
-from gliderhpc.tuning.likelihood import spread_over
+from gliderhpc.tuning.likelihood import evenly_spaced
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records
 from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION
 from gliderhpc.tuning.record_checks.inspection import LAG, inspect_profiles
@@ -74,7 +74,7 @@ def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
 
 def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
     """Checks of a twin's records with errors put into them."""
-    numbers = spread_over([record.number for record in records], SETTINGS.inspect.lag_profiles)
+    numbers = evenly_spaced([record.number for record in records], SETTINGS.inspect.lag_profiles)
     bad = (spoilt(record, errors) for record in records)
     platform = load_platform(PLATFORM)
     return inspect_profiles(bad, platform, SETTINGS, SETTINGS.inspect, SETTINGS.current, numbers)

@@ -21,7 +21,11 @@ class CalibrationError(GliderhpcError):
     """A calibration found no better hull than the one it started from; nothing is written (exit status 1)."""
 
 
+def message_line(error: BaseException) -> str:
+    """Return the first line of an error's message that is not blank; empty where it has no message."""
+    return next((line.strip() for line in str(error).splitlines() if line.strip()), "")
+
+
 def first_line(error: BaseException) -> str:
     """Return the first line of an error's message, of bounded length, or its class where it has no message."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:200] if lines else type(error).__name__
+    return message_line(error)[:200] or type(error).__name__

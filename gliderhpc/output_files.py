@@ -87,8 +87,9 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
         aside.unlink(missing_ok=True)
 
 
-def write_text(out: Path, text: str, *, overwrite: bool) -> None:
-    """Write a text file atomically.
+@contextmanager
+def output_file(out: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Yield a temporary path, as `written_aside` does, and convert an error of the file system to an `InputError`.
 
     Raises
     ------
@@ -97,9 +98,21 @@ def write_text(out: Path, text: str, *, overwrite: bool) -> None:
     """
     try:
         with written_aside(out, overwrite=overwrite) as aside:
-            aside.write_text(text, "utf-8")
+            yield aside
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def write_text(out: Path, text: str, *, overwrite: bool) -> None:
+    """Write a text file atomically.
+
+    Raises
+    ------
+    InputError
+        `check_output` refuses the file, or it cannot be written.
+    """
+    with output_file(out, overwrite=overwrite) as aside:
+        aside.write_text(text, "utf-8")
 
 
 def _target(out: Path) -> Path:

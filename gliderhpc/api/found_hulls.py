@@ -9,7 +9,7 @@ import pandas as pd
 from gliderhpc.api.calibration import DiveCalibration
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
-from gliderhpc.output_files import check_output, written_aside
+from gliderhpc.output_files import check_output, output_file, write_text
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
@@ -198,12 +198,9 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     InputError
         The file cannot be written.
     """
-    try:
-        with written_aside(out, overwrite=overwrite) as aside:
-            aside.write_text(platform_yaml(platform), "utf-8")
-            _check_loads(aside)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    with output_file(out, overwrite=overwrite) as aside:
+        aside.write_text(platform_yaml(platform), "utf-8")
+        _check_loads(aside)
     return out
 
 
@@ -216,11 +213,7 @@ def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
         The calibration has no history, or the file cannot be written.
     """
     content = found.history.to_csv(index=False, float_format="%.8g")
-    try:
-        with written_aside(path, overwrite=overwrite) as aside:
-            aside.write_text(content, "utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_text(path, content, overwrite=overwrite)
 
 
 def _check_loads(aside: Path) -> None:

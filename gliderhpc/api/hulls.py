@@ -32,7 +32,7 @@ from gliderhpc.report import tuning as tuning_report
 from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
-from gliderhpc.tuning.likelihood import spread_over, tuning_requests
+from gliderhpc.tuning.likelihood import evenly_spaced, tuning_requests
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import choose_buoyancy, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
@@ -171,18 +171,22 @@ def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
     """Return the profiles to use, and those to hold out for the score (None if none are named)."""
-    available = observations.profile_numbers
-    if profiles is None:
-        usable = [number for number in available if number not in observations.faults]
-        taken = spread_over(usable or available, settings.calibration.profiles)
-    else:
-        taken = list(select_profiles(available, profiles))
+    taken = _profiles_to_use(observations, profiles, settings.calibration.profiles)
     if hold_out is None:
         return taken, None
-    apart = list(select_profiles(available, hold_out, "--hold-out"))
+    apart = list(select_profiles(observations.profile_numbers, hold_out, "--hold-out"))
     if set(taken) <= set(apart):
         raise InputError("--hold-out leaves no profile for the fit; name fewer profiles")
     return sorted({*taken, *apart}), apart
+
+
+def _profiles_to_use(observations: Observations, profiles: str | None, count: int) -> list[int]:
+    """Return the named profiles, or else at most `count` spread over the mission, usable ones if there are any."""
+    available = observations.profile_numbers
+    if profiles is not None:
+        return list(select_profiles(available, profiles))
+    usable = [number for number in available if number not in observations.faults]
+    return evenly_spaced(usable or available, count)
 
 
 def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
@@ -238,11 +242,7 @@ def tuned_on(
 ) -> TunedHull:
     """Tune on an open file, as `tune` does; `report` is called with a line at each step."""
     with threadpool_limits(limits=1):
-        if profiles is None:
-            usable = [number for number in observations.profile_numbers if number not in observations.faults]
-            numbers = spread_over(usable or observations.profile_numbers, settings.tuning.profiles)
-        else:
-            numbers = list(select_profiles(observations.profile_numbers, profiles))
+        numbers = _profiles_to_use(observations, profiles, settings.tuning.profiles)
         requests = tuning_requests(observations, platform, numbers, settings.tuning.longest, settings)
         used = [request.series.number for request in requests]
         report(f"tuning on {tuning_report.used_text(used, settings)}")

@@ -18,7 +18,7 @@ from gliderhpc.api.arguments import (
     settings_of,
 )
 from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
-from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Findings, write_findings
@@ -178,9 +178,9 @@ def analyze(
         assignments_of(named, f"{study}."),
     )
     # An unreadable archive is reported before the lock is taken.
-    with reading(archive), open_for_reading(archive):
+    with archive_errors(archive), open_for_reading(archive):
         pass
-    with reading(archive), locked(archive):
+    with archive_errors(archive), locked(archive):
         return StudyFindings(study, _drawn(analyze_archive(study, request)))
 
 
@@ -228,12 +228,12 @@ def validate(
         The archive was made from other observations or on other axes, or an argument cannot be used.
     """
     archive, platform, executor = archive_on_disk(store), platform_of(hull), executor_of(workers)
-    with reading(archive), open_for_reading(archive):
+    with archive_errors(archive), open_for_reading(archive):
         if settings is None:
             settings = validated_settings(MissionSettings, read_attributes(archive)["settings"], named)
         else:
             settings = settings_of(MissionSettings, settings, named)
-    with reading(archive), locked(archive), opened_records(records) as observations:
+    with archive_errors(archive), locked(archive), opened_records(records) as observations:
         found = validate_archive(
             observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
         )

@@ -16,7 +16,7 @@ from gliderhpc.api.records import kind_by_name
 from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candidate, span_of
 from gliderhpc.api.watch_state import Reported, WatchState, read_state
 from gliderhpc.api.workers import executor_of
-from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
@@ -298,7 +298,7 @@ class Watch:
 
     def _message(self, number: int, before: Reported | None, path: Path) -> SurfacingMessage:
         store = self.watched.store
-        with reading(store), open_for_reading(store) as archive:
+        with archive_errors(store), open_for_reading(store) as archive:
             message = surfacing_message(archive, number)
         if before is None:
             return message

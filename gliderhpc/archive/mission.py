@@ -122,7 +122,7 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
-    with reading(path):
+    with archive_errors(path):
         tree = xr.open_datatree(_store(path), engine="zarr", chunks={})
         try:
             _check_attributes(path, tree.attrs)
@@ -145,13 +145,13 @@ def open_for_reading(path: Place) -> ArchiveReader:
     but a selection of a variable is read at once and cached.
     """
     archive = open_for_job(path)
-    with reading(path):
+    with archive_errors(path):
         return archive.with_columns(_committed_columns(path, archive.profile_count))
 
 
 def open_for_job(path: Place) -> ArchiveReader:
     """Open an archive like `open_for_reading`, but with its table as stored, for a job of a study."""
-    with reading(path):
+    with archive_errors(path):
         archive = ArchiveReader(_nodes(path))
         _check_attributes(path, archive.attrs)
     return archive
@@ -206,7 +206,7 @@ def _committed_columns(path: Place, count: int) -> Columns:
 
 
 @contextmanager
-def reading(*places: Place) -> Iterator[None]:
+def archive_errors(*places: Place) -> Iterator[None]:
     """Convert errors from a damaged or unreadable archive to an `InputError` of one line; re-raise all others.
 
     All commands read archives in this context.
@@ -286,7 +286,7 @@ def describe(path: Place) -> Summary:
     InputError
         As for :func:`open_mission`.
     """
-    with reading(path), open_for_reading(path) as archive:
+    with archive_errors(path), open_for_reading(path) as archive:
         table = archive.to_dataset().load()
         nodes = {"/": table, **{name: group.to_dataset() for name, group in archive.children.items()}}
         times = table["start_time"].values

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.archive.mission import Summary, attribute_faults, describe, reading
+from gliderhpc.archive.mission import Summary, archive_errors, attribute_faults, describe
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.messages import say
@@ -43,7 +43,7 @@ def info(archive: Place, all_messages: bool) -> int:
       gliderhpc info mission.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     print_summary(describe(archive), results(), None if all_messages else SHOWN_MESSAGES)
-    with reading(archive):
+    with archive_errors(archive):
         # An archive of another version has other variables, so chunks of this version would seem to be missing.
         other = other_version(archive)
         missing = [] if other else missing_chunks(archive)
@@ -132,7 +132,7 @@ def check(archive: Place, deep: bool) -> int:
       gliderhpc check mission.zarr
       gliderhpc check mission.zarr --deep
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    with reading(archive):
+    with archive_errors(archive):
         differences = check_archive(archive)
         if not differences:
             differences = list(attribute_faults(read_attributes(archive)))
@@ -143,7 +143,7 @@ def check(archive: Place, deep: bool) -> int:
     if differences:
         say(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
         return 1
-    with reading(archive):
+    with archive_errors(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
     scope = "schema and digests" if deep else "schema, no chunk is missing"
     say(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
@@ -165,7 +165,7 @@ def compare(first: Place, second: Place) -> int:
     Example:
       gliderhpc compare before.zarr after.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    with reading(first, second):
+    with archive_errors(first, second):
         for place in (first, second):
             for difference in structure_differences(place, studies=False):
                 raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")

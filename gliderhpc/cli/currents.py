@@ -11,8 +11,7 @@ from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import say
 from gliderhpc.cli.options import Finite, deployment, overwrite
-from gliderhpc.errors import InputError
-from gliderhpc.output_files import check_output, written_aside
+from gliderhpc.output_files import check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
 
 _HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark")
@@ -75,11 +74,8 @@ def _write(found: xr.Dataset, out: Path, overwrite: bool) -> None:
     # CF forbids a fill value for a coordinate (section 2.5.1), and xarray would add one.
     times = [name for name in map(str, found.variables) if np.issubdtype(found[name].dtype, np.datetime64)]
     encoding = {name: {**units, **({"_FillValue": None} if name == "time" else {})} for name in times}
-    try:
-        with written_aside(out, overwrite=overwrite) as aside:
-            found.to_netcdf(aside, engine="netcdf4", encoding=encoding)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    with output_file(out, overwrite=overwrite) as aside:
+        found.to_netcdf(aside, engine="netcdf4", encoding=encoding)
 
 
 def _rows(found: xr.Dataset) -> list[tuple[str, ...]]:

@@ -10,11 +10,12 @@ import shlex
 import sys
 import tempfile
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
-from gliderhpc.errors import GliderhpcError
+from gliderhpc.errors import GliderhpcError, message_line
 from gliderhpc.version import __version__
 
 _REPLACED = "\N{REPLACEMENT CHARACTER}"
@@ -34,6 +35,18 @@ def printable(text: str, *, lines: bool = True) -> str:
 def say(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to stdout or stderr."""
     click.echo(printable(str(text)), err=err, nl=nl)
+
+
+_SHOWN_LEFT_OUT = 10
+"""Largest number of profiles that are listed with the reason for leaving them out."""
+
+
+def say_left_out(reasons: Mapping[int, str]) -> None:
+    """Print the profiles that were left out, each with its reason, and how many more there are than are listed."""
+    for number in list(reasons)[:_SHOWN_LEFT_OUT]:
+        say(f"profile {number} left out: {reasons[number]}")
+    if len(reasons) > _SHOWN_LEFT_OUT:
+        say(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -94,7 +107,7 @@ def describe_unexpected(found: Exception) -> str:
     """Write the traceback of an unexpected error to a file, and describe the error in one line."""
     if not isinstance(found, UnexpectedError):
         found = UnexpectedError(found, _write_traceback(found))
-    what = (str(found.error).splitlines() or ["no message"])[0]
+    what = message_line(found.error) or "no message"
     return (
         f"unexpected error, {type(found.error).__name__}: {what}; this is a bug in gliderhpc: please send {found.file} "
         "and the command to its maintainers"

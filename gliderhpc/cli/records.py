@@ -12,7 +12,7 @@ from gliderhpc.api.records import IMPORTERS, inspected, kind_of
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import say, say_left_out
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
@@ -248,7 +248,6 @@ def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -
     return table
 
 
-_SHOWN_FAILURES = 10
 _WORDS = ("check", "quantity", "unit", "verdict")
 
 
@@ -296,8 +295,7 @@ def inspect(
 
 
 def _print_findings(found: Inspection) -> None:
-    for number, why in list(found.left_out.items())[:_SHOWN_FAILURES]:
-        say(f"profile {number} left out: {why}")
+    say_left_out(found.left_out)
     rows = [finding_row(finding)[:7] for finding in found.findings]
     results().print(table(f"records of {len(found.profiles)} profiles", rows, HEADINGS[:7], _WORDS))
     for finding in found.findings:

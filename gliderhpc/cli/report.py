@@ -6,7 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import say, say_left_out
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
 from gliderhpc.report.exports.deployment import read_deployment
@@ -60,9 +60,6 @@ def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: P
     say(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
     say(f"written to {written.page}")
     return FAILED if written.failed else DONE
-
-
-_MAX_SHOWN_FAILURES = 10
 
 
 @click.group("export")
@@ -131,7 +128,7 @@ def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool)
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     described = {} if deployment is None else read_deployment(deployment)
     summary = export_currents(archive, out, described=described, overwrite=overwrite)
-    _print_left_out(summary.left_out)
+    say_left_out(summary.left_out)
     say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
     return DONE
 
@@ -152,14 +149,7 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 
 
 def _print(summary: ExportSummary) -> None:
-    _print_left_out(summary.left_out)
+    say_left_out(summary.left_out)
     if summary.unknown:
         say(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
     say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")
-
-
-def _print_left_out(left_out: dict[int, str]) -> None:
-    for number, why in list(left_out.items())[:_MAX_SHOWN_FAILURES]:
-        say(f"profile {number} left out: {why}")
-    if len(left_out) > _MAX_SHOWN_FAILURES:
-        say(f"{len(left_out) - _MAX_SHOWN_FAILURES} more left out")

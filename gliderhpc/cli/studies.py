@@ -5,11 +5,11 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import say, say_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, comparison_table, write_findings
@@ -28,8 +28,6 @@ from gliderhpc.studies.request import Request, archive_on_disk, default_folder
 from gliderhpc.studies.validation import GROUP, validated_profiles
 
 ALL = "all"
-
-_MAX_SHOWN_FAILURES = 10
 
 
 @click.command("analyze")
@@ -97,10 +95,10 @@ def analyze(
       gliderhpc analyze mission.zarr nulls --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     archive = archive_on_disk(archive)
-    with reading(archive), open_for_reading(archive) as opened:
+    with archive_errors(archive), open_for_reading(archive) as opened:
         count = len(chosen_profiles(opened, profiles, quick))
     status = 0
-    with logging_to(log_file), reading(archive), locked(archive), progress(count, study) as advance:
+    with logging_to(log_file), archive_errors(archive), locked(archive), progress(count, study) as advance:
         executor = executor_for(workers, cluster, (archive,))
         request = Request(
             archive, executor, profiles, quick, estimate, observations, truth, budget, models,
@@ -176,12 +174,12 @@ def validate(
     check_folder(out)
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
-    with reading(store), open_for_reading(store) as archive:
+    with archive_errors(store), open_for_reading(store) as archive:
         settings = build_settings(read_attributes(store)["settings"], values)
         count = len(validated_profiles(archive, profiles, quick))
     with (
         logging_to(log_file),
-        reading(store),
+        archive_errors(store),
         locked(store),
         open_observations(observations) as opened,
         progress(count, "profiles") as advance,
@@ -208,8 +206,7 @@ def conclude(findings: Findings, study: str, folder: Path) -> int:
             console.print(comparison_table(rows, title))
     for remark in findings.remarks:
         say(f"note: {remark}")
-    for number, why in list(findings.failed.items())[:_MAX_SHOWN_FAILURES]:
-        say(f"profile {number} left out: {why}")
+    say_left_out(findings.failed)
     for path in written:
         say(f"written to {path}")
     return 1 if findings.failed else 0

@@ -17,6 +17,7 @@ from gliderhpc.flight.packing import mass_properties, masses_of
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, ballast_masses
 from gliderhpc.platform_sections import CalibrationErrors, Uncertainty, number_at
 from gliderhpc.shipped import nearest
+from gliderhpc.vocabulary import HULL_PARAMETERS
 
 
 def _zero(_: Platform) -> float:
@@ -298,6 +299,23 @@ def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta:
     return with_values(
         platform, {p.key: p.moved(platform, x) for p, x in zip(parameters, eta.tolist(), strict=True) if x != 0.0}
     )
+
+
+def among_parameters(
+    values: NDArray[np.float64], keys: Sequence[str], labels: Sequence[str] = HULL_PARAMETERS
+) -> NDArray[np.float64]:
+    """Put values ``(..., p)`` of parameters at their places among all ``(..., n)``, with NaN for the others.
+
+    Parameters
+    ----------
+    values : (..., p) array
+        Values, one for each of the parameters `keys` along the last axis.
+    keys, labels : sequence of str
+        Keys of these parameters, and of all.
+    """
+    out = np.full((*values.shape[:-1], len(labels)), np.nan)
+    out[..., [labels.index(key) for key in keys]] = values
+    return out
 
 
 def check_uncertainty(platform: Platform) -> None:

@@ -280,7 +280,8 @@ def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -
     A worker that is lost meanwhile is not waited for: the first job of its host compiles instead.
     """
     tasks = {
-        client.submit(_warmed, warm, workers=[worker], pure=False): worker for worker in _one_a_host(client).values()
+        client.submit(_warm_worker, warm, workers=[worker], pure=False): worker
+        for worker in _one_a_host(client).values()
     }
     for ended in executor.polls(tasks):
         for task in ended:
@@ -295,7 +296,8 @@ def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -
             return
 
 
-def _warmed(warm: Callable[[], None]) -> None:
+def _warm_worker(warm: Callable[[], None]) -> None:
+    """Compile or load the kernels in the worker that runs this task."""
     warm()
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from gliderhpc.errors import RunStoppedError
+from gliderhpc.errors import RunStoppedError, message_line
 from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message
 
 Job = TypeVar("Job")
@@ -25,8 +25,9 @@ _POLL_INTERVAL = 1.0
 """Seconds between checks of the workers while no result arrives."""
 
 ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
-"""Thresholds (bytes) below which glibc retains freed memory in workers: with dask's own setting every array of a
-profile is returned to the kernel and mapped again page by page, which took a third of a study's processor time."""
+"""Thresholds (bytes) below which glibc retains freed memory in local workers. With low ones, such as dask's for its own
+workers, every array of a profile is returned to the kernel and mapped again page by page, which took a third of a
+study's processor time."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
 """Threads of linear algebra in each worker, since there is one worker for each core."""
@@ -295,7 +296,7 @@ def one_line(error: Exception) -> str:
     """Describe an error in one line."""
     if isinstance(error, WorkerKilledError):
         return str(error)
-    return f"{type(error).__name__}: {(str(error).splitlines() or ['no message'])[0]}"
+    return f"{type(error).__name__}: {message_line(error) or 'no message'}"
 
 
 def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:

@@ -1,12 +1,14 @@
 """Row of the archive's group ``hull``: a profile's information on its hull."""
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.posterior import HullPart
-from gliderhpc.vocabulary import HULL_PARAMETERS
+from gliderhpc.flight.hull_parameters import among_parameters
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,32 +31,25 @@ def hull_row(estimate: ProfileEstimate, smoothed: SmoothedEstimate, hull: HullPa
     information, phases = hull.information, steady_phases(estimate, every)
     medians = np.array([median_sensitivities(smoothed.disturbances, information.disturbances, p) for p in phases])
     speeds = np.array([speed_sensitivity(smoothed.states, information.states, phase) for phase in phases])
-    place = np.array([HULL_PARAMETERS.index(name) for name in information.names])
+    placed = partial(among_parameters, keys=information.names)
     alone = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
     if not information.is_sound:
         alone[:] = np.nan
     return {
-        "value": _placed(information.value, place),
-        "plausible_deviation": _placed(information.plausible_deviation, place),
-        "score": _placed(information.score, place),
-        "information": _placed(_placed(information.information, place).T, place).T,
-        "score_other": np.array([_placed(score, place) for score, _ in information.others]),
-        "information_other": np.array([_placed(_placed(matrix, place).T, place).T for _, matrix in information.others]),
-        "estimate_alone": _placed(alone[0], place),
-        "estimate_alone_std": _placed(alone[1], place),
-        "displacement_sensitivity": _placed(information.displacement, place),
-        "median_sensitivity": _placed(medians, place),
-        "speed_sensitivity": _placed(speeds, place),
+        "value": placed(information.value),
+        "plausible_deviation": placed(information.plausible_deviation),
+        "score": placed(information.score),
+        "information": placed(placed(information.information).T).T,
+        "score_other": np.array([placed(score) for score, _ in information.others]),
+        "information_other": np.array([placed(placed(matrix).T).T for _, matrix in information.others]),
+        "estimate_alone": placed(alone[0]),
+        "estimate_alone_std": placed(alone[1]),
+        "displacement_sensitivity": placed(information.displacement),
+        "median_sensitivity": placed(medians),
+        "speed_sensitivity": placed(speeds),
         "displacement_covariance": hull.displacement_covariance,
         "variance_share": hull.share,
     }
-
-
-def _placed(values: Array, place: NDArray[np.int64]) -> Array:
-    """Put values, along their last axis, at the positions of their parameters among all parameters."""
-    out = np.full((*values.shape[:-1], len(HULL_PARAMETERS)), np.nan)
-    out[..., place] = values
-    return out
 
 
 def steady_phases(estimate: ProfileEstimate, every: int) -> tuple[Mask, Mask]:

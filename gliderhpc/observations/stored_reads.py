@@ -13,8 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from gliderhpc.errors import InputError
-from gliderhpc.output_files import written_aside
+from gliderhpc.output_files import output_file
 from gliderhpc.version import __version__
 
 Result = TypeVar("Result")
@@ -108,11 +107,8 @@ def _version() -> str:
 
 def _store(place: Path, content: tuple[Any]) -> None:
     data = pickle.dumps(content, protocol=5)
-    try:
-        with written_aside(place, overwrite=True) as aside:
-            aside.write_bytes(hashlib.sha256(data).digest() + data)
-    except OSError as error:
-        raise InputError(f"{place}: cannot be written: {error.strerror or error}") from error
+    with output_file(place, overwrite=True) as aside:
+        aside.write_bytes(hashlib.sha256(data).digest() + data)
 
 
 def _load(place: Path) -> tuple[Any] | None:

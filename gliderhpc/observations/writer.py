@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from gliderhpc.errors import InputError
 from gliderhpc.observations.format import CONVENTIONS, REFERENCE, REQUIRED, VARIABLES, Variable
-from gliderhpc.output_files import written_aside
+from gliderhpc.output_files import output_file
 
 Attribute = str | int | float
 
@@ -56,11 +55,8 @@ def write_observations(
     """
     path = Path(path)
     dataset = _dataset(variables, attributes)
-    try:
-        with written_aside(path, overwrite=overwrite) as aside:
-            dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with output_file(path, overwrite=overwrite) as aside:
+        dataset.to_netcdf(aside, engine="netcdf4", format="NETCDF4", encoding=_encoding(dataset))
     return path
 
 

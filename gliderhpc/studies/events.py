@@ -21,8 +21,8 @@ from gliderhpc.studies.library.turbulence.series import (
     FastSettings,
     GappySeries,
     channel_of,
-    describe_missing_band,
     fast_part,
+    missing_band_of,
 )
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
@@ -170,17 +170,12 @@ def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     )
 
 
-def missing(request: Request) -> str | None:
-    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
-    return describe_missing_band(request, STUDY.settings_for(request))
-
-
 STUDY = Study(
     NAME,
     "the catalogue of impulsive events above the nulls' ceiling",
     profile=study_profile,
     mission=catalogue,
     settings=EventSettings,
-    missing=missing,
+    missing=missing_band_of(NAME, EventSettings),
     prepare=prepare,
 )

@@ -21,7 +21,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import semidefinite
-from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
+from gliderhpc.flight.hull_parameters import HullParameter, among_parameters, hull_parameters
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
@@ -191,6 +191,7 @@ def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
     first, _ = _in_units(mission, found.smoothed[0].mean, smoothed.std)
     can_change = np.isin(np.arange(len(moved)), mission.suspects)
     _, change_std = _in_units(mission, smoothed.mean, found.change_std[index])
+    keys = [p.key for p in mission.parameters]
     columns = {
         "estimate": moved,
         "estimate_std": moved_std,
@@ -200,7 +201,7 @@ def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
         "change_std": np.where(can_change, change_std, np.nan),
     }
     return {
-        **{name: _placed(mission, values) for name, values in columns.items()},
+        **{name: among_parameters(values, keys, mission.labels) for name, values in columns.items()},
         "chi_square": float(found.chi_square[index]),
         "freedom": float(found.freedom[index]),
         "weight": float(found.weight[index]),
@@ -213,13 +214,6 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
     values = [p.moved(hull, x) for p, x in zip(mission.parameters, eta.tolist(), strict=True)]
     slopes = [abs(p.slope(hull, x)) for p, x in zip(mission.parameters, eta.tolist(), strict=True)]
     return np.array(values), deviation * np.array(slopes)
-
-
-def _placed(mission: MissionDives, values: Array) -> Array:
-    """Put values at the positions of their parameters among all parameters."""
-    out = np.full(len(mission.labels), np.nan)
-    out[[mission.labels.index(p.key) for p in mission.parameters]] = values
-    return out
 
 
 def _stored_changes(

@@ -31,8 +31,8 @@ from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
     channel_of,
-    describe_missing_band,
     fast_part,
+    missing_band_of,
     series_step,
     steps_within,
 )
@@ -178,17 +178,12 @@ def prepare(
     )
 
 
-def missing(request: Request) -> str | None:
-    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
-    return describe_missing_band(request, STUDY.settings_for(request))
-
-
 STUDY = Study(
     NAME,
     "increments of a disturbance's fast part compared with surrogates",
     profile=study_profile,
     settings=IntermittencySettings,
     quick_settings={"surrogates": QUICK_SURROGATES},
-    missing=missing,
+    missing=missing_band_of(NAME, IntermittencySettings),
     prepare=prepare,
 )

@@ -19,11 +19,10 @@ from gliderhpc.studies.library.turbulence.series import (
     GappySeries,
     SpectraSettings,
     channel_of,
-    describe_missing_band,
     fast_part,
     gappy_series,
+    missing_band_of,
     resolved_band,
-    rms,
     series_step,
 )
 from gliderhpc.studies.library.turbulence.statistics import (
@@ -78,7 +77,7 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     for name, chosen, spectra in zip(PARTS, chosen_by_part, spectra_by_part, strict=True):
         row |= _extent_row(name, channel.depth[chosen], len(spectra.density))
         row |= _exponents_row(spectra, channel, settings, rng, name)
-    row["rms"] = rms(part.series)
+    row["rms"] = part.series.rms
     with_actuated = fast_part(channel, settings, actuated=True).series
     spectra_all = _periodograms(with_actuated, with_actuated.counted & deep_enough, settings)
     row |= _exponents_row(spectra_all, channel, settings, rng, None)
@@ -171,16 +170,11 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     )
 
 
-def missing(request: Request) -> str | None:
-    """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
-    return describe_missing_band(request, STUDY.settings_for(request))
-
-
 STUDY = Study(
     NAME,
     "spectra of a disturbance's fast part and their exponents",
     profile=study_profile,
     settings=SpectraSettings,
-    missing=missing,
+    missing=missing_band_of(NAME, SpectraSettings),
     prepare=prepare,
 )

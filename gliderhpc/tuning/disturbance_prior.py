@@ -12,7 +12,7 @@ from pydantic import Field
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, Settings, candidate_priors, default_prior
 from gliderhpc.platform import DisturbancePrior, Platform
-from gliderhpc.tuning.least_squares import LONGEST_STEP, Expansion, Maximum, maximise
+from gliderhpc.tuning.fisher_scoring import LONGEST_STEP, Expansion, Maximum, maximise
 from gliderhpc.tuning.likelihood import SENSORS, Judgement, PriorLikelihood, Whiteness, whiteness
 
 Array = NDArray[np.float64]

@@ -489,7 +489,7 @@ def test_every_error_names_arguments(store, tmp_path, monkeypatch):
 
     monkeypatch.setattr("gliderhpc.api.studies.write_findings", fails)
     monkeypatch.setattr("gliderhpc.flight.glider.read_platform", fails)
-    monkeypatch.setattr("gliderhpc.archive.mission.reading", fails)
+    monkeypatch.setattr("gliderhpc.archive.mission.archive_errors", fails)
     for call in (
         lambda: StudyFindings("drift", None).save(tmp_path),
         lambda: gh.Glider("petrel-l"),

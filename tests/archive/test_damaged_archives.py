@@ -8,7 +8,7 @@ import pytest
 from support.damages import damages
 from support.missions import program
 
-from gliderhpc.archive.mission import open_mission, reading
+from gliderhpc.archive.mission import archive_errors, open_mission
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import create_study, restored_on_error
 from gliderhpc.studies import validation
@@ -86,14 +86,17 @@ def test_the_line_names_archive_and_damage(brief_store, tmp_path):
 
 
 def test_an_error_on_a_sound_archive_goes_on_as_it_is(brief_store):
-    with pytest.raises(ZeroDivisionError), reading(brief_store):
+    with pytest.raises(ZeroDivisionError), archive_errors(brief_store):
         raise ZeroDivisionError
-    with pytest.raises(InputError, match="as it is"), reading(brief_store):
+    with pytest.raises(InputError, match="as it is"), archive_errors(brief_store):
         raise InputError("as it is")
 
 
 def test_an_archive_that_the_system_does_not_give_out(brief_store):
-    with pytest.raises(InputError, match=r"cannot be read \(.*zarr.json: Permission denied\)"), reading(brief_store):
+    with (
+        pytest.raises(InputError, match=r"cannot be read \(.*zarr.json: Permission denied\)"),
+        archive_errors(brief_store),
+    ):
         raise PermissionError(13, "Permission denied", str(brief_store / "zarr.json"))
     with open_mission(brief_store) as opened:
         assert opened.sizes["profile"] == 3

@@ -4,7 +4,7 @@ import pytest
 import xarray as xr
 from support.archives import Content, write_archive
 
-from gliderhpc.archive.mission import open_for_job, open_for_reading, open_mission, reading
+from gliderhpc.archive.mission import archive_errors, open_for_job, open_for_reading, open_mission
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import create_study, finish_study, set_attributes
 
@@ -43,7 +43,7 @@ def test_a_group_is_opened_when_it_is_asked_for(archive):
     (archive / "events" / "profile" / "c.0").write_bytes(b"damaged")
     with open_for_reading(archive) as opened:
         assert opened["series"].to_dataset().sizes["profile"] == 1
-        with pytest.raises(InputError, match="events/profile"), reading(archive):
+        with pytest.raises(InputError, match="events/profile"), archive_errors(archive):
             opened["events"].to_dataset().load()
 
 

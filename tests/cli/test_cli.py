@@ -6,6 +6,7 @@ import logging
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import numpy as np
@@ -19,9 +20,14 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import progress
 from gliderhpc.cli.main import SUMMARIES, VERBS
 from gliderhpc.cli.main import program as verbs
+from gliderhpc.cli.messages import say_left_out
+from gliderhpc.cli.records import _print_findings
+from gliderhpc.cli.studies import conclude
+from gliderhpc.findings.findings import Findings
 from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult, closing_line, summary_table
 from gliderhpc.platform import platform_text
+from gliderhpc.tuning.record_checks import Inspection
 from gliderhpc.version import __version__
 
 pytestmark = pytest.mark.compiled
@@ -219,6 +225,24 @@ def test_the_log_goes_to_a_file_too(brief, run, tmp_path):
     answer, _ = run(brief, "--overwrite", "--log-file", tmp_path / "absent" / "run.log")
     assert answer.status == 2
     assert "run.log: cannot be written" in answer.line
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        say_left_out,
+        lambda reasons: _print_findings(Inspection((), (1,), reasons)),
+        lambda reasons: conclude(Findings({}, {}, {}, {}, failed=reasons), "drift", Path("drift")),
+    ],
+    ids=["export", "inspect", "analyze"],
+)
+def test_a_long_list_of_failures_says_how_many_more_there_are(report, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    report(dict.fromkeys(range(1, 14), "no depth"))
+    lines = [line for line in capsys.readouterr().out.splitlines() if "left out" in line]
+    assert lines == [*(f"profile {number} left out: no depth" for number in range(1, 11)), "3 more left out"]
+    report(dict.fromkeys(range(1, 11), "no depth"))
+    assert "more left out" not in capsys.readouterr().out
 
 
 def test_progress_without_a_terminal_draws_nothing(capsys):

@@ -47,6 +47,14 @@ def test_an_unexpected_error_is_one_line_and_a_file(failing, tmp_path):
     assert "Python" in file.read_text().splitlines()[0]
 
 
+def test_blank_lines_before_the_message_are_skipped(failing):
+    answer = failing(RuntimeError("\n        An attempt has been made to start a new process\n  before"))
+    assert answer.line.startswith(
+        "gliderhpc: unexpected error, RuntimeError: An attempt has been made to start a new process; this is a bug"
+    )
+    assert "unexpected error, RuntimeError: no message; this" in failing(RuntimeError(" \n")).line
+
+
 def test_with_a_log_the_traceback_is_there(failing, tmp_path):
     log = tmp_path / "run.log"
     answer = failing(ZeroDivisionError("of all things"), log)

@@ -139,7 +139,7 @@ def test_workers_that_cannot_start_are_given_up(monkeypatch):
     monkeypatch.setattr(local_workers, "_serve", os.getpid)  # it takes no argument; the process ends at once
     executor = LocalExecutor(1)
     try:
-        with pytest.raises(RunStoppedError, match="worker processes exit"):
+        with pytest.raises(RunStoppedError, match=r"exit immediately \((exit status 1|signal SIGKILL)\); try"):
             list(executor.attempts(_doubled, [1]))
     finally:
         executor.close()

@@ -23,8 +23,8 @@ from gliderhpc.tuning.likelihood import (
     PriorLikelihood,
     _cut,
     _undisturbed,
+    evenly_spaced,
     log_density,
-    spread_over,
     tuning_requests,
 )
 
@@ -269,10 +269,10 @@ def test_judgements_of_profiles_are_joined_in_their_order(record):
 
 
 def test_numbers_are_spread_evenly_first_and_last_among_them():
-    assert spread_over([5], 3) == [5]
-    assert spread_over([2, 4, 8, 16, 32], 3) == [2, 8, 32]
-    assert spread_over([2, 4, 8, 16, 32], 2) == [2, 32]
-    assert spread_over([2, 4, 8], 3) == spread_over([2, 4, 8], 9) == [2, 4, 8]
+    assert evenly_spaced([5], 3) == [5]
+    assert evenly_spaced([2, 4, 8, 16, 32], 3) == [2, 8, 32]
+    assert evenly_spaced([2, 4, 8, 16, 32], 2) == [2, 32]
+    assert evenly_spaced([2, 4, 8], 3) == evenly_spaced([2, 4, 8], 9) == [2, 4, 8]
 
 
 @dataclasses.dataclass

@@ -14,14 +14,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.fixes import midpoint
-from gliderhpc.output_files import written_aside
+from gliderhpc.output_files import output_file
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.studies.archived import platform_of, settings_of
 from gliderhpc.studies.library.tracks import CURRENTS as STUDY
@@ -72,7 +72,7 @@ def export_currents(
     """
     archive, out = Path(archive), Path(out)
     check_place(archive, out, overwrite)
-    with reading(archive), open_for_reading(archive) as tree:
+    with archive_errors(archive), open_for_reading(archive) as tree:
         left_out = unfit_profiles(archive, tree)
         if STUDY not in tree.children:
             raise InputError(f"{archive}: has no group {STUDY}; make it with `gliderhpc analyze {archive} {STUDY}`")
@@ -301,8 +301,5 @@ def _write(content: xr.Dataset, out: Path, overwrite: bool) -> None:
         # None keeps xarray from adding its default fill value for floats.
         content[name].encoding["_FillValue"] = None
     with_content_types(content)
-    try:
-        with written_aside(out, overwrite=overwrite) as aside:
-            content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+    with output_file(out, overwrite=overwrite) as aside:
+        content.to_netcdf(aside, format="NETCDF4", engine="netcdf4")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from gliderhpc.archive.mission import open_for_reading, reading
+from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
@@ -87,7 +87,7 @@ def export_og1(
     """
     out, described = Path(out), dict(described or {})
     check_place(archive, out, overwrite)
-    with reading(archive), open_for_reading(archive) as tree:
+    with archive_errors(archive), open_for_reading(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(Path(archive), tree)
         numbers = done_profiles(tree)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
+from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor, SerialExecutor
@@ -114,7 +114,7 @@ def write_mission_page(
         Archive, twins or truth cannot be read, or the folder cannot be written.
     """
     summary = describe(place)
-    with reading(place), open_for_reading(place) as archive:
+    with archive_errors(place), open_for_reading(place) as archive:
         page = mission_page(archive, summary, place, out, twins, truth, executor or SerialExecutor())
         written = write_page(page, out, MISSION_PAGE, _made(place))
         _write_platform(archive, out)
@@ -171,7 +171,7 @@ def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Execu
 def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
     """Make one section, as the job of a worker."""
     index, make = job
-    with reading(place), open_for_reading(place) as archive:
+    with archive_errors(place), open_for_reading(place) as archive:
         section = make(archive=archive)
         return index, None if section is None else drawn(section)
 
@@ -184,7 +184,7 @@ def write_profile_page(place: Place, number: int, out: Path, truth: Path | None 
     InputError
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
-    with reading(place), open_for_reading(place) as archive:
+    with archive_errors(place), open_for_reading(place) as archive:
         command = f"{_command(place, out, None, truth)} --profile {number}"
         page = profile_page(archive, number, place, command, truth)
         written = write_page(page, out, f"profile_{number}.html", _made(place))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gliderhpc.archive.mission import Summary, describe, open_for_reading, reading
+from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.report.facts import iso_instant, platform_name, polar
@@ -181,7 +181,7 @@ def read_state(place: Place) -> MissionState:
         The archive cannot be read.
     """
     summary = describe(place)
-    with reading(place), open_for_reading(place) as archive:
+    with archive_errors(place), open_for_reading(place) as archive:
         table = MissionTable.of(archive)
         current_of, current = last_current(table)
         done = table.number[table.done].tolist()

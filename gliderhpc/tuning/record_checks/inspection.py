@@ -17,7 +17,7 @@ from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.likelihood import log_density, spread_over
+from gliderhpc.tuning.likelihood import evenly_spaced, log_density
 from gliderhpc.tuning.record_checks.compass import (
     Leg,
     TurnStretches,
@@ -234,9 +234,9 @@ def inspect_records(
         Settings of the records' preparation (with any corrections requested), of the checks and of the currents.
     """
     usable = [number for number in numbers if number not in observations.faults]
-    chosen = spread_over(usable, checks.profiles)
+    chosen = evenly_spaced(usable, checks.profiles)
     records = (observations.profile(number) for number in chosen)
-    found = inspect_profiles(records, platform, settings, checks, current, spread_over(chosen, checks.lag_profiles))
+    found = inspect_profiles(records, platform, settings, checks, current, evenly_spaced(chosen, checks.lag_profiles))
     faults = {number: observations.faults[number] for number in numbers if number in observations.faults}
     return replace(found, left_out=faults | found.left_out)
 

@@ -1,6 +1,6 @@
 """Disturbance series of a profile for the studies of turbulence: high-pass, usable stretches, and settings."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -18,7 +18,8 @@ from gliderhpc.estimation.settings import Channel, Settings
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.request import Request, own_settings
 from gliderhpc.vocabulary import CHANNELS, QUALITY
 
 Range = tuple[float, float]
@@ -185,6 +186,11 @@ class GappySeries:
         return float(np.count_nonzero(self.counted)) * self.step
 
     @property
+    def rms(self) -> float:
+        """Root mean square of the samples used."""
+        return rms(self.values[self.counted])
+
+    @property
     def stretch_count(self) -> int:
         """Number of unbroken stretches."""
         return int(self.label.max(initial=-1)) + 1
@@ -337,14 +343,9 @@ def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool)
         return FastPart(fast, _describe_unresolved(channel.sample_interval, channel.nyquist, lowest))
     if fast.duration < MIN_DURATION:
         return FastPart(fast, f"only {fast.duration:.0f} s of samples can be used, and {MIN_DURATION:.0f} s are needed")
-    if rms(fast) < MIN_RMS:
+    if fast.rms < MIN_RMS:
         return FastPart(fast, "the fast part is zero to rounding")
     return FastPart(fast)
-
-
-def rms(series: GappySeries) -> float:
-    """Root mean square of the samples used."""
-    return float(np.sqrt(float(np.mean(series.values[series.counted] ** 2))))
 
 
 def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
@@ -377,6 +378,15 @@ def describe_missing_band(request: Request, settings: FastSettings) -> str | Non
                 return None
     needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
     return f"{_describe_unresolved(interval, nyquist, lowest)}; {needed}"
+
+
+def missing_band_of(name: str, model: type[FastSettings]) -> Callable[[Request], str | None]:
+    """Return the function `missing` of a study that needs its band, given its name and the model of its settings."""
+
+    def missing(request: Request) -> str | None:
+        return describe_missing_band(request, own_settings(request, name, model))
+
+    return missing
 
 
 def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:

@@ -21,7 +21,6 @@ from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     SpectraSettings,
     resolved_band,
-    rms,
 )
 
 Array = NDArray[np.float64]
@@ -268,7 +267,7 @@ def moments(series: GappySeries) -> Row:
     return {
         "kurtosis": float(np.mean(values**4)) / square**2 if square > 0.0 else float("nan"),
         "peak": float(np.max(np.abs(values))),
-        "rms": rms(series),
+        "rms": series.rms,
     }
 
 
