@@ -145,7 +145,7 @@ def observation_nonsense(path: Path, output: str) -> list[Fault]:
         data = opened.load()
     faults = []
     time = data["time"].values
-    if time.size and (np.isnat(time).any() or (np.diff(time) <= np.timedelta64(0)).any()):
+    if time.size and (np.isnat(time).any() or (np.diff(time) <= np.timedelta64(0, "ns")).any()):
         faults.append(Fault("wrong", "imported times do not increase"))
     if time.size and (time.min() < np.datetime64("1980-01-01") or time.max() > np.datetime64("2100-01-01")):
         faults.append(Fault("wrong", "imported times of no glider"))

@@ -117,7 +117,7 @@ class SmoothedDive:
 
 def smoothed_dive(job: DiveJob) -> SmoothedDive:
     """Smooth one dive, as the job of a worker."""
-    never = np.datetime64("NaT")
+    never = np.datetime64("NaT", "ns")
     with threadpool_limits(limits=1), open_observations(job.observations, survey=job.survey) as observations:
         try:
             record = observations.profile(job.number)

@@ -28,7 +28,7 @@ def _og1(dataset: xr.Dataset) -> xr.Dataset:
     samples = dataset.drop_dims("fix").rename({"time": "N_MEASUREMENTS"})
     count = samples.sizes["N_MEASUREMENTS"]
     padded = {name: np.full(count, np.nan) for name in ("LATITUDE_GPS", "LONGITUDE_GPS")}
-    time = np.full(count, np.datetime64("NaT"), dtype="datetime64[ns]")
+    time = np.full(count, np.datetime64("NaT", "ns"), dtype="datetime64[ns]")
     fixes = dataset.sizes["fix"]
     padded["LATITUDE_GPS"][:fixes], padded["LONGITUDE_GPS"][:fixes] = dataset["fix_latitude"], dataset["fix_longitude"]
     time[:fixes] = dataset["fix_time"]

@@ -245,13 +245,13 @@ def test_the_noise_follows_all_dives_together():
     spent, resolved = np.full(6, 50.0), np.full(6, 50.0)
     spent[0], spent[5] = 5.0, 500.0
     dives = [SmoothedDive(i, np.datetime64("2024-01-01"), noise=np.array([spent, resolved])) for i in (1, 2)]
-    dives.append(SmoothedDive(3, np.datetime64("NaT"), message="no attitude"))
+    dives.append(SmoothedDive(3, np.datetime64("NaT", "ns"), message="no attitude"))
     np.testing.assert_allclose(pooled_factor(dives), [11 / 101, 1.0, 1.0, 1.0, 1.0, 1001 / 101])
 
 
 def test_where_no_dive_can_be_smoothed_the_steady_glides_remain(records, monkeypatch):
     def fail(job):
-        return SmoothedDive(job.number, np.datetime64("NaT"), message="no attitude")
+        return SmoothedDive(job.number, np.datetime64("NaT", "ns"), message="no attitude")
 
     monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_dive", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
