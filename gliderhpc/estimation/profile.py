@@ -20,6 +20,7 @@ from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.glide_sensitivity import glide_sensitivity
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
@@ -144,7 +145,12 @@ def _finished(
         errors = after_dive(errors, information)
     if not information.is_sound:
         information = information.saying_nothing()
-    return with_hull_errors(on_records, information, errors, corrected=settings.smoother.hull == "corrected")
+    on_records, part = with_hull_errors(
+        on_records, information, errors, corrected=settings.smoother.hull == "corrected"
+    )
+    glide = glide_sensitivity(profile, on_records, information, settings.steps_per_record)
+    # The sensitivities at the records are large, and several dives wait for their windows.
+    return on_records, HullPart(information.without_records(), errors, *part, glide)
 
 
 def smooth_profile(
@@ -230,7 +236,11 @@ def _posed(
         began = time.perf_counter()
         found = run_filters([profile for _, profile in group], settings)
         share = (time.perf_counter() - began) / len(group)
-        for (key, profile), filtered in zip(group, found, strict=True):
+        # Only profiles that wait are held here, so that those whose windows are solved free their memory.
+        ready = deque(zip(group, found, strict=True))
+        group, found = [], []
+        while ready:
+            (key, profile), filtered = ready.popleft()
             if isinstance(filtered, ProfileError):
                 refused.append((key, filtered))
                 continue

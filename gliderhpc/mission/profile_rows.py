@@ -80,7 +80,7 @@ def derive_and_write(
         rows.write(index, "smoothed", _smoothed_records(clock, estimate.smoothed))
         row |= _smoothed_row(estimate.smoothed)
         if estimate.hull is not None:
-            rows.write(index, "hull", hull_row(estimate, estimate.smoothed, estimate.hull, settings.steps_per_record))
+            rows.write(index, "hull", hull_row(estimate.hull))
     own = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
     row["message"] = "; ".join([*record.notes, *own])
     return row, as_kept(tracks, own)

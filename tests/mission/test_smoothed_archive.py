@@ -200,7 +200,7 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
     found = estimate_profile(prepared, SETTINGS, smooth=True)
     assert (found.smoothed.states_std[50:, 6] > carried.smoothed.states_std[50:, 6]).all()
     assert (found.smoothed.states_std[50:, 6] > smoothed.states_std[::EVERY][50:, 6]).all()
-    row = hull_row(found, found.smoothed, found.hull, EVERY)
+    row = hull_row(found.hull)
     assert all(np.isnan(row[name]).all() for name in ("score", "information", "information_other"))
     assert np.isnan(row["estimate_alone_std"]).all()
     assert np.isfinite(row["displacement_covariance"]).all()
@@ -217,7 +217,7 @@ def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(p
     monkeypatch.setattr(estimation, "smoothed_dive_information", spoilt)
     found = estimate_profile(prepared, SETTINGS, smooth=True)
     np.testing.assert_array_equal(found.smoothed.states_std, carried.smoothed.states_std)
-    assert np.isnan(hull_row(found, found.smoothed, found.hull, EVERY)["score"]).all()
+    assert np.isnan(hull_row(found.hull)["score"]).all()
 
 
 def test_the_published_budget_of_the_current_stays_available(brief, brief_store, tmp_path):

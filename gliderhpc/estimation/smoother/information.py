@@ -141,6 +141,10 @@ class DiveInformation:
         score, information = np.full_like(self.score, np.nan), np.full_like(self.information, np.nan)
         return replace(self, score=score, information=information, others=others)
 
+    def without_records(self) -> "DiveInformation":
+        """Return the same without the sensitivities at the records, which take most of the memory."""
+        return replace(self, states=self.states[:0].copy(), disturbances=self.disturbances[:0].copy(), velocity=None)
+
     @property
     def has_sensitivities(self) -> bool:
         """Return whether all sensitivities of the estimate are finite."""

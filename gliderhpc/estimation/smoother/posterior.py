@@ -1,11 +1,13 @@
 """Errors of the hull after one dive, and the smoothed estimate with these errors and those of a measured velocity."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.glide_sensitivity import GlideSensitivity
 from gliderhpc.estimation.smoother.hull_errors import HullErrors
 from gliderhpc.estimation.smoother.information import DiveInformation, VelocityErrors
 
@@ -17,6 +19,21 @@ def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
     return errors.after(information.score, information.information)
 
 
+class HullShare(NamedTuple):
+    """The hull's part in the uncertainty of a dive's smoothed estimate.
+
+    Attributes
+    ----------
+    displacement_covariance : (2, 2)
+        Its part in the covariance of the displacement, m2.
+    share : (18,)
+        Its share in the variance of twelve states (eq. 16) and six disturbances, median over the records.
+    """
+
+    displacement_covariance: Array
+    share: Array
+
+
 @dataclass(frozen=True, eq=False)
 class HullPart:
     """Errors of a hull in a dive, and their part in its smoothed estimate.
@@ -24,24 +41,25 @@ class HullPart:
     Attributes
     ----------
     information : DiveInformation
-        Information of the dive.
+        Information of the dive, without the sensitivities at the records.
     errors : HullErrors
         Errors of the platform file's hull, after the dive.
-    displacement_covariance : (2, 2)
-        The hull's part in the covariance of the displacement, m2.
-    share : (18,)
-        The hull's share in the variance of twelve states (eq. 16) and six disturbances, median over the records.
+    displacement_covariance, share : (2, 2), (18,)
+        As in `HullShare`.
+    glide : GlideSensitivity
+        What the errors change in steady glide.
     """
 
     information: DiveInformation
     errors: HullErrors
     displacement_covariance: Array
     share: Array
+    glide: GlideSensitivity
 
 
 def with_hull_errors(
     smoothed: SmoothedEstimate, information: DiveInformation, errors: HullErrors, *, corrected: bool = False
-) -> tuple[SmoothedEstimate, HullPart]:
+) -> tuple[SmoothedEstimate, HullShare]:
     """Add the hull's part to the uncertainty of a smoothed estimate at the records.
 
     Parameters
@@ -78,7 +96,7 @@ def with_hull_errors(
         displacement_covariance=smoothed.displacement_covariance + of_displacement,
     )
     shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
-    return result, HullPart(information, errors, of_displacement, np.concatenate(shares))
+    return result, HullShare(of_displacement, np.concatenate(shares))
 
 
 def with_velocity_errors(smoothed: SmoothedEstimate, velocity: VelocityErrors) -> SmoothedEstimate:
