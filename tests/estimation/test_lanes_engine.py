@@ -37,7 +37,7 @@ pytestmark = pytest.mark.compiled
 
 SETTINGS = EstimationSettings()
 HULLS = ("petrel-l", "seawing", "seaglider")
-DIVES = LANES + 3
+DIVES = max(LANES + 3, 10)
 """Number of dives, larger than that of the lanes: some dives wait until a lane is free."""
 
 
