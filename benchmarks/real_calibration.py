@@ -7,10 +7,10 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations import Observations
+from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
-from gliderhpc.tuning.likelihood import evenly_spaced
 from gliderhpc.tuning.steady_segments import steady_segments
 from gliderhpc.vocabulary import QUALITY
 

@@ -25,6 +25,7 @@ from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
+from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
@@ -32,7 +33,7 @@ from gliderhpc.report import tuning as tuning_report
 from gliderhpc.tuning.calibration import MIN_PROFILES, CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
-from gliderhpc.tuning.likelihood import evenly_spaced, tuning_requests
+from gliderhpc.tuning.likelihood import tuning_requests
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import choose_buoyancy, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments

@@ -1,5 +1,6 @@
-"""Beginnings and ends of profiles, and of the dive-climb cycles within a profile, detected from depth alone."""
+"""Profiles, and dive-climb cycles within a profile, detected from depth alone; a choice among profiles."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -193,3 +194,9 @@ def dive_span(
             f"too shallow: dives to {deepest:.0f} m, but a dive begins below {begin:g} m and ends above {end:g} m"
         )
     return int(first[0]), int(last[-1]) + 1
+
+
+def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
+    """Choose at most ``count`` of the numbers, evenly spread, the first and the last among them."""
+    places = np.unique(np.linspace(0, len(numbers) - 1, min(count, len(numbers))).round().astype(int))
+    return [numbers[place] for place in places]

@@ -16,13 +16,13 @@ from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.trends import MAD
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
+from gliderhpc.studies.library.turbulence.resolution import missing_band_of
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     FastSettings,
     GappySeries,
     channel_of,
     fast_part,
-    missing_band_of,
 )
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study

@@ -25,6 +25,7 @@ from gliderhpc.store_schema.columns import (
 )
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_rows
+from gliderhpc.studies.library.turbulence.resolution import missing_band_of
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
@@ -32,7 +33,6 @@ from gliderhpc.studies.library.turbulence.series import (
     averaged_over,
     channel_of,
     fast_part,
-    missing_band_of,
     series_step,
     steps_within,
 )

@@ -34,6 +34,7 @@ from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODE
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
 from gliderhpc.studies.library.turbulence.gaussianity import TESTED, gaussianity_row, noise_of_estimate
+from gliderhpc.studies.library.turbulence.resolution import describe_missing_band
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -41,7 +42,6 @@ from gliderhpc.studies.library.turbulence.series import (
     bridged_depth,
     channel_of,
     channel_of_estimate,
-    describe_missing_band,
     fast_part,
     high_passed,
 )

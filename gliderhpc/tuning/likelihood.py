@@ -31,12 +31,6 @@ from gliderhpc.platform import DisturbancePrior, Platform
 log = logging.getLogger("gliderhpc.tune")
 
 
-def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
-    """Choose at most ``count`` of the numbers, evenly spread, the first and the last among them."""
-    places = np.unique(np.linspace(0, len(numbers) - 1, min(count, len(numbers))).round().astype(int))
-    return [numbers[place] for place in places]
-
-
 def tuning_requests(
     observations: Observations, platform: Platform, numbers: Sequence[int], longest: float, settings: EstimationSettings
 ) -> list[PreparedProfile]:

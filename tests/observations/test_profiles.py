@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
+from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles, evenly_spaced
 
 YO = 600
 """Samples of one dive and climb."""
@@ -114,3 +114,12 @@ def test_a_long_pause_breaks_a_profile(longest, expected):
     numbers = detect_profiles(time, depth, record_break=longest)
     assert numbers.max() == expected
     assert np.count_nonzero(numbers) == np.count_nonzero(detect_profiles(time, depth))
+
+
+def test_chosen_numbers_are_spread_evenly_first_and_last_among_them():
+    assert evenly_spaced([5], 3) == [5]
+    assert evenly_spaced([3, 7, 9], 1) == [3]
+    assert evenly_spaced([2, 4, 8, 16, 32], 3) == [2, 8, 32]
+    assert evenly_spaced([2, 4, 8, 16, 32], 2) == [2, 32]
+    assert evenly_spaced(list(range(10, 20)), 4) == [10, 13, 16, 19]
+    assert evenly_spaced([2, 4, 8], 3) == evenly_spaced([2, 4, 8], 9) == [2, 4, 8]

@@ -23,7 +23,6 @@ from gliderhpc.tuning.likelihood import (
     PriorLikelihood,
     _cut,
     _undisturbed,
-    evenly_spaced,
     log_density,
     tuning_requests,
 )
@@ -266,13 +265,6 @@ def test_judgements_of_profiles_are_joined_in_their_order(record):
 
 
 # Which records
-
-
-def test_numbers_are_spread_evenly_first_and_last_among_them():
-    assert evenly_spaced([5], 3) == [5]
-    assert evenly_spaced([2, 4, 8, 16, 32], 3) == [2, 8, 32]
-    assert evenly_spaced([2, 4, 8, 16, 32], 2) == [2, 32]
-    assert evenly_spaced([2, 4, 8], 3) == evenly_spaced([2, 4, 8], 9) == [2, 4, 8]
 
 
 @dataclasses.dataclass

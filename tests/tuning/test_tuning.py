@@ -18,7 +18,7 @@ from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
 from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior
 from gliderhpc.tuning.fisher_scoring import Expansion, maximise
-from gliderhpc.tuning.likelihood import PriorLikelihood, evenly_spaced, tuning_requests
+from gliderhpc.tuning.likelihood import PriorLikelihood, tuning_requests
 
 pytestmark = pytest.mark.compiled
 
@@ -149,12 +149,6 @@ def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
 
 
 # Which records
-
-
-def test_profiles_are_spread_over_the_mission():
-    assert evenly_spaced(list(range(10, 20)), 4) == [10, 13, 16, 19]
-    assert evenly_spaced([3, 7], 4) == [3, 7]
-    assert evenly_spaced([3, 7, 9], 1) == [3]
 
 
 def test_long_records_are_cut(drawn):

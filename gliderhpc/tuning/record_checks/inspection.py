@@ -16,8 +16,9 @@ from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
+from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.likelihood import evenly_spaced, log_density
+from gliderhpc.tuning.likelihood import log_density
 from gliderhpc.tuning.record_checks.compass import (
     Leg,
     TurnStretches,

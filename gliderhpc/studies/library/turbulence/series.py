@@ -1,6 +1,5 @@
 """Disturbance series of a profile for the studies of turbulence: high-pass, usable stretches, and settings."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -9,17 +8,15 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gliderhpc.archive.mission import open_for_reading
-from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, read_profile_data
+from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.estimation.settings import Channel, Settings
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
+from gliderhpc.studies.archived import sample_interval
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.studies.request import Request, own_settings
 from gliderhpc.vocabulary import CHANNELS, QUALITY
 
 Range = tuple[float, float]
@@ -44,9 +41,6 @@ MIN_RMS = 1e-9
 
 MIN_DURATION = 300.0
 """Least duration of usable samples for the statistics of a profile, s."""
-
-EXAMINED_PROFILES = 5
-"""Number of profiles, spread over those chosen, whose sample interval is compared with the band."""
 
 
 class FastSettings(Settings):
@@ -340,7 +334,7 @@ def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool)
     values = high_passed(bridged(channel.values, counted), channel.step, settings.cutoff)
     fast = gappy_series(values, counted, channel.step, 1.0 / settings.cutoff)
     if channel.nyquist <= lowest:
-        return FastPart(fast, _describe_unresolved(channel.sample_interval, channel.nyquist, lowest))
+        return FastPart(fast, describe_unresolved(channel.sample_interval, channel.nyquist, lowest))
     if fast.duration < MIN_DURATION:
         return FastPart(fast, f"only {fast.duration:.0f} s of samples can be used, and {MIN_DURATION:.0f} s are needed")
     if fast.rms < MIN_RMS:
@@ -353,52 +347,7 @@ def resolved_band(band: tuple[float, float], nyquist: float) -> tuple[float, flo
     return band[0], min(band[1], nyquist)
 
 
-def describe_missing_band(request: Request, settings: FastSettings) -> str | None:
-    """Return the reason why no examined profile of a request resolves any of the band, or None if at least one does.
-
-    Parameters
-    ----------
-    request : Request
-        Archive, profiles and estimate.
-    settings : FastSettings
-        Settings of the study, with the band in Hz.
-
-    Raises
-    ------
-    InputError
-        No such profile is done, or the archive has no such estimate.
-    """
-    lowest, interval, nyquist = settings.band[0], np.inf, 0.0
-    with open_for_reading(request.archive) as archive:
-        step = series_step(archive, request.estimate)
-        for own in _sample_intervals(archive, request):
-            interval = min(interval, own)
-            nyquist = 0.5 / max(interval, step)
-            if nyquist > lowest:
-                return None
-    needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
-    return f"{_describe_unresolved(interval, nyquist, lowest)}; {needed}"
-
-
-def missing_band_of(name: str, model: type[FastSettings]) -> Callable[[Request], str | None]:
-    """Return the function `missing` of a study that needs its band, given its name and the model of its settings."""
-
-    def missing(request: Request) -> str | None:
-        return describe_missing_band(request, own_settings(request, name, model))
-
-    return missing
-
-
-def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:
-    """Yield the sample intervals (s) of a few profiles spread over those chosen."""
-    numbers = chosen_profiles(archive, request.profiles, request.quick)
-    places = np.unique(np.linspace(0, len(numbers) - 1, EXAMINED_PROFILES).round().astype(np.int64))
-    platform = platform_of(archive)
-    for place in places.tolist():
-        yield sample_interval(read_profile_data(archive, numbers[place], request.estimate), platform)
-
-
-def _describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
+def describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
     """Explain that samples `interval` s apart resolve up to `nyquist` Hz, and nothing of a band above `lowest` Hz."""
     return (
         f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
