@@ -34,6 +34,8 @@ $(VENV)/compliance: $(VENV)/dev
 	$(BIN)/pip install --quiet --editable '.[dev,docs,compliance]'
 	@touch $@
 
+setup: $(VENV)/dev  ## make the environment of a developer in .venv
+
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
 

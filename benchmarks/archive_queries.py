@@ -34,7 +34,7 @@ table = mission[["status", "start_time", "max_depth", "dac_north", "dac_east"]].
 print(table.tail(5).round(3))""",
     ),
     Query(
-        "Events above a threshold over the mission",
+        "Samples above a threshold over the mission",
         """\
 series = xr.open_dataset(archive, engine="zarr", group="series", chunks={"profile": 16})
 beyond = (np.abs(series.B_cr) > 0.5).sum("sample").compute().to_series()

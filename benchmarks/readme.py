@@ -108,7 +108,7 @@ def _smoother(row: Mapping[str, Any]) -> str:
         f"- The smoother took {row['pass_us']:.1f} μs per step and pass on {row['day']} (forwards {row['forward_us']['median']:.1f}, "
         f"backwards {row['backward_us']['median']:.1f}), linearisation and mean shift included, and {row['whole_us']['median']:.0f} μs per "
         f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. A dense pass in NumPy over the "
-        f"same segments, whose linearisation is given, takes {row['dense_ratio']:.1f} times as long (largest difference of "
+        f"same segments, without the linearisation, takes {row['dense_ratio']:.1f} times as long (largest difference of "
         f"means in deviations and of relative variances {row['largest_difference']:.0e})."
     )
 

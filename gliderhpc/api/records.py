@@ -169,8 +169,8 @@ def kind_of(sources: Sequence[Path]) -> str:
     if not kinds:
         _refuse_with_needs(sources)
         raise InputError(
-            f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; set "
-            f"kind to one of {', '.join(IMPORTERS)}"
+            f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; "
+            f"give their kind, one of {', '.join(IMPORTERS)} (`gliderhpc import KIND`)"
         )
     return next(iter(kinds))
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,7 @@ class Importing:
                 return faults | {chosen[0].name: str(error)}
         while chosen:
             try:
-                summary = import_as(kind, chosen, out, {**self._options(kind), "overwrite": True, "reads": reads})
+                summary = import_as(kind, chosen, out, {**self._options(kind), **_own_options(kind, reads)})
             except InputError as error:
                 culprit = _culprit(error, chosen)
                 faults[culprit.name] = str(error)
@@ -108,6 +109,12 @@ class Importing:
             else:
                 return faults | dict(summary.rejected)
         return faults
+
+
+def _own_options(kind: str, reads: Reads) -> dict[str, Any]:
+    """Options that a watch sets; an importer without the option `reads` opens its files itself."""
+    reading = {"reads": reads} if "reads" in signature(IMPORTERS[kind]).parameters else {}
+    return {"overwrite": True, **reading}
 
 
 def is_candidate(path: Path, kind: str | None, named: bool) -> bool:

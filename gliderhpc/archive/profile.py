@@ -281,8 +281,9 @@ def on_branch_of(reference: Array, degrees: Array) -> Array:
 
 def _row(archive: Archive, number: int) -> dict[str, Any]:
     table = archive.to_dataset()
-    if number not in table["profile"].values:
-        raise InputError(f"the archive has no profile {number}")
+    numbers = table["profile"].values
+    if number not in numbers:
+        raise InputError(f"the archive has no profile {number}; the available ones are {numbers[0]} to {numbers[-1]}")
     row = table.sel(profile=number).load()
     values = {str(name): variable.values[()] for name, variable in row.data_vars.items()}
     if str(values["status"]) != "done":

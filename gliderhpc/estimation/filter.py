@@ -74,7 +74,7 @@ class FilterEstimate:
 
     def describe(self) -> str:
         """Describe the counts in one clause."""
-        return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
+        return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} fed samples"
 
 
 def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> FilterEstimate:
@@ -178,7 +178,8 @@ def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileEr
     """Error for an estimate that rejected more than the allowed share of samples."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-        "follow this record; check the platform (neutral volume, battery zero), or raise filter.max_rejected_fraction"
+        "follow this record; check the platform (neutral volume, battery zero) and the signs of the battery, or raise "
+        "filter.max_rejected_fraction"
     )
 
 

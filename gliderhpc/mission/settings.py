@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.shipped import nearest
 from gliderhpc.tuning.record_checks import CheckSettings
 from gliderhpc.yaml_text import parse_value, shown, split_assignment
 
@@ -72,7 +73,8 @@ def build_settings_of(
     for key, text in assignments.items():
         if key not in known:
             raise InputError(
-                f"--set {key}: no such setting; the settings are {', '.join(known)}, and {PLATFORM_PREFIX}..."
+                f"--set {key}: no such setting{nearest(key, known)}; the settings are {', '.join(known)}, "
+                f"and {PLATFORM_PREFIX}..."
             )
         node = values
         *parents, last = key.split(".")
@@ -109,8 +111,10 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"
         if first["type"] == "extra_forbidden":
-            known = ", ".join(sorted(_dotted(model)))
-            raise InputError(f"{where}: no such setting; the settings are {known}") from None
+            known = sorted(_dotted(model))
+            raise InputError(
+                f"{where}: no such setting{nearest(where, known)}; the settings are {', '.join(known)}"
+            ) from None
         raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
 
 

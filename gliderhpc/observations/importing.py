@@ -19,6 +19,7 @@ from gliderhpc.observations.profile_checks import check_length, check_pace, chec
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.observations.rows import ClockStep, Columns, without_doubtful
+from gliderhpc.observations.sign_checks import check_signs
 from gliderhpc.observations.validation import Span
 from gliderhpc.observations.writer import Attribute, write_observations
 from gliderhpc.output_files import check_output
@@ -324,13 +325,18 @@ def _profile(number: int, parts: Parts, start: int, stop: int, variables: Column
 
 
 def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str | None:
-    """Return the fault of length, values or pace that the reader of the file will find in this profile, or None."""
+    """Return the fault of length, values, pace or signs that the file's reader will find in this profile, or None."""
     fault = check_length(number, time)
     for name in REQUIRED:
         if fault is None:
             values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
             fault = check_values(VARIABLES[name], values, number, start)
     if fault is None:
-        depth: FloatArray = np.asarray(variables["depth"][start : start + len(time)], dtype=np.float64)
-        fault = check_pace(time, depth, {number: (0, len(time))}, {}).get(number)
+        whole = {number: (0, len(time))}
+        depth, pitch, ballast = (
+            np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
+            for name in ("depth", "pitch", "ballast_volume")
+        )
+        faults = check_pace(time, depth, whole, {})
+        fault = (faults | check_signs(time, depth, pitch, ballast, whole, faults)).get(number)
     return fault

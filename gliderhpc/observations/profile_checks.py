@@ -145,7 +145,7 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
     if len(bad):
         return (
             f"profile {number}: {variable.name} is {values[bad[0]]:g} {variable.unit} at sample {start + bad[0]}, "
-            f"outside {describe_range(variable)}; correct it or mark it missing (NaN)"
+            f"outside {describe_range(variable)}; {_other_unit(variable)}correct it or mark it missing (NaN)"
         )
     if not variable.required:
         return None
@@ -162,6 +162,10 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
     if count < needed:
         return f"profile {number}: {variable.name} has only {count} samples that are not NaN, but {needed} are needed"
     return None
+
+
+def _other_unit(variable: Variable) -> str:
+    return "convert it if it is in centimetres, " if variable.name == "battery_position" else ""
 
 
 def _implausible_unit(variable: Variable, values: FloatArray) -> str | None:

@@ -63,11 +63,12 @@ def write_observations(
 def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mapping[str, Attribute]) -> xr.Dataset:
     absent = [name for name in ("time", *REQUIRED) if name not in variables]
     absent += [name for name in ("platform", "mission", "source") if name not in attributes]
-    if absent:
-        raise ValueError(f"absent: {', '.join(absent)}")
     unknown = set(variables) - set(VARIABLES) - set(REFERENCE) - {"time", "fix_time"}
+    faults = [f"absent: {', '.join(absent)}"] if absent else []
     if unknown:
-        raise ValueError(f"not in the observation format: {', '.join(sorted(unknown))}")
+        faults.append(f"not in the observation format: {', '.join(sorted(unknown))}")
+    if faults:
+        raise ValueError("; ".join(faults))
     data: dict[str, tuple[str, npt.NDArray[np.generic], dict[str, str]]] = {
         "time": ("time", _nanoseconds(variables["time"]), {"standard_name": "time", "long_name": "time", "axis": "T"})
     }

@@ -227,7 +227,10 @@ def test_settings_by_name_or_as_an_object(records, swift):
     by_object = gh.invert(swift, "petrel-l", 2, settings=gh.MissionSettings(engine="scipy"), **{"window.length": 20.0})
     assert_same(by_name, by_object)
     assert by_name.attrs["settings"]["window"]["length"] == 20.0
-    with pytest.raises(gh.InputError, match=r"^window\.lenght: no such setting; the settings are .*window\.length"):
+    with pytest.raises(
+        gh.InputError,
+        match=r"^window\.lenght: no such setting, did you mean 'window\.length'\?; the settings are .*window\.length",
+    ):
         gh.invert(swift, "petrel-l", 2, window={"lenght": 20.0})
     with pytest.raises(gh.InputError, match=r"^window\.length: .*greater than 0, not -1"):
         gh.invert(swift, "petrel-l", 2, window={"length": -1})

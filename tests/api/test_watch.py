@@ -16,6 +16,7 @@ from support.seaglider_files import write_dive
 from support.slocum_files import flight, write_binary
 
 from gliderhpc.api import watch, watch_state
+from gliderhpc.api.records import IMPORTERS
 from gliderhpc.api.watch import Listener, Watched, watching
 from gliderhpc.api.watch_records import Importing, is_candidate
 from gliderhpc.archive.mission import open_for_reading
@@ -427,6 +428,19 @@ def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
     path = write_dive(tmp_path / "sg", 1, columns=True)
     with pytest.raises(InputError, match=words):
         Importing(*importing).import_files([path], tmp_path / "out.nc")
+
+
+def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypatch):
+    usual = IMPORTERS["seaglider"]
+
+    def import_plain(sources, out, *, overwrite=False):
+        return usual(sources, out, overwrite=overwrite)
+
+    path = write_dive(tmp_path / "sg", 1, columns=True)
+    assert Importing("seaglider", {}).import_files([path], tmp_path / "usual.nc") == {}
+    monkeypatch.setitem(IMPORTERS, "seaglider", import_plain)
+    assert Importing("seaglider", {}).import_files([path], tmp_path / "out.nc") == {}
+    assert (tmp_path / "out.nc").read_bytes() == (tmp_path / "usual.nc").read_bytes()
 
 
 def test_an_empty_folder_has_no_records_of_any_kind(tmp_path):

@@ -106,7 +106,8 @@ def test_version():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("fly",), "No such command 'fly'"),
+        (("fly",), "no such command 'fly'; commands are run-mission"),
+        (("analyse", "a.zarr"), "no such command 'analyse', did you mean 'analyze'?"),
         (("run-mission",), "Missing argument 'OBSERVATIONS'"),
         (("run-mission", "a.nc", "--platform", "petrel-l"), "Missing option '--store'"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--preset", "best"), "'best' is not one of"),
@@ -329,7 +330,7 @@ def test_an_unknown_platform(brief, run):
 @pytest.mark.parametrize(
     ("assignment", "words"),
     [
-        ("windw.length=30", "--set windw.length: no such setting; the settings are"),
+        ("windw.length=30", "--set windw.length: no such setting, did you mean 'window.length'?; the settings are"),
         ("platform.buoyancy.neutral=3", "a platform has no key 'buoyancy.neutral'"),
         ("window.length=-5", "--set window.length: Input should be greater than 0, not -5"),
         ("window.length", "write it as KEY=VALUE"),

@@ -365,8 +365,10 @@ def test_fix_out_of_range_is_left_out_with_a_warning(tmp_path):
 
 
 def test_writer_refuses_what_is_not_of_the_format(tmp_path):
-    with pytest.raises(ValueError, match="absent: roll"):
+    with pytest.raises(ValueError, match=r"^absent: roll$"):
         write(tmp_path, roll=None)
+    with pytest.raises(ValueError, match=r"^absent: roll; not in the observation format: rol$"):
+        write(tmp_path, roll=None, rol=mission()["roll"])
     with pytest.raises(ValueError, match="not in the observation format: yaw"):
         write(tmp_path, yaw=mission()["roll"])
 

@@ -16,6 +16,7 @@ from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.fixes import screen_fixes
 from gliderhpc.observations.profile_checks import check_pace
 from gliderhpc.observations.resample import local_intervals
+from gliderhpc.observations.sign_checks import check_signs
 from gliderhpc.observations.times import decode_times
 
 PER_SURFACING = 2
@@ -413,3 +414,71 @@ def test_numbers_on_the_command_line_that_are_none(words):
     assert answer.status == 2
     assert "Invalid value for" in answer.err
     assert "Traceback" not in answer.err
+
+
+# Signs
+
+
+def glide(pitch=-25.0, ballast=-250.0, every=1, climb=True):
+    """Dive and climb of 900 s each, the climb with the opposite pitch and ballast; time, depth, pitch, ballast."""
+    seconds = np.arange(0, 1800 if climb else 900, every)
+    down = seconds < 900
+    depth = np.minimum(0.15 * seconds, 0.15 * (1800.0 - seconds)) + 1.0
+    time = START + seconds.astype("timedelta64[s]")
+    return time, depth, np.where(down, pitch, -pitch), np.where(down, ballast, -ballast)
+
+
+def fault_of_signs(time, depth, pitch, ballast):
+    return check_signs(time, depth, pitch, ballast, {4: (0, len(time))}, {}).get(4)
+
+
+@pytest.mark.parametrize("every", [1, 20, 100])
+def test_a_reversed_sign_is_named_with_its_values(every):
+    assert fault_of_signs(*glide(every=every)) is None
+    assert fault_of_signs(*glide(pitch=25.0, every=every)) == (
+        "profile 4: pitch is +25 degree while the glider sinks and -25 degree while it rises; nose up is positive, so "
+        "reverse its sign"
+    )
+    assert fault_of_signs(*glide(ballast=250.0, every=every)) == (
+        "profile 4: ballast_volume is +250 cm3 while the glider sinks and -250 cm3 while it rises; more oil outside "
+        "the hull makes it rise, so reverse its sign"
+    )
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        glide(pitch=4.0),
+        glide(ballast=9.0),
+        glide(pitch=25.0, climb=False),
+        glide(pitch=25.0, ballast=250.0, every=400),
+    ],
+    ids=["a flat profile", "hardly any oil moved", "a dive alone", "too few samples"],
+)
+def test_a_sign_that_is_not_certain_is_no_fault(records):
+    assert fault_of_signs(*records) is None
+
+
+def test_missing_samples_and_other_faults_do_not_disturb_the_signs():
+    time, depth, pitch, ballast = glide(pitch=25.0)
+    holes = np.arange(len(time)) % 7 > 0
+    depth, pitch = np.where(holes, depth, np.nan), np.where(~holes, pitch, np.nan)
+    assert "reverse its sign" in fault_of_signs(time, depth, pitch, ballast)
+    assert check_signs(time, depth, pitch, ballast, {4: (0, len(time))}, {4: "too short"}) == {}
+
+
+def test_a_profile_of_reversed_pitch_is_left_out_of_its_file(tmp_path):
+    time, depth, pitch, ballast = glide()
+    second = time + (time[-1] - time[0]) + np.timedelta64(1, "h")
+    both = {"depth": np.tile(depth, 2), "pitch": np.concatenate([pitch, -pitch]), "ballast_volume": np.tile(ballast, 2)}
+    rest = {"roll": 1.0, "heading": 40.0, "battery_position": 0.01, "battery_rotation": 0.0}
+    constant = {name: np.full(2 * len(time), value) for name, value in rest.items()}
+    number = np.repeat([1, 2], len(time))
+    path = write_observations(
+        {"time": np.concatenate([time, second]), "profile": number, **both, **constant},
+        tmp_path / "two.nc",
+        attributes=ATTRIBUTES,
+    )
+    with open_observations(path) as observations:
+        assert list(observations.faults) == [2]
+        assert "reverse its sign" in observations.faults[2]

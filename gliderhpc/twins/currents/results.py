@@ -42,7 +42,7 @@ FACTORS = np.geomspace(0.5, 2.0, 141)
 """Trial factors of fitted constants, of which the one with the best coverage is chosen."""
 
 PUBLISHED, RECOVERABILITY = "published", "recoverability"
-FITTED_FORM, FITTED, CENTRED = "fitted, published form", "fitted", "fitted, mean error taken out"
+FITTED_FORM, FITTED, CENTRED = "fitted, published form", "fitted", "fitted, mean error removed"
 """Names of the sets of constants: that of section 5.5, that of a given budget, and those of this study: with three
 terms, with four terms, and with four terms fitted to errors without their mean along the track."""
 

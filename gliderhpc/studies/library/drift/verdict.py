@@ -209,8 +209,9 @@ def _plane(own: EstimateTrends) -> str:
     shown = own.shown
     names = ", ".join(f"{channel} {phase}" for channel, phase in shown) or "none"
     lateral = [key for key in shown if key[0] in LATERAL and own.tier(key) != "negligible"]
-    where = "also in the lateral plane" if lateral else "in the longitudinal plane alone" if shown else "nowhere"
-    return f"{own.estimate}: series that drift after Holm's correction for {len(own.trends)}: {names}; {where}"
+    where = "also in the lateral plane" if lateral else "in the longitudinal plane alone" if shown else ""
+    listed = "; ".join(filter(None, (names, where)))
+    return f"{own.estimate}: series that drift after Holm's correction for {len(own.trends)}: {listed}"
 
 
 def _apart(drag: DragDrift) -> str:
