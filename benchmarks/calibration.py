@@ -6,6 +6,7 @@ Usage: ``python -m benchmarks.calibration [NAME=OBSERVATIONS:PLATFORM ...]``, wh
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -212,7 +213,7 @@ def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[st
         f"With all dives at {ONE_PITCH[0]:g} degrees, {len(one_pitch)} twins: {summary(one_pitch)}", "", coverage(one_pitch), "",
         "## Real missions", "",
         "Every fourth profile is held out; settings are the defaults. The errors are those of the balance at the fitted and the held-out",
-        "profiles, under the hull as shipped and as calibrated.", "",
+        f"profiles, under the hull as shipped and as calibrated, measured on {datetime.now(UTC):%Y-%m-%d}.", "",
     ]  # fmt: skip
     for mission in missions:
         lines += real(mission)

@@ -264,8 +264,9 @@ def draws_text(folder: Path, workers: int) -> str:
         rows.append(_segments_row(label, studied(store, DriftSettings(coefficients=drawn), workers)))
     columns = ["segments per profile and phase", "inverted", *(f"{c} {p}" for c, p in _SHOWN)]
     settings = DriftSettings().coefficients
+    with_workers = f"{workers} worker{'' if workers == 1 else 's'}"
     return (
-        f"{PROFILES} profiles, {settings.draws} draws, {workers} workers: {minutes:.1f} minutes for the whole study "
+        f"{PROFILES} profiles, {settings.draws} draws, {with_workers}: {minutes:.1f} minutes for the whole study "
         "(a mission with fouling, see above). Slopes per day by the segments with the 95 % interval over draws, and "
         "the share of draws with the same sign:\n\n" + markdown(columns, rows, columns[1:])
     )

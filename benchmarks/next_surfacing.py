@@ -33,7 +33,7 @@ MISSIONS = 120
 AFTER = (3, 6, 12, 24, 48)
 """Dives after which the next surfacing is predicted."""
 
-NOWCASTS: dict[str, tuple[str, ...]] = {"nowcast": tuple(TIDAL_PERIODS), "without tidal lines": ()}
+NOWCASTS: dict[str, tuple[str, ...]] = {"with tidal lines": tuple(TIDAL_PERIODS), "without tidal lines": ()}
 """Tidal lines of the nowcasts that are compared."""
 
 ERRORS = CurrentSettings()

@@ -62,7 +62,7 @@ def _windows(results: Mapping[str, Any]) -> str:
         "one core, 300-step windows, preset `paper`",
         "cost and gradient, ms",
         "whole window, ms (quartiles)",
-        f"times {engine} (means)",
+        f"time relative to {engine.removeprefix('gliderhpc, ')} (means)",
         "iterations",
         "converged",
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
+from gliderhpc.observations.profiles import describe_numbers
 from gliderhpc.observations.resample import averages_between
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
@@ -281,9 +282,9 @@ def on_branch_of(reference: Array, degrees: Array) -> Array:
 
 def _row(archive: Archive, number: int) -> dict[str, Any]:
     table = archive.to_dataset()
-    numbers = table["profile"].values
+    numbers = table["profile"].values.tolist()
     if number not in numbers:
-        raise InputError(f"the archive has no profile {number}; the available ones are {numbers[0]} to {numbers[-1]}")
+        raise InputError(f"the archive has no profile {number}; the available ones are {describe_numbers(numbers)}")
     row = table.sel(profile=number).load()
     values = {str(name): variable.values[()] for name, variable in row.data_vars.items()}
     if str(values["status"]) != "done":

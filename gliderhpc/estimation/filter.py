@@ -74,7 +74,7 @@ class FilterEstimate:
 
     def describe(self) -> str:
         """Describe the counts in one clause."""
-        return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} fed samples"
+        return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
 
 
 def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> FilterEstimate:

@@ -15,6 +15,7 @@ from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
+from gliderhpc.observations.profiles import describe_numbers
 
 MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
 """Largest number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
@@ -153,7 +154,9 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
         first, last = int(match[1]), int(match[2] or match[1])
         found = {number for number in available if first <= number <= last}
         if not found or last < first:
-            raise InputError(f"{option} {text}: no profile {part.strip()}; the available ones are {_ranges(available)}")
+            raise InputError(
+                f"{option} {text}: no profile {part.strip()}; the available ones are {describe_numbers(available)}"
+            )
         chosen |= found
     return tuple(sorted(chosen))
 
@@ -215,11 +218,6 @@ def _check_margin(observations: Observations, settings: MissionSettings, profile
             f"--set window.margin={settings.window.margin:g}: must be shorter than the window, {length:g} s here; "
             "set window.length too"
         )
-
-
-def _ranges(numbers: Sequence[int]) -> str:
-    ordered = sorted(numbers)
-    return f"{ordered[0]} to {ordered[-1]} ({len(ordered)} profiles)" if ordered else "none"
 
 
 _GROUPS = Path("/sys/fs/cgroup")

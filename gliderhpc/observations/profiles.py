@@ -1,6 +1,6 @@
 """Profiles, and dive-climb cycles within a profile, detected from depth alone; a choice among profiles."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -197,6 +197,12 @@ def dive_span(
 
 
 def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
-    """Choose at most ``count`` of the numbers, evenly spread, the first and the last among them."""
+    """Choose at most ``count`` of the numbers, evenly spread: the first and, from two on, the last among them."""
     places = np.unique(np.linspace(0, len(numbers) - 1, min(count, len(numbers))).round().astype(int))
     return [numbers[place] for place in places]
+
+
+def describe_numbers(numbers: Iterable[int]) -> str:
+    """Describe which profiles there are, for a message that refuses another."""
+    ordered = sorted(numbers)
+    return f"{ordered[0]} to {ordered[-1]} ({len(ordered)} profiles)" if ordered else "none"

@@ -5,14 +5,19 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.validation import Span
 
-BIN = 60.0
+BIN = 20.0
 """Time over which depth and the other variables are averaged (s)."""
 
-MIN_BINS = 3
-"""Least number of bins in which the glider sinks, and in which it rises; with fewer, no sign is checked."""
+MIN_BINS = 4
+"""Least number of consecutive bins in one direction that count.
+
+In cycles that the bins or the samples do not resolve, the direction is wrong as often as right; such a profile is not
+checked.
+"""
 
 MIN_RATE = 0.03
 """Vertical speed (m/s) from which a bin counts as sinking or rising."""
@@ -71,8 +76,8 @@ def _fault_of_signs(
         for values in (seconds, depth, _filled(seconds, pitch), _filled(seconds, ballast))
     )
     rate = np.gradient(mean_depth, middle)
-    sinking, rising = rate > MIN_RATE, rate < -MIN_RATE
-    if min(np.count_nonzero(sinking), np.count_nonzero(rising)) < MIN_BINS:
+    sinking, rising = _steady(rate > MIN_RATE), _steady(rate < -MIN_RATE)
+    if not (sinking.any() and rising.any()):
         return None
     down, up = _medians(mean_pitch, sinking, rising)
     if down > SURE_PITCH and up < -SURE_PITCH:
@@ -87,6 +92,14 @@ def _fault_of_signs(
             "rises; more oil outside the hull makes it rise, so reverse its sign"
         )
     return None
+
+
+def _steady(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Mask without its runs of fewer than `MIN_BINS`."""
+    found = np.zeros_like(mask)
+    for first, stop in stretches(mask):
+        found[first:stop] = stop - first >= MIN_BINS
+    return found
 
 
 def _filled(seconds: FloatArray, values: FloatArray) -> FloatArray:

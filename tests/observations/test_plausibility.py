@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.missions import program
 from support.observation_files import ATTRIBUTES, SAMPLES, START, edited, first_sample, mission, write
+from support.seaglider_files import pitches, write_dive
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission import planning
@@ -457,6 +458,24 @@ def test_a_reversed_sign_is_named_with_its_values(every):
 )
 def test_a_sign_that_is_not_certain_is_no_fault(records):
     assert fault_of_signs(*records) is None
+
+
+@pytest.mark.parametrize(("leg", "interval"), [(50.0, 1.0), (33.0, 1.0), (240.0, 300.0), (240.0, 500.0)])
+def test_cycles_that_are_not_resolved_are_not_judged(leg, interval):
+    """Averages and differences of such cycles can have the opposite direction of the glider's."""
+    seconds = np.arange(0.0, 200.0 * leg, interval)
+    place = np.mod(seconds, 2.0 * leg)
+    down = place < leg
+    depth = 1.0 + 0.35 * np.where(down, place, 2.0 * leg - place)
+    time = START + (1e9 * seconds).astype("timedelta64[ns]")
+    pitch, ballast = np.where(down, -25.0, 25.0), np.where(down, -250.0, 250.0)
+    assert fault_of_signs(time, depth, pitch, ballast) is None
+
+
+def test_an_importer_reports_a_reversed_pitch(tmp_path):
+    path = write_dive(tmp_path / "sg", 1, columns=True, eng_pitchAng=-pitches())
+    answer = program("import", "seaglider", path, tmp_path / "out.nc")
+    assert "reverse its sign" in answer.out + answer.err
 
 
 def test_missing_samples_and_other_faults_do_not_disturb_the_signs():

@@ -156,15 +156,14 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     """Return the comparisons for the simulated profiles."""
     first = trend.first if np.isfinite(trend.first) else float(table["longitudinal_rmse"].iloc[0])
     last = trend.last if np.isfinite(trend.last) else float(table["longitudinal_rmse"].iloc[-1])
-    ends = "fitted line's end" if np.isfinite(trend.first) else "too few profiles for a trend: its own value"
-
+    known = np.isfinite(trend.first)
+    ends = "fitted line's end" if known else "too few profiles for a trend: its own value"
+    tested = f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06" if known else "too few profiles for a trend"
     return (
         Comparison("longitudinal RMSE, start of the mission", "1", first, 0.048, remark=ends),
         Comparison("longitudinal RMSE, end of the mission", "1", last, 0.080, remark=ends),
         Comparison("its relative rise", "1", trend.change, 0.66),
-        Comparison(
-            "its Mann-Kendall p", "1", trend.p, remark=f"tau {trend.tau:+.2f}, n = {trend.count}; paper 7.5e-06"
-        ),
+        Comparison("its Mann-Kendall p", "1", trend.p, remark=tested),
         Comparison("depth RMSE per profile, median", "m", median_of(table, "depth_rmse")),
         Comparison("pitch RMSE per profile, median", "degree", median_of(table, "pitch_rmse")),
         Comparison("heading RMSE per profile, median", "degree", median_of(table, "heading_rmse")),

@@ -276,7 +276,7 @@ def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_d
     )
     return {
         "vertical": (
-            "Vertical velocity of the water: measured depth rate minus that of the hull's glide in still water, with "
+            "Upward velocity of the water: depth rate of the hull's glide in still water minus the measured one, with "
             f"its buoyancy {buoyancy}, over windows of {window:.0f} s. Panels (a) and (b): profile "
             f"{int(known['profile'].iloc[0])}; (c) and (d): {data}. {sure}"
         ),
