@@ -34,7 +34,7 @@ SECONDS_PER_STEP = {
 It is about twice as long in rough water, where the smoother needs more passes."""
 BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
-_READY_BYTES_PER_STEP = 700
+_READY_BYTES_PER_STEP = 300
 """Memory of a filtered profile: record, mass properties, estimates, and trajectory from which its windows start."""
 _SMOOTHER_BYTES_PER_STEP = 4500
 """Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""

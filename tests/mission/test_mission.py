@@ -800,10 +800,10 @@ def test_the_plan_follows_engine_and_batch(brief):
         whole.describe(MissionSettings(engine=engine), 2) for engine in ("lanes", "scipy")
     )  # fmt: skip
     assert figure_of(lanes, "min on") < figure_of(scipy, "min on")
-    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 700 + 4500), abs=0.01)
-    assert figure_of(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (700 + 4500), abs=0.01)
+    assert figure_of(lanes, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * LANES * 300 + 4500), abs=0.01)
+    assert figure_of(scipy, "GB of memory") == pytest.approx(0.32 + 1e-4 * (300 + 4500), abs=0.01)
     few = plan.describe(MissionSettings(), 2)
-    assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 700 + 4500), abs=0.01)
+    assert figure_of(few, "GB of memory") == pytest.approx(0.32 + 1e-4 * (2 * 300 + 4500), abs=0.01)
     assert "on 2 workers" in few
     assert "on 1 worker, " in replace(plan, profiles=(1,)).describe(MissionSettings(), 8)
 
