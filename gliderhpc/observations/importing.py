@@ -15,11 +15,11 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
-from gliderhpc.observations.profile_checks import check_length, check_pace, check_values
+from gliderhpc.observations.profile_checks import check_length, check_values, fault_of_pace
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.observations.rows import ClockStep, Columns, without_doubtful
-from gliderhpc.observations.sign_checks import check_signs
+from gliderhpc.observations.sign_checks import GLIDE, fault_of_signs
 from gliderhpc.observations.validation import Span
 from gliderhpc.observations.writer import Attribute, write_observations
 from gliderhpc.output_files import check_output
@@ -332,11 +332,8 @@ def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str 
             values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
             fault = check_values(VARIABLES[name], values, number, start)
     if fault is None:
-        whole = {number: (0, len(time))}
         depth, pitch, ballast = (
-            np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
-            for name in ("depth", "pitch", "ballast_volume")
+            np.asarray(variables[name][start : start + len(time)], dtype=np.float64) for name in GLIDE
         )
-        faults = check_pace(time, depth, whole, {})
-        fault = (faults | check_signs(time, depth, pitch, ballast, whole, faults)).get(number)
+        fault = fault_of_pace(number, time, depth) or fault_of_signs(number, time, depth, pitch, ballast)
     return fault

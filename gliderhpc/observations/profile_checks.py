@@ -4,7 +4,7 @@ Faults are returned as text and do not prevent the estimation of the other profi
 ``time``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +53,14 @@ def check_extents(time: TimeArray, spans: Mapping[int, Span], faults: Mapping[in
     dict
         Profile number to its fault.
     """
-    found = ((n, check_length(n, time[start:stop])) for n, (start, stop) in spans.items() if n not in faults)
+    return faults_of(lambda number, own: check_length(number, time[own]), spans, faults)
+
+
+def faults_of(
+    check: Callable[[int, slice], str | None], spans: Mapping[int, Span], faults: Mapping[int, str]
+) -> dict[int, str]:
+    """Check every profile that has no fault yet, given its number and its samples; return the faults by number."""
+    found = ((number, check(number, slice(*span))) for number, span in spans.items() if number not in faults)
     return {number: fault for number, fault in found if fault is not None}
 
 
@@ -212,15 +219,11 @@ def check_pace(
     faults : mapping of int to str
         Faults found before, by profile number.
     """
-    found = (
-        (number, _fault_of_pace(number, time[start:stop], depth[start:stop]))
-        for number, (start, stop) in spans.items()
-        if number not in faults
-    )
-    return {number: fault for number, fault in found if fault is not None}
+    return faults_of(lambda number, own: fault_of_pace(number, time[own], depth[own]), spans, faults)
 
 
-def _fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None:
+def fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None:
+    """Fault of the vertical speed of one profile, from its times and depths (m) ``(n,)``; None if it has none."""
     known = np.isfinite(depth)
     seconds, depth = (time[known] - time[0]) / np.timedelta64(1, "s"), depth[known]
     extent = float(np.ptp(depth))

@@ -5,9 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.profile_checks import faults_of
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.validation import Span
+
+GLIDE = ("depth", "pitch", "ballast_volume")
+"""Variables that are checked together."""
 
 BIN = 20.0
 """Time over which depth and the other variables are averaged (s)."""
@@ -55,16 +59,15 @@ def check_signs(
     dict
         Profile number to its fault.
     """
-    found = (
-        (number, _fault_of_signs(number, time[own], depth[own], pitch[own], ballast[own]))
-        for number, own in ((number, slice(*span)) for number, span in spans.items() if number not in faults)
+    return faults_of(
+        lambda number, own: fault_of_signs(number, time[own], depth[own], pitch[own], ballast[own]), spans, faults
     )
-    return {number: fault for number, fault in found if fault is not None}
 
 
-def _fault_of_signs(
+def fault_of_signs(
     number: int, time: TimeArray, depth: FloatArray, pitch: FloatArray, ballast: FloatArray
 ) -> str | None:
+    """Fault of the sign of pitch or ballast of one profile, from arrays ``(n,)`` as in `check_signs`; or None."""
     seconds = (time - time[0]) / np.timedelta64(1, "s")
     known = np.isfinite(depth)
     begins = np.flatnonzero(np.diff(np.floor(seconds[known] / BIN), prepend=-1.0))

@@ -20,7 +20,7 @@ from gliderhpc.observations.profile_checks import (
 )
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.sign_checks import check_signs
+from gliderhpc.observations.sign_checks import GLIDE, check_signs
 from gliderhpc.observations.times import DecodedTimes, decode_times
 from gliderhpc.observations.validation import (
     Span,
@@ -159,10 +159,6 @@ class Survey:
 _REACH = ((min, "fixes_from"), (max, "fixes_until"))
 
 
-_GLIDE = ("depth", "pitch", "ballast_volume")
-"""Variables that are checked together: pace and signs of a glide."""
-
-
 def survey_of(stored: StoredVariables) -> Survey:
     """Survey a file.
 
@@ -183,12 +179,12 @@ def survey_of(stored: StoredVariables) -> Survey:
     glide: dict[str, FloatArray] = {}
     for name in PROFILE_VARIABLES:
         values = stored.numbers(name, 0, len(time))
-        if name in _GLIDE:
+        if name in GLIDE:
             glide[name] = values
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
             check_heading_unit(values, places, path)
-    depth, pitch, ballast = (glide[name] for name in _GLIDE)
+    depth, pitch, ballast = (glide[name] for name in GLIDE)
     faults |= check_pace(time, depth, places, faults)
     faults |= check_signs(time, depth, pitch, ballast, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
