@@ -66,7 +66,7 @@ class LaneBatch:
         """Put a window into a lane; `run` solves it."""
         data, start = task
         self._tasks[lane] = task
-        self._make_room(len(data.bodies))
+        self._extend(len(data.bodies))
         load_window(
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies,
             # Always contiguous: for a column of a matrix the kernel would be compiled again.
@@ -77,12 +77,12 @@ class LaneBatch:
     def _allocated(self, steps: int) -> tuple[Problem, Descent, Progress]:
         return allocate(steps, self._settings.optimizer.history, alone=self._alone)
 
-    def _make_room(self, steps: int) -> None:
+    def _extend(self, steps: int) -> None:
         """Grow the memory for a longer window; windows under way continue, with added steps of no duration."""
-        room = len(self._problem.bodies)
-        if self._alone and steps != room:
+        capacity = len(self._problem.bodies)
+        if self._alone and steps != capacity:
             self._problem, self._descent, self._progress = self._allocated(steps)
-        elif steps > room:
+        elif steps > capacity:
             problem, descent, _ = self._allocated(steps)
             for new, old in zip((*problem, *descent), (*self._problem, *self._descent), strict=True):
                 new[tuple(slice(0, length) for length in old.shape)] = old
@@ -202,7 +202,7 @@ def solve_in_lanes(
         _occupy(batch, lanes, active)
         if lanes:
             _run(batch, lanes)
-        # Only the results of a dive that has ended are kept while the next one is posed.
+        # Only the results of a dive that has ended remain in memory while the next one is posed.
         ended = [(dive.key, dive.solution) for dive in active if dive.solution is not None]
         active = [dive for dive in active if dive.solution is None]
         _release(batch, lanes)

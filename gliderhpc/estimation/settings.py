@@ -107,8 +107,8 @@ class SmootherSettings(Settings):
     actuator_lag: float = Field(
         1.0,
         ge=0,
-        description="error of the times of the actuators' records beside their common lag, s; at least half a sample "
-        "interval",
+        description="error of the times of the actuators' records in addition to their common lag, s; at least half "
+        "a sample interval",
     )
     adaptive: bool = Field(True, description="whether the noise is fitted to each dive, by one factor per channel")
     degrees_of_freedom: float | None = Field(

@@ -162,17 +162,17 @@ class _Batch:
         began, seconds = time.perf_counter(), work.seconds
         check_held(self._job.store, self._job.token)
         self._rows.begin(work.index)
-        kept: Row = {}
+        extra: Row = {}
         if isinstance(estimate, ProfileError):
             row = failed_row(str(estimate))
         else:
             seconds += estimate.seconds
             try:
-                row, kept = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
+                row, extra = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
                 row["status"] = "done"
             except ProfileError as error:
                 row = failed_row(str(error))
-        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, kept)
+        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, extra)
 
     def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
         """Recompute the currents of an earlier commit from the new fixes; return False if that is impossible."""
@@ -187,15 +187,15 @@ class _Batch:
             return False
         self._rows.begin(index)
         self._rows.write(index, "drift_current", segments)
-        close_profile(self._rows, index, row, inputs, kept=earlier.kept, amended=earlier.manifest)
+        close_profile(self._rows, index, row, inputs, extra=earlier.extra, amended=earlier.manifest)
         self._results.append(ProfileResult(number, index, row, amended=True))
         return True
 
     def _close(
-        self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, kept: Row | None = None
+        self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, extra: Row | None = None
     ) -> None:
         row["run_seconds"] = seconds
-        close_profile(self._rows, index, row, inputs, kept=kept)
+        close_profile(self._rows, index, row, inputs, extra=extra)
         self._results.append(ProfileResult(number, index, row))
 
 
@@ -203,7 +203,7 @@ def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
     """Return whether only the fixes differ, and the commit stores what is needed to recompute the currents."""
     others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
     same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
-    return same and bool(commit.kept) and commit.row.get("status") == "done"
+    return same and bool(commit.extra) and commit.row.get("status") == "done"
 
 
 def inputs_of(
@@ -289,13 +289,13 @@ def close_profile(
     row: Row,
     inputs: dict[str, str],
     *,
-    kept: Mapping[str, Any] | None = None,
+    extra: Mapping[str, Any] | None = None,
     amended: Digests | None = None,
 ) -> None:
     """Commit a profile (`ArchiveRows.commit`); NaN, which JSON cannot represent, is left out and read as missing."""
     plain = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
     finished = datetime.now(UTC).isoformat(timespec="seconds")
-    rows.commit(index, plain, inputs, finished, kept=kept, amended=amended)
+    rows.commit(index, plain, inputs, finished, extra=extra, amended=amended)
 
 
 def failed_row(message: str) -> Row:

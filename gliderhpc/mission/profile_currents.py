@@ -193,10 +193,10 @@ def _surface_drift_row(record: ProfileRecord) -> Row:
     return {"surface_drift_north": north, "surface_drift_east": east}
 
 
-def _surface_row(end: str, afloat: SurfaceInterval) -> Row:
-    north, east = afloat.displacement.tolist()
+def _surface_row(end: str, interval: SurfaceInterval) -> Row:
+    north, east = interval.displacement.tolist()
     return {
-        f"{end}_surface_time": afloat.drift_removed,
+        f"{end}_surface_time": interval.drift_removed,
         f"{end}_surface_north": north,
         f"{end}_surface_east": east,
     }
@@ -218,7 +218,7 @@ def epoch_seconds(time: np.datetime64) -> float:
 # Content stored with the commit, as JSON, which reproduces every finite number exactly
 
 
-def as_kept(tracks: Tracks, remarks: list[str]) -> Row:
+def tracks_as_json(tracks: Tracks, remarks: list[str]) -> Row:
     """Return displacements and the estimate's remarks as plain JSON."""
     smoothed = tracks.smoothed
     return {
@@ -237,13 +237,13 @@ def as_kept(tracks: Tracks, remarks: list[str]) -> Row:
     }
 
 
-def from_kept(kept: Mapping[str, Any]) -> tuple[Tracks, list[str]]:
-    """Return displacements and remarks from `as_kept`."""
-    smoothed, filtered, covariance = kept["smoothed"], kept["filtered"], kept["covariance"]
+def tracks_from_json(content: Mapping[str, Any]) -> tuple[Tracks, list[str]]:
+    """Return displacements and remarks from `tracks_as_json`."""
+    smoothed, filtered, covariance = content["smoothed"], content["filtered"], content["covariance"]
     tracks = Tracks(
-        adjoint=_track(kept["adjoint"]),
+        adjoint=_track(content["adjoint"]),
         covariance=None if covariance is None else _array(covariance),
-        glide_angle=_track(kept["glide_angle"]),
+        glide_angle=_track(content["glide_angle"]),
         smoothed=None
         if smoothed is None
         else SmoothedTrack(
@@ -251,7 +251,7 @@ def from_kept(kept: Mapping[str, Any]) -> tuple[Tracks, list[str]]:
         ),
         filtered=None if filtered is None else _track(filtered),
     )
-    return tracks, list(kept["remarks"])
+    return tracks, list(content["remarks"])
 
 
 def _plain(track: Track) -> Row:

@@ -14,10 +14,10 @@ from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.mission.hull_rows import hull_row
 from gliderhpc.mission.profile_currents import (
     BY_FIXES,
-    as_kept,
     current_rows,
     epoch_seconds,
-    from_kept,
+    tracks_as_json,
+    tracks_from_json,
     tracks_of,
 )
 from gliderhpc.mission.settings import MissionSettings
@@ -59,7 +59,7 @@ def derive_and_write(
     -------
     row : dict
         The profile's row of the table.
-    kept : dict
+    extra : dict
         Content to store with the commit, from which other fixes give new currents (`with_other_fixes`).
     """
     series, platform = estimate.series, estimate.profile.glider.platform
@@ -83,7 +83,7 @@ def derive_and_write(
             rows.write(index, "hull", hull_row(estimate.hull))
     own = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
     row["message"] = "; ".join([*record.notes, *own])
-    return row, as_kept(tracks, own)
+    return row, tracks_as_json(tracks, own)
 
 
 def with_other_fixes(
@@ -110,7 +110,7 @@ def with_other_fixes(
     KeyError, TypeError, ValueError
         The content stored with the commit does not have this version's form.
     """
-    tracks, own = from_kept(commit.kept)
+    tracks, own = tracks_from_json(commit.extra)
     by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
     rest = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
     return rest | by_fixes | {"message": "; ".join([*record.notes, *own])}, segments

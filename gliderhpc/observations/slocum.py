@@ -293,7 +293,7 @@ def find_fixes(rows: Rows) -> Fixes:
 
 
 def surface_level(rows: Rows) -> FloatArray | None:
-    """Depth reading of the sensor afloat (m), ``(n,)``: its median over the fixes of the nearest surfacing.
+    """Depth reading of the sensor at the surface (m), ``(n,)``: its median over the fixes of the nearest surfacing.
 
     It is None if there is no fix with a depth.
     """

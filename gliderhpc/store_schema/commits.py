@@ -48,14 +48,14 @@ class Commit:
         Digests of the profile's inputs, by kind.
     manifest : mapping of str to str or None
         Digest by key of every possible chunk of the profile, None where there is no chunk.
-    kept : mapping
-        What the writer kept for itself, anything that JSON holds; empty if it kept nothing.
+    extra : mapping
+        Content that the writer stored for a later run, anything that JSON holds; may be empty.
     """
 
     row: Mapping[str, Any]
     inputs: Mapping[str, str]
     manifest: Digests
-    kept: Mapping[str, Any] = field(default_factory=dict)
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ def as_texts(
     inputs: Mapping[str, str],
     manifest: Digests,
     finished: str,
-    kept: Mapping[str, Any] | None = None,
+    extra: Mapping[str, Any] | None = None,
 ) -> tuple[str, str]:
     """Return manifest and marker as stored text."""
     text = json.dumps(manifest, sort_keys=True)
     marker = {"inputs": dict(inputs), "manifest": digest_of(text.encode()), "finished": finished, "row": dict(row)}
-    if kept:
-        marker["kept"] = dict(kept)
+    if extra:
+        marker["kept"] = dict(extra)
     return text, json.dumps(marker, allow_nan=False)
 
 

@@ -118,7 +118,7 @@ class ArchiveRows:
         inputs: Mapping[str, str],
         finished: str,
         *,
-        kept: Mapping[str, Any] | None = None,
+        extra: Mapping[str, Any] | None = None,
         amended: Digests | None = None,
     ) -> None:
         """Commit a profile: fill the rows not written since `begin`, write the manifest, and last the marker.
@@ -133,8 +133,8 @@ class ArchiveRows:
             Digests of the profile's inputs, by kind.
         finished : str
             Time of completion, ISO 8601.
-        kept : mapping, optional
-            What is kept with the commit for a later run (`Commit.kept`).
+        extra : mapping, optional
+            Content stored with the commit for a later run (`Commit.extra`).
         amended : dict, optional
             Manifest of the commit that is amended: rows not written since `begin` stay as they are, and are not filled.
         """
@@ -145,7 +145,7 @@ class ArchiveRows:
             write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
         before = amended or {}
         manifest = {key: self._store.digests.get(key, before.get(key)) for key in chunks}
-        text, marker = as_texts(row, inputs, manifest, finished, kept)
+        text, marker = as_texts(row, inputs, manifest, finished, extra)
         self._put_text(MANIFEST, profile_index, text)
         self._put_text(MARKER, profile_index, marker)
 

@@ -659,14 +659,14 @@ def test_a_fix_that_is_gone_takes_its_current_along(swift, swift_store, tmp_path
         assert np.isnan(tree["drift_current"]["north"].sel(profile=3)).all()
 
 
-def test_what_was_kept_in_another_form_is_not_used(other_fixes, swift_store, tmp_path):
+def test_stored_tracks_of_another_form_are_not_used(other_fixes, swift_store, tmp_path):
     path, whole = other_fixes
     store = tmp_path / "foreign.zarr"
     shutil.copytree(swift_store, store)
     commit = read_commits(store)[2]
     rows = ArchiveRows(store)
     rows.begin(2)
-    rows.commit(2, commit.row, commit.inputs, "2026-01-01T00:00:00Z", kept={"other": 1}, amended=commit.manifest)
+    rows.commit(2, commit.row, commit.inputs, "2026-01-01T00:00:00Z", extra={"other": 1}, amended=commit.manifest)
     answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0, answer.err
     assert "its currents cannot be derived again" in answer.err

@@ -74,7 +74,7 @@ class VelocityErrors:
     ----------
     mean, covariance : (3,), (3, 3)
         Mean of the errors of forward, lateral and normal velocity, in plausible deviations, and the covariance of what
-        is left of them beside what follows the hull's errors (`split_sensitivity`).
+        remains of them apart from what follows the hull's errors (`split_sensitivity`).
     sensitivity : Sensitivity
         Change of the smoothed estimate with these errors.
     """
