@@ -7,7 +7,7 @@ in this module, in the order in which they run (`import_mission`).
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -66,15 +66,16 @@ class MissionRecords:
         Time, attitude, depth, controls and number of the profile, and reference quantities along their own axes.
     spans : mapping of int to Span
         Sample range of every profile.
-    parts : mapping of int to tuple
-        Pieces of every profile.
     fixes : Fixes
         GPS fixes at the surface, in time order.
     comments : mapping of str to str or number
         Attributes that describe the origin of the variables.
-    rejected, without_profile : dict of str to str
-        Reasons by unusable piece or file, and by piece without a profile; the latter is None if every piece is part of
-        a profile.
+    rejected : dict of str to str
+        Reasons by unusable piece or file.
+    parts : mapping of int to tuple
+        Pieces of every profile; empty if the vehicle's files are not divided by profiles.
+    without_profile : dict of str to str, optional
+        Reasons by piece without a profile; None if every piece is part of one.
     rows_dropped : Counter
         Number of rows and values left out as junk, by reason.
     rejected_attribute, dropped_attribute : str
@@ -94,13 +95,13 @@ class MissionRecords:
     pieces: str
     variables: Columns
     spans: Mapping[int, Span]
-    parts: Mapping[int, Parts]
     fixes: Fixes
     comments: Mapping[str, Attribute]
     rejected: dict[str, str]
-    without_profile: dict[str, str] | None
-    rows_dropped: Counter[str]
-    rejected_attribute: str
+    parts: Mapping[int, Parts] = field(default_factory=dict)
+    without_profile: dict[str, str] | None = None
+    rows_dropped: Counter[str] = field(default_factory=Counter)
+    rejected_attribute: str = "files_rejected"
     dropped_attribute: str = "rows_dropped"
     remarks: tuple[str, ...] = ()
     clock_steps: Sequence[ClockStep] = ()
@@ -246,7 +247,7 @@ def import_mission(
         vehicle=mission.vehicle,
         mission=mission.mission,
         pieces=mission.pieces,
-        profiles=tuple(_profile(number, mission.parts[number], *span, variables) for number, span in spans.items()),
+        profiles=tuple(_profile(number, mission.parts.get(number, ()), *span, variables) for number, span in spans.items()),
         without_profile=without,
         rejected=rejected,
         remarks=(*clock_remarks, *mission.remarks, *water.remarks),

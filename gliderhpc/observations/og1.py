@@ -173,7 +173,6 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         rejected=rejected | {f"dive {n}": why for record in found for n, why in record.lost.items()},
         without_profile={f"dive {n}": why for record in found for n, why in record.without_dive.items()},
         rows_dropped=rows_dropped,
-        rejected_attribute="files_rejected",
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
         clock_steps=steps,
     )

@@ -87,6 +87,7 @@ def _answer(caller: socket.socket) -> None:
     try:
         if name == "python":
             _, text = arguments
+            sys.path.insert(0, "")
             exec(compile(text, "<string>", "exec"), {"__name__": "__main__"})
             status = 0
         else:
