@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.currents import DepthAveragedCurrent, surface_drift
+from gliderhpc.estimation.currents import DepthAveragedCurrent, doubt, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
@@ -94,7 +94,8 @@ def estimate_currents(
             notes.append(str(error))
             continue
         tracks.append(track)
-        notes.append("; ".join(record.notes))
+        doubts = [] if track.current is None else doubt(track.current.velocity)
+        notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
         raise InputError(f"{navigation.source}: no profile can be used; {notes[0]}")
     return _dataset(navigation, usable, tracks, notes, polar, chosen, declination)

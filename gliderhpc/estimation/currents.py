@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.observations import cycle_boundaries
+from gliderhpc.observations.dive_phases import unrecorded_distance
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 _SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
+STRONG = 1.0
+"""Speed of a depth-averaged current (m/s) from which on its fixes are in doubt, except in the strongest currents."""
 MIN_DRIFT_TIME = 60.0
 """Shortest time between two fixes (s) that determine the surface drift."""
 
@@ -45,8 +48,8 @@ class SurfaceInterval:
         Drift over that part, north and east (m).
     variance : float
         Variance of the position where the drift of the dive begins or ends, north and east each (m2): from the fixes,
-        whose errors also enter the measured drift, and from the difference between the drift over the rest of the time
-        and the current below.
+        whose errors also enter the measured drift, from the difference between the drift over the rest of the time and
+        the current below, and from the way between the surface and a record that begins or ends under water.
     """
 
     lasts: float
@@ -165,7 +168,8 @@ def depth_averaged_current(
     not, the time of the first or last cycle extends to the fix, as if the current below acted there too. In general the
     drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / lasts``) and the current below (error
     ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
-    The glider has no motion of its own at the surface. The segments close exactly:
+    The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded way
+    (`gliderhpc.observations.dive_phases.unrecorded_distance`) is an error of the position there. The segments close:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     between_fixes = _fix_to_fix_drift(record, track.clock, errors)
@@ -185,6 +189,14 @@ def depth_averaged_current(
     )  # fmt: skip
     covariance = current_uncertainty(drift, errors).covariance
     return DepthAveragedCurrent(velocity, covariance, drift, segments, between_fixes.entry, between_fixes.exit)
+
+
+def doubt(velocity: Array) -> list[str]:
+    """Remark on a current ``(2,)`` (m/s) as strong as a wrong fix makes it; empty for others."""
+    speed = float(np.linalg.norm(velocity))
+    if not speed > STRONG:
+        return []
+    return [f"a current of {speed:.1f} m/s: check the fixes before and after the dive unless currents are strong here"]
 
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
@@ -302,8 +314,10 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
     if record.entry_fix is None or record.exit_fix is None:
         return None
     begin, end = float(clock[0]), float(clock[-1])
-    before = _surface_interval(begin - _seconds(record.entry_fix, record), record.surface_fixes_before, errors)
-    after = _surface_interval(_seconds(record.exit_fix, record) - end, record.surface_fixes_after, errors)
+    lasts = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
+    missing = unrecorded_distance(record, lasts[0], "start"), unrecorded_distance(record, lasts[1], "end")
+    before = _surface_interval(lasts[0], record.surface_fixes_before, missing[0], errors)
+    after = _surface_interval(lasts[1], record.surface_fixes_after, missing[1], errors)
     return _FixToFixDrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
         begin=begin - before.lasts + before.drift_removed,
@@ -313,12 +327,15 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
     )
 
 
-def _surface_interval(lasts: float, fixes: tuple[Fix, ...], errors: CurrentErrors) -> SurfaceInterval:
+def _surface_interval(
+    lasts: float, fixes: tuple[Fix, ...], unrecorded: float, errors: CurrentErrors
+) -> SurfaceInterval:
     drift, lasts = surface_drift(fixes), max(lasts, 0.0)
     if drift is None:
-        return SurfaceInterval(lasts, 0.0, np.zeros(2), _position_variance(lasts, 0.0, 0.0, errors))
+        variance = _position_variance(lasts, 0.0, 0.0, errors) + unrecorded**2
+        return SurfaceInterval(lasts, 0.0, np.zeros(2), variance)
     drift_removed = drift.trust(errors) * lasts
-    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors)
+    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors) + unrecorded**2
     return SurfaceInterval(lasts, drift_removed, drift_removed * drift.velocity, variance)
 
 

@@ -38,6 +38,8 @@ class GlideErrors:
         Vertical velocity of the water, averaged over a dive or a climb, m/s.
     bridged : float
         Relative error of the displacement across turns and gaps.
+    stationary : float
+        Speed through the water of a glider that is parked, on the bottom or under ice, north and east each, m/s.
     fix : float
         Error of a fix, north and east each, m.
     surface_shear : float
@@ -48,6 +50,7 @@ class GlideErrors:
     course: float = 3.0
     vertical: float = 0.003
     bridged: float = 0.2
+    stationary: float = 0.02
     fix: float = 5.0
     surface_shear: float = 0.2
 
@@ -136,7 +139,8 @@ def _displacement_covariance(
     """Covariance ``(2, 2)`` of the displacement through the water, m2, without the error of the course.
 
     The drag and a constant error of the pitch act on the whole profile, and the water's vertical velocity on dive and
-    climb separately. The bridged displacement has an error relative to its length.
+    climb separately. The bridged displacement has an error relative to its length, and the displacement in stationary
+    time one in proportion to that time.
     """
     by_drag = 0.5 * (_motion(hulls[1], series).total - _motion(hulls[2], series).total)
     by_pitch = 0.5 * (
@@ -148,7 +152,8 @@ def _displacement_covariance(
         length, climbed = motion.steps[phase].sum(axis=0), float(np.abs(rate[phase]).sum()) * series.step
         relative = errors.vertical * float(phase.sum()) * series.step / climbed if climbed > 0.0 else 0.0
         covariance += relative**2 * np.outer(length, length)
-    return np.asarray(covariance + (errors.bridged * motion.bridged) ** 2 * np.eye(2))
+    in_any_direction = (errors.bridged * motion.bridged) ** 2 + (errors.stationary * motion.stationary) ** 2
+    return np.asarray(covariance + in_any_direction * np.eye(2))
 
 
 def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:

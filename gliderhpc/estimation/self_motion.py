@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
+from gliderhpc.observations.dive_phases import is_stationary
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import Platform
@@ -139,12 +140,15 @@ class SelfMotion:
         Displacement north and east, m per step, with the unusable intervals bridged.
     bridged : float
         Length (m) of the displacement that was interpolated over those intervals.
+    stationary : float
+        Time (s) in which the glider was stationary and has no displacement (`is_stationary`).
     masked_fraction : float
         Share of the steps outside the vibration set without a solution of their own.
     """
 
     steps: Array
     bridged: float
+    stationary: float = 0.0
     masked_fraction: float = 0.0
 
     @property
@@ -167,17 +171,20 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDA
     """Displacement by the glide-angle method (eq. 15): pitch and depth rate give the speed, the compass the course.
 
     Samples flatter than the hull's least glide angle have no solution. They are bridged like the vibration set, and
-    their share is recorded (`SelfMotion.masked_fraction`).
+    their share is recorded (`SelfMotion.masked_fraction`). A stationary glider has no motion of its own.
     """
     _, theta, psi, _ = series.measurements[:-1].T
+    still = is_stationary(series.time, series.measurements[:, 3])[:-1]
     speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
+    steps[still] = 0.0
     steady = ~vibrating[:-1]
-    unusable = unsolved | vibrating[:-1]
+    unusable = (unsolved | vibrating[:-1]) & ~still
     bridged = bridge(np.where(unusable[:, None], 0.0, steps), unusable, round(BRIDGE / series.step))
     masked = float(unsolved[steady].mean()) if steady.any() else 1.0
-    return SelfMotion(bridged, float(np.linalg.norm(bridged[unusable].sum(axis=0))), masked)
+    length = float(np.linalg.norm(bridged[unusable].sum(axis=0)))
+    return SelfMotion(bridged, length, float(still.sum()) * series.step, masked)
 
 
 def bridge(steps: Array, unusable: NDArray[np.bool_], reach: int) -> Array:

@@ -28,7 +28,7 @@ from gliderhpc.mission.executors import Executor, one_line, was_killed
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_sizes
 from gliderhpc.mission.profile_currents import epoch_seconds
-from gliderhpc.mission.profile_rows import Row, derive_and_write, with_other_fixes
+from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, with_other_fixes
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
@@ -164,14 +164,14 @@ class _Batch:
         self._rows.begin(work.index)
         extra: Row = {}
         if isinstance(estimate, ProfileError):
-            row = failed_row(str(estimate))
+            row = failed_row(str(estimate), work.record)
         else:
             seconds += estimate.seconds
             try:
                 row, extra = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
                 row["status"] = "done"
             except ProfileError as error:
-                row = failed_row(str(error))
+                row = failed_row(str(error), work.record)
         self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, extra)
 
     def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
@@ -296,11 +296,6 @@ def close_profile(
     plain = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
     finished = datetime.now(UTC).isoformat(timespec="seconds")
     rows.commit(index, plain, inputs, finished, extra=extra, amended=amended)
-
-
-def failed_row(message: str) -> Row:
-    """Return the table entries of a failed profile."""
-    return {"status": "failed", "message": message}
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.currents import doubt
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
@@ -22,6 +23,7 @@ from gliderhpc.mission.profile_currents import (
 )
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
+from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
@@ -82,8 +84,20 @@ def derive_and_write(
         if estimate.hull is not None:
             rows.write(index, "hull", hull_row(estimate.hull))
     own = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
-    row["message"] = "; ".join([*record.notes, *own])
+    row["message"] = _message(record, by_fixes, own)
     return row, tracks_as_json(tracks, own)
+
+
+def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
+    """Join the notes on a record, the doubt about its current if there is one, and the remarks on its estimate."""
+    velocity = np.array([currents.get(f"dac_{name}", np.nan) for name in ("north", "east")])
+    return "; ".join([*record.notes, *doubt(velocity), *own])
+
+
+def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
+    """Return the table entries of a failed profile; the phases of its dive, if there is a record, may be the reason."""
+    phases = () if record is None else dive_notes(record.time, record.depth)
+    return {"status": "failed", "message": "; ".join([*phases, message])}
 
 
 def with_other_fixes(
@@ -113,7 +127,7 @@ def with_other_fixes(
     tracks, own = tracks_from_json(commit.extra)
     by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
     rest = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
-    return rest | by_fixes | {"message": "; ".join([*record.notes, *own])}, segments
+    return rest | by_fixes | {"message": _message(record, by_fixes, own)}, segments
 
 
 def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dict[str, Row]:

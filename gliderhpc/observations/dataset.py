@@ -14,6 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError, first_line
+from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import pair_fault
 from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
@@ -116,11 +117,12 @@ class Observations:
             raise ProfileError(self.faults[number])
         values = {name: self._stored.numbers(name, span.start, span.stop) for name in PROFILE_VARIABLES}
         time = self._stored.times("time", span.start, span.stop).time
+        seconds = (time - time[0]) / _SECOND
         before, after, reasons = self._fixes(span)
         return ProfileRecord(
             number=number,
             epoch=time[0],
-            time=(time - time[0]) / _SECOND,
+            time=seconds,
             roll=np.radians(values["roll"]),
             pitch=np.radians(values["pitch"]),
             heading=np.radians(values["heading"]),
@@ -133,7 +135,7 @@ class Observations:
             exit_fix=after[0] if after else None,
             surface_fixes_before=before,
             surface_fixes_after=after,
-            notes=_notes(before, after, reasons),
+            notes=(*_notes(before, after, reasons), *dive_notes(seconds, values["depth"])),
             **{name: self._optional(name, span) for name in SEAWATER},
             velocity=self._columns(VELOCITY, span),
             velocity_std=self._columns(VELOCITY_STD, span),

@@ -247,7 +247,9 @@ def import_mission(
         vehicle=mission.vehicle,
         mission=mission.mission,
         pieces=mission.pieces,
-        profiles=tuple(_profile(number, mission.parts.get(number, ()), *span, variables) for number, span in spans.items()),
+        profiles=tuple(
+            _profile(number, mission.parts.get(number, ()), *span, variables) for number, span in spans.items()
+        ),
         without_profile=without,
         rejected=rejected,
         remarks=(*clock_remarks, *mission.remarks, *water.remarks),

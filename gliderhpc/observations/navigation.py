@@ -13,6 +13,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
+from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
 from gliderhpc.observations.format import VELOCITY
 from gliderhpc.observations.navigation_columns import NavigationColumns
@@ -91,13 +92,15 @@ class Navigation:
         span = slice(int(rows[0]), int(rows[-1]) + 1)
         time = self.time[span]
         still = np.zeros(len(time))
+        seconds = (time - time[0]) / _SECOND
         before, after, notes = self._fixes(span)
         return ProfileRecord(
-            number=number, epoch=time[0], time=(time - time[0]) / _SECOND,
+            number=number, epoch=time[0], time=seconds,
             roll=np.nan_to_num(self.roll[span]), pitch=self.pitch[span], heading=self.heading[span],
             depth=self.depth[span], battery_position=still, battery_rotation=still, ballast_volume=still, rudder=still,
             entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
-            surface_fixes_before=before, surface_fixes_after=after, notes=notes,
+            surface_fixes_before=before, surface_fixes_after=after,
+            notes=(*notes, *dive_notes(seconds, self.depth[span])),
             velocity=None if self.velocity is None else self.velocity[span],
         )  # fmt: skip
 

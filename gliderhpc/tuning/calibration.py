@@ -311,17 +311,20 @@ def _judged(
 def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
     """Covariance (p, p) of all parameters, in plausible deviations.
 
-    Held parameters may be wrong by their plausible deviations, which moves the free ones. The free ones also scatter
-    from profile to profile and depend on the rounding of the attitude.
+    Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
+    they are held at another one; this moves the free ones. The free ones also scatter from profile to profile and
+    depend on the rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
     jacobian, _ = search.weighted()
+    wrong = np.maximum(1.0, np.abs(search.steps[held]))
     by_held, by_offsets = (
-        sensitivity(jacobian[:, free], unseen) for unseen in (jacobian[:, held], search.weighted_offsets())
+        sensitivity(jacobian[:, free], unseen) for unseen in (jacobian[:, held] * wrong, search.weighted_offsets())
     )
     covariance = np.eye(len(search.free))
-    covariance[np.ix_(free, held)] = by_held
-    covariance[np.ix_(held, free)] = by_held.T
+    covariance[held, held] = wrong**2
+    covariance[np.ix_(free, held)] = by_held * wrong
+    covariance[np.ix_(held, free)] = (by_held * wrong).T
     covariance[np.ix_(free, free)] = (
         search.scatter_covariance() * _few_profiles(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
     )

@@ -103,6 +103,39 @@ def test_the_stated_ellipse_holds_what_it_says_where_hull_compass_and_fixes_are_
     assert np.mean(np.array(distances) < 4.0) > 0.75
 
 
+def test_a_parked_glider_does_not_move_by_itself():
+    glide = Glide(depth=100.0, park=3600.0)
+    found = currents(mission(glide))
+    np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=5e-3)
+    np.testing.assert_allclose(found["dac_east"], glide.current[1], atol=5e-3)
+    assert all("stationary for 59 min at 100 m" in str(message) for message in found["message"].values)
+
+
+@pytest.mark.parametrize("missing", [0.2, 0.4, 0.7])
+def test_the_unrecorded_part_of_a_dive_is_in_the_error(missing):
+    """Without the last part of a dive the current is wrong, by up to a decimetre per second."""
+    glide = Glide(depth=100.0)
+    records = mission(glide)
+    whole = currents(records)
+    records["profile"] = whole["profile_number"].reindex(time=records["time"], fill_value=0)
+    rows = np.flatnonzero((records["profile"] == 2).values)
+    cut = currents(records.drop_isel(time=rows[int((1.0 - missing) * len(rows)) :])).sel(profile=2)
+    error = np.array([float(cut["dac_north"]), float(cut["dac_east"])]) - glide.current
+    assert np.linalg.norm(error) > 0.03
+    assert (np.abs(error) < 2.0 * np.array([float(cut["dac_north_std"]), float(cut["dac_east_std"])])).all()
+    assert float(cut["dac_north_std"]) > 2.0 * float(whole["dac_north_std"].sel(profile=2))
+    assert "the record ends at" in str(cut["message"].values)
+
+
+def test_a_current_as_strong_as_wrong_fixes_make_it_is_in_doubt():
+    records = mission(Glide())
+    between = slice(2, 4)
+    records["fix_latitude"][between] += 0.1
+    messages = [str(message) for message in currents(records)["message"].values]
+    assert all("check the fixes before and after the dive" in message for message in messages[:2])
+    assert messages[2] == ""
+
+
 def test_a_declination_turns_the_heading():
     records = mission(Glide(heading_offset=-12.0))
     found = currents(records, declination=12.0)

@@ -286,6 +286,17 @@ def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch
     assert np.isnan(smoothed.displacement_covariance).all()
 
 
+def test_a_stationary_glider_is_smoothed_by_the_mode(monkeypatch):
+    """About rest the mean's shift of the path diverges: two hours at rest gave 0.6 m/s."""
+    by_mode = EstimationSettings(smoother=SmootherSettings(estimate="mode"))
+    _, expected = smoothed_profile(record(), by_mode)
+    _, mean = smoothed_profile(record(), EstimationSettings())
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate.is_stationary", lambda time, depth: np.ones(1, bool))
+    _, stationary = smoothed_profile(record(), EstimationSettings())
+    np.testing.assert_array_equal(stationary.states, expected.states)
+    assert not np.array_equal(mean.states, expected.states)
+
+
 # Heavy tails
 
 

@@ -26,6 +26,7 @@ class Glide:
     heading_offset: float = 0.0
     fix_error: float = 0.0
     net_buoyancy: float = 2.5
+    park: float = 0.0
     seed: int = 0
 
 
@@ -43,7 +44,8 @@ def angle_of_attack(pitch, drag=1.0):
 def mission(glide: Glide) -> xr.Dataset:
     """Records of a mission by the names of the observation format, without ballast and battery.
 
-    Headings turn by 100 degrees from dive to dive; every dive is followed by five minutes adrift.
+    Headings turn by 100 degrees from dive to dive; every dive is followed by five minutes adrift. A glider that parks
+    at the deepest point lies level, and is still in the water for `Glide.park` seconds.
     """
     rng = np.random.default_rng(glide.seed)
     pitch = -np.radians(glide.pitch)
@@ -61,12 +63,13 @@ def mission(glide: Glide) -> xr.Dataset:
         place = _moved(place, current * 240.0)
         clock += 240.0
         rows += [(clock - 240.0 + s, 0.5, pitch, heading) for s in np.arange(0.0, 240.0, glide.interval)]
-        for s in np.arange(0.0, 2.0 * half, glide.interval):
-            down = s < half
-            rows.append((clock + s, vertical * (s if down else 2.0 * half - s), pitch if down else -pitch, heading))
+        lasts = 2.0 * half + glide.park
+        for s in np.arange(0.0, lasts, glide.interval):
+            theta = pitch if s < half else 0.0 if s < half + glide.park else -pitch
+            rows.append((clock + s, vertical * min(s, half, lasts - s), theta, heading))
         way = horizontal * np.array([np.cos(heading), np.sin(heading)])
-        place = _moved(place, 2.0 * half * (way + current))
-        clock += 2.0 * half
+        place = _moved(place, 2.0 * half * way + lasts * current)
+        clock += lasts
     fixes += [(clock + wait, *_moved(place, current * wait)) for wait in (0.0, 240.0)]
     rows += [(clock + s, 0.5, pitch, heading) for s in np.arange(1.0, 240.0, glide.interval)]
     time, depth, theta, psi = np.array(rows).T
