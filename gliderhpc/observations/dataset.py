@@ -5,6 +5,7 @@ the file with the survey that the planner made, and reads only the slice of its 
 """
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -14,6 +15,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError, first_line
+from gliderhpc.observations.control_gaps import unlogged_movements
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import pair_fault
 from gliderhpc.observations.foreign import describe_content
@@ -135,7 +137,11 @@ class Observations:
             exit_fix=after[0] if after else None,
             surface_fixes_before=before,
             surface_fixes_after=after,
-            notes=(*_notes(before, after, reasons), *dive_notes(seconds, values["depth"])),
+            notes=(
+                *_notes(before, after, reasons),
+                *dive_notes(seconds, values["depth"]),
+                *_actuator_notes(seconds, values),
+            ),
             **{name: self._optional(name, span) for name in SEAWATER},
             velocity=self._columns(VELOCITY, span),
             velocity_std=self._columns(VELOCITY_STD, span),
@@ -293,6 +299,12 @@ def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, 
     texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
     return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
+
+
+def _actuator_notes(seconds: FloatArray, values: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    attitude = np.isfinite(values["roll"] + values["pitch"] + values["heading"])
+    text = unlogged_movements(seconds, attitude, values)
+    return (text,) if text else ()
 
 
 def _hash_file(path: Path, sha: "hashlib._Hash") -> None:

@@ -22,7 +22,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.least_squares import left_out_covariance
-from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
+from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict, Finding
 from gliderhpc.tuning.record_checks.compass import (
     CONSTANT,
     DEVIATION,
@@ -34,8 +34,8 @@ from gliderhpc.tuning.record_checks.compass import (
     turn_information,
 )
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
-from gliderhpc.tuning.record_checks.finding import judged
-from gliderhpc.tuning.record_checks.inspection import LAG
+from gliderhpc.tuning.record_checks.finding import judged, unless_overlooked
+from gliderhpc.tuning.record_checks.inspection import LAG, lag_finding
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
 from gliderhpc.tuning.steady_segments import SteadySegments, joined
 
@@ -131,6 +131,32 @@ def test_few_legs_say_nothing():
     found = compass_findings(legs(1, count=5), NO_TURNS, CHECKS)
     assert [finding.verdict for finding in found] == [CheckVerdict.UNDETERMINED] * 2
     assert "at least 6 are needed" in found[0].remark
+
+
+@pytest.mark.parametrize("error", [0.0, 15.0])
+def test_few_legs_rule_nothing_out_unless_a_plausible_error_would_have_been_found(error):
+    """Six legs and five unknowns leave one degree of freedom at most: a threshold of hundreds of degrees."""
+    few = [compass_findings(legs(seed, (error, 0.0, 0.0, 0.0, 0.0), count=6), NO_TURNS, CHECKS) for seed in SEEDS]
+    quiet = [finding for found in few for finding in found if finding.verdict is CheckVerdict.NOTHING]
+    assert all(finding.threshold <= CHECKS.plausible_deviation for finding in quiet)
+    vague = [found[0].remark for found in few if found[0].verdict is CheckVerdict.UNDETERMINED]
+    assert vague
+    assert all("an error of 20 degree would not be found; 6 legs, but about" in remark for remark in vague)
+
+
+def test_few_legs_find_the_constant_without_the_harmonics():
+    errors = (15.0, 0.0, 0.0, 0.0, 0.0)
+    found = [compass_findings(legs(seed, errors, memory=0.9, count=6), NO_TURNS, CHECKS)[0] for seed in SEEDS]
+    assert alarms(found) >= 10
+    assert any("includes both harmonics" in finding.remark for finding in found)
+    assert all(abs(finding.size - 15.0) < 3.0 * finding.error for finding in found if finding.found)
+
+
+def test_no_number_of_legs_is_named_that_is_out_of_reach():
+    noisy = [replace(leg, current=leg.current * [3.0, -2.0]) for leg in legs(3, count=6)]
+    finding = compass_findings(noisy, NO_TURNS, CheckSettings(level=1e-12))[0]
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert "6 legs, but many more are needed" in finding.remark
 
 
 def stretches(seed, deviation=(0.0,) * 4, profiles=24):
@@ -278,6 +304,16 @@ def test_a_scale_of_the_pitch_is_found_where_steepness_varies_enough():
     assert pitch_findings(CALIBRATED, misread(0, 0.86, (20.0, 26.0)), CHECKS)[-1].verdict is CheckVerdict.UNDETERMINED
 
 
+def test_few_glides_rule_nothing_out_unless_a_plausible_error_would_have_been_found():
+    limits = {PITCH: 2.0, GAIN: 0.3, VOLUME: np.inf}
+    found = []
+    for profiles in (3, 4, 6):
+        scattered = segments(profiles, steepness=(17.0, 55.0), profiles=profiles, scatter=0.005)
+        found += pitch_findings(CALIBRATED, scattered, CHECKS)
+    assert all(f.threshold <= limits[f.quantity] for f in found if f.verdict is CheckVerdict.NOTHING)
+    assert any("would not be found; more glides" in f.remark for f in found)
+
+
 def test_dives_alone_say_nothing_of_the_pitch():
     whole = segments(0)
     finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
@@ -332,6 +368,14 @@ def test_a_spoilt_twin_tells_what_is_wrong(spoilt_twin, spoilt_errors):
         assert abs(finding.size - expected(finding, spoilt_errors)) < 2.5 * finding.error
         assert f"{finding.size:.3g}" in finding.line.replace("+", "")
     assert found[VOLUME].verdict is CheckVerdict.NOTHING
+
+
+def test_few_profiles_rule_no_lag_out_that_is_beyond_reach(flown):
+    """Three profiles leave two degrees of freedom: a threshold beyond every lag tried."""
+    settings = EstimationSettings()
+    finding = lag_finding(PETREL, [on_steps(record, settings) for record in flown[:3]], settings, CHECKS)
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert "an error of 3 s would not be found; 3 profiles, but more are needed" in finding.remark
 
 
 # Corrections
@@ -467,6 +511,18 @@ def test_a_finding_lies_beyond_its_threshold_either_way():
     assert [judged(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
         CheckVerdict.FOUND, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.FOUND,
     ]  # fmt: skip
+
+
+def test_nothing_found_says_that_a_plausible_error_would_have_been():
+    def finding(size, threshold):
+        return Finding("check", "quantity", "1", size, 0.5, threshold, judged(size, threshold))
+
+    for size, threshold in ((0.0, 2.0), (3.0, 2.5)):
+        clear = finding(size, threshold)
+        assert unless_overlooked(clear, 2.0, "more") is clear
+    vague = unless_overlooked(finding(1.0, 2.5), 2.0, "more glides are needed")
+    assert vague.verdict is CheckVerdict.UNDETERMINED
+    assert vague.remark == "+1 ± 0.5, threshold 2.5: an error of 2 would not be found; more glides are needed"
 
 
 def test_the_defaults_of_the_checks_are_those_of_the_page():

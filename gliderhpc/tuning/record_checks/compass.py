@@ -15,7 +15,13 @@ from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solved
-from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
+from gliderhpc.tuning.record_checks.finding import (
+    CheckSettings,
+    Finding,
+    judged,
+    undetermined,
+    unless_overlooked,
+)
 
 Array = NDArray[np.float64]
 
@@ -224,6 +230,24 @@ class _Fit:
     covariance: Array
     directions: Array
 
+    @property
+    def unknowns(self) -> int:
+        """Number of estimated directions."""
+        return int(self.directions.shape[1])
+
+    @property
+    def largest_error(self) -> float:
+        """Largest standard error of the estimated directions, rad."""
+        return float(np.sqrt(np.diag(self.directions.T @ self.covariance @ self.directions).max()))
+
+    def freedom(self, legs: int) -> int:
+        """Degrees of freedom of the scatter of some legs."""
+        return max(legs - self.unknowns - 1, 1)
+
+    def quantile(self, legs: int, level: float) -> float:
+        """Ratio of the threshold to the standard error at a rate of false alarms."""
+        return float(scipy.stats.t.ppf(1.0 - 0.5 * level, self.freedom(legs)))
+
     def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
         """Wald's statistic of some of the five parameters, and the number of their directions that were estimated."""
         rank = int(np.linalg.matrix_rank(self.directions[which]))
@@ -254,51 +278,84 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     Harmonics that the headings flown do not separate are left out, the higher ones first. On two opposite legs the
     constant can be estimated, together with the even harmonics, since it moves the two currents apart. The first
     harmonic cannot, since it acts like a current there. Turns add the information of `turn_information`.
+
+    Few legs leave few degrees of freedom, and a threshold of many standard errors. Each quantity is therefore taken
+    from the fit of most harmonics whose threshold is at most the plausible error, and tested once: the choice depends
+    on standard errors, not on estimates. If no fit has such a threshold, the simplest is tested; an error that is not
+    found there is not determined.
     """
     if len(legs) < MIN_LEGS:
         why = f"{len(legs)} profiles with a fix on either side, but at least {MIN_LEGS} are needed"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
-    for directions in MODELS:
-        fit = system.fitted(directions)
-        errors = np.sqrt(np.diag(directions.T @ fit.covariance @ directions))
-        if errors.max() < 0.5 * np.radians(checks.plausible_deviation):
-            return _findings(fit, len(legs), turns, checks)
-    why = "the currents differ too much from profile to profile"
-    return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+    fits = [
+        fit for fit in map(system.fitted, MODELS) if fit.largest_error < 0.5 * np.radians(checks.plausible_deviation)
+    ]
+    if not fits:
+        why = "the currents differ too much from profile to profile"
+        return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+    return [_constant(fits, len(legs), checks), _deviation(fits, len(legs), turns, checks)]
 
 
-def _findings(fit: _Fit, count: int, turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
-    errors = np.sqrt(np.diag(fit.covariance))
-    freedom = max(count - fit.directions.shape[1] - 1, 1)
-    constant = np.degrees(fit.values[0])
-    threshold = max(
-        float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, freedom)) * np.degrees(errors[0]), checks.least_deviation
+def _largest_unseen(checks: CheckSettings) -> float:
+    """Threshold (degree) beyond which an error of the compass that is not found is not ruled out either."""
+    return max(checks.plausible_deviation, checks.least_deviation)
+
+
+def _first_decisive(found: Sequence[Finding], checks: CheckSettings) -> int:
+    """Index of the first finding with a threshold of at most a plausible error; the last if there is none."""
+    decisive = (index for index, finding in enumerate(found) if finding.threshold <= _largest_unseen(checks))
+    return next(decisive, len(found) - 1)
+
+
+def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings) -> Finding:
+    found = [_constant_of(fit, legs, checks) for fit in fits]
+    chosen = _first_decisive(found, checks)
+    return unless_overlooked(found[chosen], _largest_unseen(checks), _more_legs(fits[chosen], legs, checks))
+
+
+def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
+    constant, error = np.degrees(fit.values[0]), np.degrees(np.sqrt(fit.covariance[0, 0]))
+    threshold = max(fit.quantile(legs, checks.level) * error, checks.least_deviation)
+    return Finding(
+        CHECK, CONSTANT, UNIT, constant, error, threshold, judged(constant, threshold),
+        f"--set records.heading_offset={constant:.1f}", f"{legs} legs; {_OPEN[fit.unknowns]}",
+    )  # fmt: skip
+
+
+def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
+    """Describe how many legs the constant needs if its error decreases with the square root of their number."""
+    error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), _largest_unseen(checks)
+    enough = (
+        number
+        for number in range(legs + 1, 10 * legs)
+        if fit.quantile(number, checks.level) * error * np.sqrt(legs / number) <= largest
     )
-    found = [
-        Finding(
-            CHECK, CONSTANT, UNIT, constant, np.degrees(errors[0]), threshold, judged(constant, threshold),
-            f"--set records.heading_offset={constant:.1f}", f"{count} legs; {_OPEN[fit.directions.shape[1]]}",
-        )
-    ]  # fmt: skip
-    return [*found, _deviation(fit, freedom, count, turns, checks)]
+    number = next(enough, None)
+    return f"{legs} legs, but " + (f"about {number} are needed" if number else "many more are needed")
 
 
-def _deviation(fit: _Fit, freedom: int, count: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
+def _deviation(fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
+    found = [_deviation_of(fit, legs, turns, checks) for fit in fits if fit.unknowns > 1]
+    if not found:
+        why = f"{legs} legs: too few headings, or currents that differ too much"
+        return undetermined(CHECK, DEVIATION, UNIT, why)
+    remedy = f"{legs} legs and {turns.count} stretches of turns, but more are needed"
+    return unless_overlooked(found[_first_decisive(found, checks)], _largest_unseen(checks), remedy)
+
+
+def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
     which = np.arange(1, 5)
     statistic, rank = fit.test(which)
-    if rank == 0:
-        why = f"{count} legs: too few headings, or currents that differ too much"
-        return undetermined(CHECK, DEVIATION, UNIT, why)
     values = np.degrees(fit.values[which])
     amplitude = float(np.linalg.norm(values))
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
-    limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, freedom))) * error
+    limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, fit.freedom(legs)))) * error
     threshold = max(limit, checks.least_deviation)
     harmonics_found = (
         "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"
     )
-    remark = f"{harmonics_found}; {count} legs, {turns.count} stretches of turns"
+    remark = f"{harmonics_found}; {legs} legs, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in values)
     return Finding(
         CHECK, DEVIATION, UNIT, amplitude, error, threshold, judged(amplitude, threshold),

@@ -94,3 +94,15 @@ def undetermined(check: str, quantity: str, unit: str, why: str) -> Finding:
 def judged(size: float, threshold: float) -> CheckVerdict:
     """Judge an estimate by its threshold."""
     return CheckVerdict.FOUND if abs(size) > threshold else CheckVerdict.NOTHING
+
+
+def unless_overlooked(finding: Finding, plausible: float, remedy: str) -> Finding:
+    """Return the finding, or "not determined" if an error of plausible size, in its unit, could have been missed."""
+    if finding.verdict is not CheckVerdict.NOTHING or finding.threshold <= plausible:
+        return finding
+    unit = "" if finding.unit == "1" else f" {finding.unit}"
+    why = (
+        f"{finding.size:+.2g} ± {finding.error:.2g}{unit}, threshold {finding.threshold:.2g}: an error of "
+        f"{plausible:.2g}{unit} would not be found; {remedy}"
+    )
+    return undetermined(finding.check, finding.quantity, finding.unit, why)

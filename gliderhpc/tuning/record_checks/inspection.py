@@ -27,7 +27,7 @@ from gliderhpc.tuning.record_checks.compass import (
     turn_information,
     turn_stretches,
 )
-from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined
+from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined, unless_overlooked
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 
@@ -68,7 +68,8 @@ def lag_finding(
     depth is first smoothed over an interval, in the same way for all lags. Each profile is one observation of the slope
     of the likelihood, and the standard error comes from the scatter of the profiles, ``sqrt(sum g_i^2) / |sum h_i|``.
     The error of the actuators' recorded times is added in quadrature: where only inflections change the pitch, a lag of
-    the depth cannot be distinguished from an error of these times.
+    the depth cannot be distinguished from an error of these times. With a threshold above the largest lag that has
+    neighbours on both sides, no lag would be found; it is then not determined.
     """
     series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
     if len(series) < MIN_PROFILES:
@@ -88,7 +89,7 @@ def lag_finding(
     quantile = float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, len(series) - 1))
     error = float(np.hypot(error, max(checks.timing_error, 0.25 * interval)))
     threshold = quantile * error
-    return Finding(
+    finding = Finding(
         *_LAG,
         lag,
         error,
@@ -97,6 +98,7 @@ def lag_finding(
         f"--set records.depth_lag={lag:.2f}",
         f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
+    return unless_overlooked(finding, (REACH - 1) * interval, f"{len(series)} profiles, but more are needed")
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:

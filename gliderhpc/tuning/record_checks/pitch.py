@@ -24,6 +24,7 @@ from gliderhpc.tuning.record_checks.finding import (
     UndeterminedError,
     judged,
     undetermined,
+    unless_overlooked,
 )
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -49,6 +50,7 @@ _ANY_SIDES = 0.25
 _SCALE_ERROR = 0.05
 """Standard deviation of the pitch's scale while the offset is estimated."""
 _FREE_SCALE = 0.3
+"""Standard deviation of the pitch's scale while the scale is estimated, and its largest threshold of any use."""
 _IMPLAUSIBLE = 3.0
 """Largest plausible error of the hull, in prior standard deviations."""
 _MIN_VOLUME = 0.05
@@ -191,7 +193,8 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
         CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
         glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
     )  # fmt: skip
-    return finding, fit if finding.found else None
+    remedy = "more glides that differ more in steepness are needed"
+    return unless_overlooked(finding, _FREE_SCALE, remedy), fit if finding.found else None
 
 
 def _offset_findings(glides: _Glides) -> list[Finding]:
@@ -210,10 +213,11 @@ def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
     if fit.error(OFFSET) > SEPARATED:
         return _vague(fit)
     offset, error, threshold = glides.offset(fit)
-    return Finding(
+    finding = Finding(
         CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
     )  # fmt: skip
+    return unless_overlooked(finding, LARGEST_UNSEEN, "more glides are needed")
 
 
 def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
@@ -254,7 +258,8 @@ def _vague(fit: DepthRateFit) -> Finding:
 def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
     volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
     threshold = glides.threshold(error, _MIN_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
-    return Finding(
+    finding = Finding(
         CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
         "belongs to the hull, not to the records",
     )  # fmt: skip
+    return unless_overlooked(finding, fit.size(NEUTRAL_VOLUME), "more glides are needed")

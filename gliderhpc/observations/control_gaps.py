@@ -1,0 +1,85 @@
+"""Remark on actuators that move while their record pauses, so that a step is read as a slow ramp."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.observations.format import VARIABLES
+from gliderhpc.observations.records import FloatArray
+
+MIN_GAP = 60.0
+"""Longest pause (s) between the samples of an actuator that is not examined."""
+
+SAME_PAUSE = 0.5
+"""Fraction of an actuator's pause beyond which a pause of the attitude belongs to the whole record."""
+
+START_LOGGED = 2.0
+"""Ratio of the rest before a movement to its duration from which both its begin and its end count as logged."""
+
+MIN_CHANGE = {"ballast_volume": 20.0, "battery_position": 0.002, "battery_rotation": 5.0}
+"""Least change of an actuator that counts as a movement, in the units of the format (cm3, m, degree).
+
+Each changes a glide perceptibly: the speed by about 3 %, the pitch by about 2 degrees, or the course.
+"""
+
+
+@dataclass(frozen=True)
+class _Jump:
+    """Largest change of an actuator between two samples, in the unit of the format, and the time between them (s)."""
+
+    change: float
+    seconds: float
+
+
+def unlogged_movements(time: FloatArray, attitude: npt.NDArray[np.bool_], controls: Mapping[str, FloatArray]) -> str:
+    """Describe movements of the actuators whose begin is not logged; empty if there are none.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the profile's samples (s), increasing.
+    attitude : (n,) array of bool
+        Mask of the samples that hold the attitude.
+    controls : mapping of str to (n,) array
+        Actuators by the names in `MIN_CHANGE`, in the units of the format; NaN where missing.
+
+    Notes
+    -----
+    Controls are interpolated linearly between their samples. A record with a sample only where a movement ends
+    therefore reads as a ramp from one inflection to the next. A pause that the attitude has too is one of the whole
+    record, about which nothing can be done. A movement after a rest of `START_LOGGED` times its own duration has been
+    logged at its begin and at its end, and is a ramp indeed.
+    """
+    sampled = time[attitude]
+    jumps = {name: _largest_jump(time, sampled, controls[name], least) for name, least in MIN_CHANGE.items()}
+    parts = [
+        f"{name} changes by {jump.change:.3g} {VARIABLES[name].unit} across {jump.seconds:.0f} s without a value"
+        for name, jump in jumps.items()
+        if jump is not None
+    ]
+    if not parts:
+        return ""
+    return f"{', '.join(parts)}, read as slow ramps: repeat the last value at every sample, or log every movement"
+
+
+def _largest_jump(time: FloatArray, attitude: FloatArray, values: FloatArray, least: float) -> _Jump | None:
+    """Largest change of at least `least` across a pause of one actuator that the attitude does not share."""
+    known = np.isfinite(values)
+    begins, pauses, changes = time[known][:-1], np.diff(time[known]), np.abs(np.diff(values[known]))
+    rests = np.where(changes < least, pauses, 0.0)
+    logged = np.append(0.0, rests)[:-1] >= START_LOGGED * pauses
+    chosen = np.flatnonzero((pauses > MIN_GAP) & (changes >= least) & ~logged)
+    own = [index for index in chosen.tolist() if not _shared(attitude, begins[index], pauses[index])]
+    if not own:
+        return None
+    largest = max(own, key=lambda index: float(changes[index]))
+    return _Jump(float(changes[largest]), float(pauses[largest]))
+
+
+def _shared(attitude: FloatArray, begin: float, pause: float) -> bool:
+    """Return whether a pause of the attitude fills much of an actuator's pause."""
+    inside = attitude[(attitude > begin) & (attitude < begin + pause)]
+    edges = np.concatenate([[begin], inside, [begin + pause]])
+    return bool(np.diff(edges).max() > SAME_PAUSE * pause)

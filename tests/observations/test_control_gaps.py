@@ -1,0 +1,90 @@
+"""Actuators that move while their record pauses: reported with values and remedy, and nothing else is."""
+
+import numpy as np
+import pytest
+from support.observation_files import SAMPLES, first_sample, mission, write
+
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.control_gaps import unlogged_movements
+
+TIME = np.arange(1200.0)
+RECORDED = np.ones(len(TIME), dtype=bool)
+PUMP = (590.0, 610.0)
+"""Begin and end of the movement (s)."""
+
+
+def moved(before, after, samples=None):
+    """Actuator that moves during `PUMP`, NaN but at the sample numbers given."""
+    values = np.interp(TIME, PUMP, (before, after))
+    if samples is not None:
+        values[np.setdiff1d(np.arange(len(TIME)), samples)] = np.nan
+    return values
+
+
+def remark(ballast, position=None, rotation=None, attitude=RECORDED):
+    still = np.zeros(len(TIME))
+    controls = {
+        "ballast_volume": ballast,
+        "battery_position": still if position is None else position,
+        "battery_rotation": still if rotation is None else rotation,
+    }
+    return unlogged_movements(TIME, attitude, controls)
+
+
+def test_a_movement_logged_only_when_it_ends_is_reported():
+    text = remark(moved(350.0, 950.0, [0, 610]), position=moved(-0.03, 0.03, [0, 610, 1199]))
+    assert text == (
+        "ballast_volume changes by 600 cm3 across 610 s without a value, battery_position changes by 0.06 m across "
+        "610 s without a value, read as slow ramps: repeat the last value at every sample, or log every movement"
+    )
+
+
+def test_the_largest_of_several_changes_is_reported():
+    rotation = np.full(len(TIME), np.nan)
+    rotation[[0, 200, 300, 900]] = (0.0, 10.0, -20.0, -10.0)
+    assert "battery_rotation changes by 30 degree across 100 s" in remark(moved(0.0, 0.0), rotation=rotation)
+
+
+@pytest.mark.parametrize(
+    "ballast",
+    [
+        moved(350.0, 950.0),
+        moved(350.0, 350.0, [0, 610]),
+        moved(350.0, 365.0, [0, 610]),
+        moved(350.0, 950.0, np.arange(0, 1200, 60)),
+        moved(350.0, 950.0, [0, 590, 610, 1199]),
+    ],
+    ids=["every sample", "no movement", "small", "every minute", "begin and end"],
+)
+def test_what_is_recorded_well_enough_is_not(ballast):
+    assert remark(ballast) == ""
+
+
+def test_a_long_movement_logged_at_begin_and_end_is_a_ramp():
+    samples = [0, 500, 700, 1199]
+    values = np.full(len(TIME), np.nan)
+    values[samples] = (350.0, 350.0, 950.0, 950.0)
+    assert remark(values) == ""
+    values[0] = 600.0
+    assert "changes by 600 cm3 across 200 s" in remark(values)
+
+
+def test_a_pause_of_the_whole_record_is_not_the_actuators():
+    apart = np.arange(0, 1200, 100)
+    slow, pause = np.zeros_like(RECORDED), RECORDED.copy()
+    slow[apart[:-1] + 90] = True
+    pause[560:700] = False
+    assert remark(moved(350.0, 950.0, apart), attitude=slow) == ""
+    assert remark(moved(350.0, 950.0, np.flatnonzero(pause)), attitude=pause) == ""
+    assert "across 100 s" in remark(moved(350.0, 950.0, apart))
+
+
+def test_the_remark_is_a_note_of_the_profile(tmp_path):
+    values = mission()["ballast_volume"].astype(float)
+    first, last = first_sample(1), first_sample(1) + SAMPLES - 1
+    values[last] += 100.0
+    values[first + 1 : last] = np.nan
+    with open_observations(write(tmp_path, ballast_volume=values)) as observations:
+        found = {number: observations.profile(number).notes for number in observations.profile_numbers}
+    assert "ballast_volume changes by 100 cm3" in found[1][0]
+    assert found[2] == found[3] == ()
