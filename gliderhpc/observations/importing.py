@@ -335,8 +335,6 @@ def _fault(number: int, start: int, time: TimeArray, variables: Columns) -> str 
             values: FloatArray = np.asarray(variables[name][start : start + len(time)], dtype=np.float64)
             fault = check_values(VARIABLES[name], values, number, start)
     if fault is None:
-        depth, pitch, ballast = (
-            np.asarray(variables[name][start : start + len(time)], dtype=np.float64) for name in GLIDE
-        )
-        fault = fault_of_pace(number, time, depth) or fault_of_signs(number, time, depth, pitch, ballast)
+        glide = {name: np.asarray(variables[name][start : start + len(time)], dtype=np.float64) for name in GLIDE}
+        fault = fault_of_pace(number, time, glide["depth"]) or fault_of_signs(number, time, glide)
     return fault

@@ -1,6 +1,11 @@
-"""Signs that a glide determines: a glider is nose down and heavy while it sinks, nose up and buoyant while it rises."""
+"""Signs that a glide determines.
 
-from collections.abc import Mapping
+A glider is nose down and heavy while it sinks, nose up and buoyant while it rises; and a hull with a heavy battery off
+its axis rolls to the side to which the battery is rotated.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +15,9 @@ from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.validation import Span
 
-GLIDE = ("depth", "pitch", "ballast_volume")
+Mask = npt.NDArray[np.bool_]
+
+GLIDE = ("depth", "pitch", "ballast_volume", "roll", "battery_rotation")
 """Variables that are checked together."""
 
 BIN = 20.0
@@ -32,23 +39,49 @@ SURE_PITCH = 5.0
 SURE_BALLAST = 20.0
 """Excess of the median ballast volume (cm3) sinking over that rising that proves a reversed sign."""
 
+MIN_ROTATION_RANGE = 10.0
+"""Range of the battery rotation (degree) from which the roll that follows it is judged."""
+
+MIN_SIDE = 3
+"""Least number of bins with the battery rotated to either side."""
+
+MIN_CORRELATION = 0.6
+"""Least magnitude of the correlation of roll and rotation from which roll is judged."""
+
+SURE_ROLL = 2.5
+"""Difference of the median roll (degree) against a rotation that is held for a while that proves a reversed sign."""
+
+SURE_ROLL_MOVING = 4.0
+"""As `SURE_ROLL`, where the rotation moves all the time, both sinking and rising.
+
+A controller that rotates the battery against a heel of another cause looks the same, but does not leave so much heel.
+SeaExplorers move the battery all the time; roll follows by 4.3 degrees and more.
+"""
+
+MAX_HELD_CHANGE = 0.1
+"""Change of the rotation (degree) between bins up to which it is held."""
+
+MIN_HELD = 0.4
+"""Fraction of the bins from which the rotation counts as held."""
+
+MAX_RADIANS = 0.6
+"""Magnitude that roll in degrees exceeds in a profile with turns, and roll in radians hardly anywhere."""
+
+MAX_RATIO = 0.02
+"""Roll over rotation below which roll is in radians: in degrees it is 0.13 to 0.71 on the known hulls."""
+
 
 def check_signs(
-    time: TimeArray,
-    depth: FloatArray,
-    pitch: FloatArray,
-    ballast: FloatArray,
-    spans: Mapping[int, Span],
-    faults: Mapping[int, str],
+    time: TimeArray, glide: Mapping[str, FloatArray], spans: Mapping[int, Span], faults: Mapping[int, str]
 ) -> dict[int, str]:
-    """Faults of the sign of pitch or ballast volume in profiles that have no fault yet.
+    """Faults of the sign of pitch, ballast volume, roll or battery rotation in profiles that have no fault yet.
 
     Parameters
     ----------
     time : (n,) array
         Times (UTC).
-    depth, pitch, ballast : (n,) array
-        Depth (m), pitch (degree) and ballast volume (cm3); NaN where missing.
+    glide : mapping of str to (n,) array
+        Variables of `GLIDE` in the units of the file (m, degree, cm3); NaN where missing.
     spans : mapping of int to Span
         Sample ranges of the profiles.
     faults : mapping of int to str
@@ -60,44 +93,124 @@ def check_signs(
         Profile number to its fault.
     """
     return faults_of(
-        lambda number, own: fault_of_signs(number, time[own], depth[own], pitch[own], ballast[own]), spans, faults
+        lambda number, own: fault_of_signs(number, time[own], {name: glide[name][own] for name in GLIDE}),
+        spans,
+        faults,
     )
 
 
-def fault_of_signs(
-    number: int, time: TimeArray, depth: FloatArray, pitch: FloatArray, ballast: FloatArray
-) -> str | None:
-    """Fault of the sign of pitch or ballast of one profile, from arrays ``(n,)`` as in `check_signs`; or None."""
+def fault_of_signs(number: int, time: TimeArray, glide: Mapping[str, FloatArray]) -> str | None:
+    """Fault of a sign in one profile, from arrays ``(n,)`` as in `check_signs`; None if it has none."""
+    means = _bin_means(time, glide)
+    if means is None:
+        return None
+    rate = np.gradient(means["depth"], means["time"])
+    phases = (_steady(rate > MIN_RATE), _steady(rate < -MIN_RATE))
+    if not all(phase.any() for phase in phases):
+        return None
+    fault = (
+        _fault_of_pitch(means["pitch"], phases)
+        or _fault_of_ballast(means["ballast_volume"], phases)
+        or _fault_of_roll(means["roll"], means["battery_rotation"], phases)
+    )
+    return f"profile {number}: {fault}" if fault else None
+
+
+def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, FloatArray] | None:
+    """Means of the time (s) and the variables in bins of `BIN`; None if there are too few bins."""
     seconds = (time - time[0]) / np.timedelta64(1, "s")
-    known = np.isfinite(depth)
+    known = np.isfinite(glide["depth"])
     begins = np.flatnonzero(np.diff(np.floor(seconds[known] / BIN), prepend=-1.0))
     if len(begins) < 2 * MIN_BINS:
         return None
     counts = np.diff(begins, append=np.count_nonzero(known))
-    middle, mean_depth, mean_pitch, mean_ballast = (
-        np.add.reduceat(values[known], begins) / counts
-        for values in (seconds, depth, _filled(seconds, pitch), _filled(seconds, ballast))
-    )
-    rate = np.gradient(mean_depth, middle)
-    sinking, rising = _steady(rate > MIN_RATE), _steady(rate < -MIN_RATE)
-    if not (sinking.any() and rising.any()):
-        return None
-    down, up = _medians(mean_pitch, sinking, rising)
+    filled = {"time": seconds} | {name: _filled(seconds, glide[name]) for name in GLIDE}
+    return {name: np.add.reduceat(values[known], begins) / counts for name, values in filled.items()}
+
+
+def _fault_of_pitch(pitch: FloatArray, phases: Sequence[Mask]) -> str | None:
+    down, up = _medians(pitch, *phases)
     if down > SURE_PITCH and up < -SURE_PITCH:
         return (
-            f"profile {number}: pitch is {down:+.0f} degree while the glider sinks and {up:+.0f} degree while it "
-            "rises; nose up is positive, so reverse its sign"
-        )
-    down, up = _medians(mean_ballast, sinking, rising)
-    if down - up > SURE_BALLAST:
-        return (
-            f"profile {number}: ballast_volume is {down:+.0f} cm3 while the glider sinks and {up:+.0f} cm3 while it "
-            "rises; more oil outside the hull makes it rise, so reverse its sign"
+            f"pitch is {down:+.0f} degree while the glider sinks and {up:+.0f} degree while it rises; nose up is "
+            "positive, so reverse its sign"
         )
     return None
 
 
-def _steady(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _fault_of_ballast(ballast: FloatArray, phases: Sequence[Mask]) -> str | None:
+    down, up = _medians(ballast, *phases)
+    if down - up > SURE_BALLAST:
+        return (
+            f"ballast_volume is {down:+.0f} cm3 while the glider sinks and {up:+.0f} cm3 while it rises; more oil "
+            "outside the hull makes it rise, so reverse its sign"
+        )
+    return None
+
+
+def _fault_of_roll(roll: FloatArray, rotation: FloatArray, phases: Sequence[Mask]) -> str | None:
+    """Fault of a roll that goes against the battery's rotation, or follows it but is in radians."""
+    responses = [response for phase in phases if (response := _roll_response(roll[phase], rotation[phase]))]
+    if not responses or (len(responses) < len(phases) and not all(response.held for response in responses)):
+        return None
+    if all(response.is_reversed for response in responses):
+        return (
+            f"{responses[0].describe('+.1f')}; both are positive with starboard down, so reverse the sign of roll or "
+            "of battery_rotation"
+        )
+    if np.abs(roll).max() < MAX_RADIANS and all(0.0 < response.ratio < MAX_RATIO for response in responses):
+        return f"{responses[0].describe('+.3f')}, too little; if roll is in radians, convert it to degrees"
+    return None
+
+
+class _RollResponse(NamedTuple):
+    """Median rotations (degree) towards port and starboard, median rolls (degree) there, and if rotations are held."""
+
+    rotations: tuple[float, float]
+    rolls: tuple[float, float]
+    held: bool
+
+    @property
+    def is_reversed(self) -> bool:
+        """True if roll certainly goes against the rotation."""
+        return self.rolls[0] - self.rolls[1] > (SURE_ROLL if self.held else SURE_ROLL_MOVING)
+
+    @property
+    def ratio(self) -> float:
+        """Change of roll over change of rotation."""
+        return (self.rolls[1] - self.rolls[0]) / (self.rotations[1] - self.rotations[0])
+
+    def describe(self, style: str) -> str:
+        """Clause that gives the rolls, in a format, and the rotations."""
+        (port, starboard), (left, right) = self.rotations, self.rolls
+        return (
+            f"roll is {left:{style}} degree where battery_rotation is {port:+.0f} degree and {right:{style}} degree "
+            f"where it is {starboard:+.0f} degree"
+        )
+
+
+def _roll_response(roll: FloatArray, rotation: FloatArray) -> _RollResponse | None:
+    """Roll in the lowest and the highest third of the rotations' range, without `MIN_SIDE` - 1 extremes at each end.
+
+    None if the range is small or roll is hardly correlated with the rotation, as in waves.
+    """
+    if len(rotation) < 2 * MIN_SIDE:
+        return None
+    low, high = np.sort(rotation)[[MIN_SIDE - 1, -MIN_SIDE]]
+    if high - low < MIN_ROTATION_RANGE:
+        return None
+    (roll_variance, covariance), (_, rotation_variance) = np.cov(roll, rotation)
+    if covariance**2 <= MIN_CORRELATION**2 * roll_variance * rotation_variance:
+        return None
+    third = (high - low) / 3.0
+    port, starboard = rotation <= low + third, rotation >= high - third
+    left, right = _medians(rotation, port, starboard)
+    roll_left, roll_right = _medians(roll, port, starboard)
+    held = np.mean(np.abs(np.diff(rotation)) < MAX_HELD_CHANGE) >= MIN_HELD
+    return _RollResponse((left, right), (roll_left, roll_right), bool(held))
+
+
+def _steady(mask: Mask) -> Mask:
     """Mask without its runs of fewer than `MIN_BINS`."""
     found = np.zeros_like(mask)
     for first, stop in stretches(mask):
@@ -111,5 +224,5 @@ def _filled(seconds: FloatArray, values: FloatArray) -> FloatArray:
     return np.interp(seconds, seconds[known], values[known])
 
 
-def _medians(values: FloatArray, *masks: npt.NDArray[np.bool_]) -> list[float]:
+def _medians(values: FloatArray, *masks: Mask) -> list[float]:
     return [float(np.median(values[mask])) for mask in masks]

@@ -184,9 +184,9 @@ def survey_of(stored: StoredVariables) -> Survey:
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
             check_heading_unit(values, places, path)
-    depth, pitch, ballast = (glide[name] for name in GLIDE)
+    depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)
-    faults |= check_signs(time, depth, pitch, ballast, places, faults)
+    faults |= check_signs(time, glide, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
     spans = _spans(time, places)

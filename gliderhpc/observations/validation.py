@@ -85,7 +85,9 @@ def check_clock(
     bad = _first_bad_time(time[ordered])
     if bad is not None:
         sample = int(ordered[bad])
-        raise InputError(f"{path}: {_name_profile(sample, spans)}{_describe_clock(time, sample, implausible)}")
+        step = _find_clock_step(time, int(ordered[max(bad - 1, 0)]), sample)
+        before, sample = (sample, sample) if step is None else step
+        raise InputError(f"{path}: {_name_profile(before, spans)}{_describe_clock(time, sample, implausible)}")
     return faults
 
 
@@ -96,6 +98,17 @@ def clock_set_back(time: TimeArray) -> float | None:
         return None
     step = float((known[:-1] - known[1:]).max() / np.timedelta64(1, "s"))
     return step if step > CLOCK_SET_BACK else None
+
+
+def _find_clock_step(time: TimeArray, first: int, last: int) -> tuple[int, int] | None:
+    """Samples before and after the greatest backward step between two samples; None if the clock was not set back."""
+    if np.isnat(time[last]):
+        return None
+    known = first + np.flatnonzero(~np.isnat(time[first : last + 1]))
+    if clock_set_back(time[known]) is None:
+        return None
+    place = int(np.argmax(time[known[:-1]] - time[known[1:]]))
+    return int(known[place]), int(known[place + 1])
 
 
 def check_profile_numbers(numbers: FloatArray, path: str) -> None:
@@ -254,11 +267,15 @@ def _describe_clock(time: TimeArray, sample: int, implausible: npt.NDArray[np.bo
     if np.isnat(time[sample]):
         return f"time is missing at sample {sample}; every sample needs a time"
     before = time[:sample][~np.isnat(time[:sample])][-1]
-    verb = "is repeated" if time[sample] == before else "runs backwards"
-    return (
-        f"time {verb} at sample {sample} ({describe_time(time[sample])} after {describe_time(before)}); "
-        "sort the samples by time and remove the repeated ones"
-    )
+    place = f"at sample {sample} ({describe_time(time[sample])} after {describe_time(before)})"
+    step = float((before - time[sample]) / np.timedelta64(1, "s"))
+    if step > CLOCK_SET_BACK:
+        return (
+            f"the clock was set back by {step:.0f} s {place}; correct the times from there on or leave these samples "
+            "out, and sort the samples by time only if just their order is wrong"
+        )
+    verb = "is repeated" if step == 0.0 else "runs backwards"
+    return f"time {verb} {place}; sort the samples by time and remove the repeated ones"
 
 
 def describe_time(time: np.datetime64) -> str:

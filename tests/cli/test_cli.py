@@ -279,7 +279,7 @@ FILES = [
     ("missing variable", drop("pitch"), ["required variable pitch is missing", "'degree'"]),
     ("missing control", drop("ballast_volume"), ["required variable ballast_volume is missing", "'cm3'"]),
     ("depth in decibars", in_decibars, ["depth is in 'dbar'", "'m'", "decibars is a pressure"]),
-    ("clock back", clock_back_between_profiles, ["time runs backwards at sample", "sort the samples"]),
+    ("clock back", clock_back_between_profiles, ["the clock was set back by", "correct the times"]),
 ]
 
 

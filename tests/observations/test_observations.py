@@ -227,13 +227,43 @@ def test_no_profile_at_all(tmp_path):
     assert "has no profile" in refusal(write(tmp_path, profile=np.zeros(3 * (SAMPLES + 10), int)))
 
 
-def test_time_running_backwards_across_profiles(tmp_path):
+def test_a_clock_set_back_at_the_surface(tmp_path):
     time = mission()["time"]
     sample = first_sample(2) - 5
     time[sample:] -= np.timedelta64(3600, "s")
+    path = write(tmp_path, time=time)
+    assert refusal(path) == (
+        f"{path}: the clock was set back by 3599 s at sample {sample} (2024-05-01T11:16:35 after 2024-05-01T12:16:34); "
+        "correct the times from there on or leave these samples out, and sort the samples by time only if just their "
+        "order is wrong"
+    )
+
+
+def test_a_clock_set_back_within_a_profile_is_named_by_that_profile(tmp_path):
+    """The samples that follow the profile are those out of order, but the step is within the profile."""
+    time = mission()["time"]
+    sample = first_sample(2) + 100
+    time[sample:] -= np.timedelta64(3600, "s")
     text = refusal(write(tmp_path, time=time))
-    assert f"time runs backwards at sample {sample} (2024-05-01T11:16:35 after 2024-05-01T12:16:34)" in text
-    assert "sort the samples by time" in text
+    assert f"mission.nc: profile 2: the clock was set back by 3599 s at sample {sample} (" in text
+
+
+def test_a_clock_set_back_before_a_profile_is_named_by_the_one_before(tmp_path):
+    time = mission()["time"]
+    inside = mission()["profile"] > 0
+    time[first_sample(2) :] -= np.timedelta64(3600, "s")
+    contents = {name: values[inside] for name, values in mission().items() if len(values) == len(time)}
+    path = write(tmp_path, **contents | {"time": time[inside]})
+    assert f"profile 1: the clock was set back by 2999 s at sample {SAMPLES} (" in refusal(path)
+
+
+def test_a_small_backward_step_across_profiles(tmp_path):
+    time = mission()["time"]
+    sample = first_sample(2) - 5
+    time[sample:] -= np.timedelta64(30, "s")
+    text = refusal(write(tmp_path, time=time))
+    assert f"time runs backwards at sample {sample} (2024-05-01T12:16:05 after 2024-05-01T12:16:34)" in text
+    assert "sort the samples by time and remove the repeated ones" in text
 
 
 def test_repeated_time_in_a_file_without_numbers(tmp_path):
@@ -263,6 +293,14 @@ def test_time_running_backwards_within_a_profile(tmp_path):
     time[sample] -= np.timedelta64(3, "s")
     text = fault(write(tmp_path, time=time))
     assert text.startswith(f"profile 2: time runs backwards at sample {sample} (")
+
+
+def test_a_clock_set_back_for_a_while_within_a_profile(tmp_path):
+    time = mission()["time"]
+    sample = first_sample(2) + 100
+    time[sample : sample + 50] -= np.timedelta64(3600, "s")
+    text = fault(write(tmp_path, time=time))
+    assert text.startswith(f"profile 2: the clock was set back by 3599 s at sample {sample} (")
 
 
 def test_time_missing_within_a_profile(tmp_path):

@@ -429,8 +429,13 @@ def glide(pitch=-25.0, ballast=-250.0, every=1, climb=True):
     return time, depth, np.where(down, pitch, -pitch), np.where(down, ballast, -ballast)
 
 
-def fault_of_signs(time, depth, pitch, ballast):
-    return check_signs(time, depth, pitch, ballast, {4: (0, len(time))}, {}).get(4)
+def fault_of_signs(time, depth, pitch, ballast, roll=None, rotation=None, faults=()):
+    upright = np.zeros(len(time))
+    glide = {
+        "depth": depth, "pitch": pitch, "ballast_volume": ballast, "roll": upright if roll is None else roll,
+        "battery_rotation": upright if rotation is None else rotation,
+    }  # fmt: skip
+    return check_signs(time, glide, {4: (0, len(time))}, dict(faults)).get(4)
 
 
 @pytest.mark.parametrize("every", [1, 20, 100])
@@ -483,14 +488,19 @@ def test_missing_samples_and_other_faults_do_not_disturb_the_signs():
     holes = np.arange(len(time)) % 7 > 0
     depth, pitch = np.where(holes, depth, np.nan), np.where(~holes, pitch, np.nan)
     assert "reverse its sign" in fault_of_signs(time, depth, pitch, ballast)
-    assert check_signs(time, depth, pitch, ballast, {4: (0, len(time))}, {4: "too short"}) == {}
+    assert fault_of_signs(time, depth, pitch, ballast, faults={4: "too short"}) is None
 
 
-def test_a_profile_of_reversed_pitch_is_left_out_of_its_file(tmp_path):
+@pytest.mark.parametrize("name", ["pitch", "roll", "battery_rotation"])
+def test_a_profile_of_a_reversed_sign_is_left_out_of_its_file(tmp_path, name):
     time, depth, pitch, ballast = glide()
+    rotation = turns()
     second = time + (time[-1] - time[0]) + np.timedelta64(1, "h")
-    both = {"depth": np.tile(depth, 2), "pitch": np.concatenate([pitch, -pitch]), "ballast_volume": np.tile(ballast, 2)}
-    rest = {"roll": 1.0, "heading": 40.0, "battery_position": 0.01, "battery_rotation": 0.0}
+    once = {
+        "depth": depth, "pitch": pitch, "ballast_volume": ballast, "roll": 0.2 * rotation, "battery_rotation": rotation
+    }  # fmt: skip
+    both = {key: np.concatenate([values, -values if key == name else values]) for key, values in once.items()}
+    rest = {"heading": 40.0, "battery_position": 0.01}
     constant = {name: np.full(2 * len(time), value) for name, value in rest.items()}
     number = np.repeat([1, 2], len(time))
     path = write_observations(
@@ -500,4 +510,85 @@ def test_a_profile_of_reversed_pitch_is_left_out_of_its_file(tmp_path):
     )
     with open_observations(path) as observations:
         assert list(observations.faults) == [2]
-        assert "reverse its sign" in observations.faults[2]
+        assert "so reverse " in observations.faults[2]
+        assert name in observations.faults[2]
+
+
+# Roll and battery rotation
+
+
+def turns(angle=20.0, where=slice(None)):
+    """Rotation in the samples of `glide`: held for 90 s to starboard, 90 s to port and 180 s upright, in turn."""
+    place = np.arange(1800) % 360
+    rotation = np.zeros(1800)
+    held = np.where(place < 90, angle, np.where(place < 180, -angle, 0.0))
+    rotation[where] = held[where]
+    return rotation
+
+
+def waves(height):
+    """Roll of short and of long period."""
+    return height * np.sin(np.arange(1800.0) * 0.9) + height * np.sin(np.arange(1800.0) / 17.0)
+
+
+@pytest.mark.parametrize("where", [slice(None), slice(0, 900), slice(900, None)], ids=["both", "sinking", "rising"])
+def test_roll_against_the_rotation_is_named_with_its_values(where):
+    rotation = turns(where=where)
+    roll = 0.175 * rotation + waves(1.0)
+    assert fault_of_signs(*glide(), roll, rotation) is None
+    assert fault_of_signs(*glide(), -roll, -rotation) is None
+    assert "reverse the sign of roll or of battery_rotation" in fault_of_signs(*glide(), -roll, rotation)
+    assert "reverse the sign of roll or of battery_rotation" in fault_of_signs(*glide(), roll, -rotation)
+
+
+def test_a_reversed_roll_is_named_with_the_rotations():
+    rotation = turns()
+    assert fault_of_signs(*glide(), -0.25 * rotation, rotation) == (
+        "profile 4: roll is +5.0 degree where battery_rotation is -20 degree and -5.0 degree where it is +20 degree; "
+        "both are positive with starboard down, so reverse the sign of roll or of battery_rotation"
+    )
+
+
+def test_roll_in_radians_is_named():
+    rotation = turns()
+    assert fault_of_signs(*glide(), np.radians(0.2 * rotation + 3.0), rotation) == (
+        "profile 4: roll is -0.017 degree where battery_rotation is -20 degree and +0.122 degree where it is +20 "
+        "degree, too little; if roll is in radians, convert it to degrees"
+    )
+
+
+@pytest.mark.parametrize("roll", [3.0, -20.0 + waves(3.0), waves(0.1)], ids=["still", "a heavy trim", "flat"])
+@pytest.mark.parametrize("rotation", [0.0, 40.0, turns(4.0)], ids=["rudder", "a rotation that stays", "little"])
+def test_roll_without_rotation_is_no_fault(roll, rotation):
+    whole = np.zeros(1800)
+    assert fault_of_signs(*glide(), roll + whole, rotation + whole) is None
+
+
+@pytest.mark.parametrize("height", [1.0, 10.0])
+def test_roll_of_waves_is_no_fault(height):
+    assert fault_of_signs(*glide(), waves(height), turns()) is None
+
+
+def test_a_trim_that_differs_between_dive_and_climb_and_is_balanced_is_no_fault():
+    """Roll and rotation differ between sinking and rising with opposite signs; within each, roll follows."""
+    down = np.arange(1800) < 900
+    rotation = turns() + np.where(down, 30.0, -30.0)
+    roll = 0.2 * turns() + np.where(down, -10.0, 10.0)
+    assert np.corrcoef(roll, rotation)[0, 1] < -0.7
+    assert fault_of_signs(*glide(), roll, rotation) is None
+
+
+def test_a_controller_of_roll_is_no_reversed_sign():
+    """The battery moves against a heel that varies; the heel that is left is opposite to the rotation."""
+    heel = 4.0 * np.sin(np.arange(1800.0) / 60.0)
+    roll = heel / (1.0 + 0.4 * 4.0)
+    rotation = -4.0 * roll
+    assert np.ptp(rotation) > 12.0
+    assert fault_of_signs(*glide(), roll, rotation) is None
+
+
+def test_a_reversed_rotation_that_moves_all_the_time_must_show_sinking_and_rising():
+    swing = 30.0 * np.sin(np.arange(1800.0) / 60.0)
+    assert "reverse" in fault_of_signs(*glide(), -0.4 * swing, swing)
+    dive = np.where(np.arange(1800) < 900, swing, 0.0)
+    assert fault_of_signs(*glide(), -0.4 * dive, dive) is None
