@@ -45,9 +45,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "gliderhpc.tuning.least_squares": ("tuning/test_least_squares.py",),
     "gliderhpc.tuning.fisher_scoring": ("tuning/test_fisher_scoring.py",),
     "gliderhpc.tuning.record_checks.finding": ("tuning/test_record_checks.py",),
+    "gliderhpc.tuning.record_checks.turns": (
+        "tuning/test_compass_turns.py",
+        "tuning/test_record_checks.py",
+    ),
     "gliderhpc.tuning.record_checks.compass": (
         "tuning/test_compass_likelihood.py",
-        "tuning/test_compass_turns.py",
         "tuning/test_record_checks.py",
     ),
 }

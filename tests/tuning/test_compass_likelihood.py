@@ -11,10 +11,10 @@ from gliderhpc.tuning.record_checks.compass import (
     DEVIATION,
     MODELS,
     Leg,
-    TurnInformation,
     _System,
     compass_findings,
 )
+from gliderhpc.tuning.record_checks.turns import TurnInformation
 
 CHECKS = CheckSettings()
 NO_TURNS = TurnInformation(np.zeros((5, 5)), np.zeros(5), 0)

@@ -7,7 +7,7 @@ from support.missions import glide_series, replaced
 
 from gliderhpc.estimation.preparation import harmonics
 from gliderhpc.platform import read_platform
-from gliderhpc.tuning.record_checks.compass import (
+from gliderhpc.tuning.record_checks.turns import (
     TurnStretches,
     _part_known,
     _slopes,

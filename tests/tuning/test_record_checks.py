@@ -27,16 +27,14 @@ from gliderhpc.tuning.record_checks.compass import (
     CONSTANT,
     DEVIATION,
     Leg,
-    TurnInformation,
-    TurnStretches,
     compass_findings,
     leg_of,
-    turn_information,
 )
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
 from gliderhpc.tuning.record_checks.finding import judged, unless_overlooked
 from gliderhpc.tuning.record_checks.inspection import LAG, lag_finding
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
+from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
 from gliderhpc.tuning.steady_segments import SteadySegments, joined
 
 pytestmark = pytest.mark.compiled

@@ -19,16 +19,10 @@ from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.likelihood import log_density
-from gliderhpc.tuning.record_checks.compass import (
-    Leg,
-    TurnStretches,
-    compass_findings,
-    leg_of,
-    turn_information,
-    turn_stretches,
-)
+from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined, unless_overlooked
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
+from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
 
 Array = NDArray[np.float64]
