@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.currents import DepthAveragedCurrent, doubt, surface_drift
+from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_doubt, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
@@ -91,10 +91,10 @@ def estimate_currents(
             track = glide_track(record, polar.hulls, chosen)
         except ProfileError as error:
             tracks.append(None)
-            notes.append(str(error))
+            notes.append("; ".join([*record.notes, str(error)]))
             continue
         tracks.append(track)
-        doubts = [] if track.current is None else doubt(track.current.velocity)
+        doubts = [] if track.current is None else describe_doubt(track.current.velocity)
         notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
         raise InputError(f"{navigation.source}: no profile can be used; {notes[0]}")
@@ -289,6 +289,7 @@ def _global_attributes(
         "error_pitch_degree": float(np.degrees(errors.pitch_offset)),
         "error_course_degree": errors.course,
         "error_vertical_water_velocity": errors.vertical,
+        "error_stationary": errors.stationary,
         "error_fix": errors.fix,
         "comment": "; ".join(navigation.remarks) or "none",
     }

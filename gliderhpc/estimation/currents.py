@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.observations import cycle_boundaries
-from gliderhpc.observations.dive_phases import unrecorded_distance
+from gliderhpc.observations.dive_phases import distance_to_surface
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -169,7 +169,7 @@ def depth_averaged_current(
     drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / lasts``) and the current below (error
     ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
     The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded way
-    (`gliderhpc.observations.dive_phases.unrecorded_distance`) is an error of the position there. The segments close:
+    (`gliderhpc.observations.dive_phases.distance_to_surface`) is an error of the position there. The segments close:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     between_fixes = _fix_to_fix_drift(record, track.clock, errors)
@@ -191,7 +191,7 @@ def depth_averaged_current(
     return DepthAveragedCurrent(velocity, covariance, drift, segments, between_fixes.entry, between_fixes.exit)
 
 
-def doubt(velocity: Array) -> list[str]:
+def describe_doubt(velocity: Array) -> list[str]:
     """Remark on a current ``(2,)`` (m/s) as strong as a wrong fix makes it; empty for others."""
     speed = float(np.linalg.norm(velocity))
     if not speed > STRONG:
@@ -315,7 +315,7 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
         return None
     begin, end = float(clock[0]), float(clock[-1])
     lasts = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
-    missing = unrecorded_distance(record, lasts[0], "start"), unrecorded_distance(record, lasts[1], "end")
+    missing = _unrecorded_distances(record, clock, lasts)
     before = _surface_interval(lasts[0], record.surface_fixes_before, missing[0], errors)
     after = _surface_interval(lasts[1], record.surface_fixes_after, missing[1], errors)
     return _FixToFixDrift(
@@ -325,6 +325,13 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
         entry=before,
         exit=after,
     )
+
+
+def _unrecorded_distances(record: ProfileRecord, clock: Array, lasts: tuple[float, float]) -> tuple[float, float]:
+    """Distances (m) of the track's ends from the surface, from the times (s) between them and the fixes."""
+    rows = (record.time >= clock[0]) & (record.time <= clock[-1])
+    glide = record.time[rows], record.depth[rows], record.pitch[rows]
+    return distance_to_surface(*glide, lasts[0], "start"), distance_to_surface(*glide, lasts[1], "end")
 
 
 def _surface_interval(

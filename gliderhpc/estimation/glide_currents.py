@@ -10,6 +10,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
+from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries, longest_bridged, resample, sampling_intervals
@@ -147,7 +148,7 @@ def _displacement_covariance(
         _motion(hulls[0], series, errors.pitch_offset).total - _motion(hulls[0], series, -errors.pitch_offset).total
     )
     covariance = np.outer(by_drag, by_drag) + np.outer(by_pitch, by_pitch)
-    rate = np.diff(series.measurements[:, 3]) / series.step
+    rate = np.where(stationary_points(series)[:-1], 0.0, np.diff(series.measurements[:, 3]) / series.step)
     for phase in (rate > 0.0, rate < 0.0):
         length, climbed = motion.steps[phase].sum(axis=0), float(np.abs(rate[phase]).sum()) * series.step
         relative = errors.vertical * float(phase.sum()) * series.step / climbed if climbed > 0.0 else 0.0

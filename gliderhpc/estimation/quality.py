@@ -10,7 +10,7 @@ from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
-from gliderhpc.observations.dive_phases import is_stationary
+from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
@@ -128,7 +128,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior could not follow this record, so {freed} allowed to follow gusts")
-    gliding = ~estimate.vibrating & ~is_stationary(series.time, series.measurements[:, 3])
+    gliding = ~estimate.vibrating & ~stationary_points(series)
     run = longest_run(implausible_motion(estimate) & gliding, series.step)
     if run >= STEADY_MINUTE:
         lines.append(

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
-from gliderhpc.observations.dive_phases import is_stationary
+from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.platform import Platform
@@ -141,9 +141,9 @@ class SelfMotion:
     bridged : float
         Length (m) of the displacement that was interpolated over those intervals.
     stationary : float
-        Time (s) in which the glider was stationary and has no displacement (`is_stationary`).
+        Time (s) in which the glider was stationary and has no displacement (`stationary_points`).
     masked_fraction : float
-        Share of the steps outside the vibration set without a solution of their own.
+        Share of the steps outside the vibration set and stationary time without a solution of their own.
     """
 
     steps: Array
@@ -174,17 +174,18 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDA
     their share is recorded (`SelfMotion.masked_fraction`). A stationary glider has no motion of its own.
     """
     _, theta, psi, _ = series.measurements[:-1].T
-    still = is_stationary(series.time, series.measurements[:, 3])[:-1]
+    # A measured velocity would show by itself whether a glider at one depth moves, as with a thruster.
+    stationary = stationary_points(series)[:-1] & (series.velocity is None)
     speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
-    steps[still] = 0.0
-    steady = ~vibrating[:-1]
-    unusable = (unsolved | vibrating[:-1]) & ~still
+    steps[stationary] = 0.0
+    steady = ~vibrating[:-1] & ~stationary
+    unusable = (unsolved | vibrating[:-1]) & ~stationary
     bridged = bridge(np.where(unusable[:, None], 0.0, steps), unusable, round(BRIDGE / series.step))
     masked = float(unsolved[steady].mean()) if steady.any() else 1.0
     length = float(np.linalg.norm(bridged[unusable].sum(axis=0)))
-    return SelfMotion(bridged, length, float(still.sum()) * series.step, masked)
+    return SelfMotion(bridged, length, float(stationary.sum()) * series.step, masked)
 
 
 def bridge(steps: Array, unusable: NDArray[np.bool_], reach: int) -> Array:

@@ -147,12 +147,13 @@ class _Batch:
             if (earlier := self._job.amendable.get(index)) is not None and self._amend(number, index, earlier, inputs):
                 continue
             row = extent_of(self._observations, number, self._job.mission_start)
+            record = None
             try:
                 record = self._observations.profile(number)
                 series = on_steps(record, settings, self._job.platform)
             except ProfileError as error:
                 self._rows.begin(index)
-                self._close(number, index, row | failed_row(str(error)), inputs, time.perf_counter() - began)
+                self._close(number, index, row | failed_row(str(error), record), inputs, time.perf_counter() - began)
             else:
                 work = _Work(number, index, row, inputs, record, time.perf_counter() - began)
                 yield work, prepare_profile(glider, series)

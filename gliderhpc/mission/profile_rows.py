@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.currents import doubt
+from gliderhpc.estimation.currents import describe_doubt
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
@@ -91,12 +91,12 @@ def derive_and_write(
 def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
     """Join the notes on a record, the doubt about its current if there is one, and the remarks on its estimate."""
     velocity = np.array([currents.get(f"dac_{name}", np.nan) for name in ("north", "east")])
-    return "; ".join([*record.notes, *doubt(velocity), *own])
+    return "; ".join([*record.notes, *describe_doubt(velocity), *own])
 
 
 def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
     """Return the table entries of a failed profile; the phases of its dive, if there is a record, may be the reason."""
-    phases = () if record is None else dive_notes(record.time, record.depth)
+    phases = () if record is None else dive_notes(record.time, record.depth, record.pitch)
     return {"status": "failed", "message": "; ".join([*phases, message])}
 
 

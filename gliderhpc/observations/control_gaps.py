@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.format import VARIABLES
+from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.records import FloatArray
 
 MIN_GAP = 60.0
@@ -34,7 +35,7 @@ class _Jump:
 
 
 def unlogged_movements(time: FloatArray, attitude: npt.NDArray[np.bool_], controls: Mapping[str, FloatArray]) -> str:
-    """Describe movements of the actuators whose begin is not logged; empty if there are none.
+    """Describe movements of the actuators whose start is not logged; empty if there are none.
 
     Parameters
     ----------
@@ -49,8 +50,8 @@ def unlogged_movements(time: FloatArray, attitude: npt.NDArray[np.bool_], contro
     -----
     Controls are interpolated linearly between their samples. A record with a sample only where a movement ends
     therefore reads as a ramp from one inflection to the next. A pause that the attitude has too is one of the whole
-    record, about which nothing can be done. A movement after a rest of `START_LOGGED` times its own duration has been
-    logged at its begin and at its end, and is a ramp indeed.
+    record, about which nothing can be done. Movements after a rest of `START_LOGGED` times their duration have been
+    logged at their begin and at their end, and really are ramps.
     """
     sampled = time[attitude]
     jumps = {name: _largest_jump(time, sampled, controls[name], least) for name, least in MIN_CHANGE.items()}
@@ -68,9 +69,11 @@ def _largest_jump(time: FloatArray, attitude: FloatArray, values: FloatArray, le
     """Largest change of at least `least` across a pause of one actuator that the attitude does not share."""
     known = np.isfinite(values)
     begins, pauses, changes = time[known][:-1], np.diff(time[known]), np.abs(np.diff(values[known]))
-    rests = np.where(changes < least, pauses, 0.0)
-    logged = np.append(0.0, rests)[:-1] >= START_LOGGED * pauses
-    chosen = np.flatnonzero((pauses > MIN_GAP) & (changes >= least) & ~logged)
+    moving = changes >= least
+    rests = np.zeros(len(pauses))
+    for first, stop in stretches(moving):
+        rests[first:stop] = pauses[first - 1] if first > 0 else 0.0
+    chosen = np.flatnonzero((pauses > MIN_GAP) & moving & (rests < START_LOGGED * pauses))
     own = [index for index in chosen.tolist() if not _shared(attitude, begins[index], pauses[index])]
     if not own:
         return None

@@ -139,7 +139,7 @@ class Observations:
             surface_fixes_after=after,
             notes=(
                 *_notes(before, after, reasons),
-                *dive_notes(seconds, values["depth"]),
+                *dive_notes(seconds, values["depth"], values["pitch"]),
                 *_actuator_notes(seconds, values),
             ),
             **{name: self._optional(name, span) for name in SEAWATER},

@@ -11,121 +11,162 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
-from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.resample import ProfileSeries
 
 Mask = npt.NDArray[np.bool_]
 
 MIN_STATIONARY = 300.0
 """Least duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
-MAX_DEPTH_RATE = 0.01
-"""Depth rate below which a glider is stationary, m/s; the flattest glides have five times as much."""
-_GRID, _REACH = 30.0, 2
-"""Interval (s) of the points at which the depth rate is computed, and number of points on either side."""
-_BRIDGED = 90.0
-"""Largest time (s) between a point and the nearest sample."""
-
+MAX_RANGE, WINDOW = 2.0, 120.0
+"""Largest range of depths (m) within so many seconds of a stationary stretch; the flattest glides pass three times as
+much."""
 MIN_DEPTH = 5.0
 """Depth below which a glider may be stationary, m; above it, it floats."""
+_BIN, _BRIDGED = 30.0, 90.0
+"""Length (s) of the bins in which the range is computed, and largest time (s) from a bin's centre to a sample."""
+
 SHALLOW, DEEP = 12.0, 0.05
 """Depth at the end of a record from which on it is reported, m and relative to the greatest depth: some vehicles rise
 the last ten metres without gliding, and these are not part of the dive."""
 LATE_FIX = 1200.0
 """Time (s) after the surfacing by which a fix is expected; if it comes later, the glider may have dived again."""
 _LATEST = 90.0
-"""Time (s) at the end of a record in which it rises or sinks."""
+"""Time (s) at the end of a record from which it is taken whether the glider rises or sinks."""
 _FLATTEST = np.radians(10.0)
 """Least pitch from which the steepness of a glide is taken."""
 
 
 def is_stationary(time: FloatArray, depth: FloatArray) -> Mask:
-    """Mask ``(n,)`` of the samples in stretches of at least five minutes without change of depth, under water.
+    """Mask ``(n,)`` of the samples in stretches of at least five minutes at nearly one depth, under water.
 
     Parameters
     ----------
     time, depth : (n,) arrays
-        Times (s), increasing, and depth (m), NaN where missing. Stretches without samples do not count.
+        Times (s), increasing, and depth (m), NaN where missing. Time without samples does not count.
     """
-    known = np.isfinite(depth)
-    if np.count_nonzero(known) < 2 or time[-1] - time[0] < MIN_STATIONARY:
-        return np.zeros(len(time), dtype=bool)
-    sampled, sampled_depth = time[known], depth[known]
-    points = np.arange(sampled[0], sampled[-1], _GRID)
-    at = np.interp(points, sampled, sampled_depth)
-    rate = np.full(len(points), np.inf)
-    span = 2 * _REACH
-    if len(points) > span:
-        rate[_REACH:-_REACH] = np.abs(at[span:] - at[:-span]) / (span * _GRID)
-    after = np.minimum(np.searchsorted(sampled, points), len(sampled) - 1)
-    before = np.maximum(after - 1, 0)
-    recorded = np.minimum(np.abs(sampled[after] - points), np.abs(points - sampled[before])) <= _BRIDGED
-    still = (rate < MAX_DEPTH_RATE) & recorded & (at > MIN_DEPTH)
     found = np.zeros(len(time), dtype=bool)
-    for begin, end in stretches(still):
-        first, last = points[begin] - _REACH * _GRID, points[end - 1] + _REACH * _GRID
-        if last - first >= MIN_STATIONARY:
-            found |= (time >= first) & (time <= last)
+    for first, last in _stationary_times(time, depth):
+        found |= (time >= first) & (time <= last)
     return found
 
 
-def unrecorded_distance(record: ProfileRecord, lasts: float, end: Literal["start", "end"]) -> float:
-    """Distance (m) that the glider may have flown between the record's start or end and the surface.
+def stationary_points(series: ProfileSeries) -> Mask:
+    """Mask ``(n + 1,)`` of the stationary points of a series; none in gaps of the record, which are interpolated."""
+    return is_stationary(series.time, np.where(series.weights > 0.0, series.measurements[:, 3], np.nan))
+
+
+def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, float]]:
+    """First and last time (s) of the stationary stretches of a record."""
+    known = np.isfinite(depth)
+    if np.count_nonzero(known) < 2:
+        return []
+    time, depth = time[known], depth[known]
+    bins, count = int((time[-1] - time[0]) // _BIN), round(WINDOW / _BIN)
+    if bins * _BIN < MIN_STATIONARY:
+        return []
+    high, low = _extremes(time, depth, bins)
+    around = np.lib.stride_tricks.sliding_window_view
+    narrow = around(high, count).max(axis=1) - around(low, count).min(axis=1) <= MAX_RANGE
+    deep = around(low, count).min(axis=1) > MIN_DEPTH
+    ends = [(begin * _BIN, (end - 1) * _BIN + WINDOW) for begin, end in stretches(np.asarray(narrow & deep))]
+    return [(time[0] + first, time[0] + last) for first, last in ends if last - first >= MIN_STATIONARY]
+
+
+def _extremes(time: FloatArray, depth: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
+    """Greatest and least depth in each bin, including the depth at its centre; NaN where the record pauses."""
+    centres = time[0] + _BIN * (np.arange(bins) + 0.5)
+    at = np.interp(centres, time, depth)
+    after = np.minimum(np.searchsorted(time, centres), len(time) - 1)
+    nearest = np.minimum(np.abs(time[after] - centres), np.abs(centres - time[np.maximum(after - 1, 0)]))
+    at[nearest > _BRIDGED] = np.nan
+    place = np.minimum(((time - time[0]) // _BIN).astype(np.int64), bins - 1)
+    high, low = at.copy(), at.copy()
+    np.maximum.at(high, place, depth)
+    np.minimum.at(low, place, depth)
+    return high, low
+
+
+def distance_to_surface(
+    time: FloatArray, depth: FloatArray, pitch: FloatArray, lasts: float, end: Literal["start", "end"]
+) -> float:
+    """Distance (m) that the glider may have flown between the start or the end of a record and the surface.
 
     Parameters
     ----------
-    record : ProfileRecord
-        Record with time (s), depth (m) and pitch (rad).
+    time, depth, pitch : (n,) arrays
+        Times (s), depth (m) and pitch (rad) of the record; NaN where missing.
     lasts : float
-        Time between the fix and that end of the record, s.
+        Time between that end of the record and the fix, s.
     end : str
         The start or the end of the record.
 
     Returns
     -------
     float
-        Zero at the surface. On the way to the surface it follows from the depth and the steepness of the dive. On the
-        way down, or if the fix is later than `LATE_FIX`, the glider may have flown all the time.
+        Zero at the surface. On the way to the surface it follows from the depth and the steepness of the dive. Where a
+        record that ends deep is still on the way down, or the fix is later than `LATE_FIX`, the glider may have flown
+        all the time.
     """
-    return distance_to_surface(record.time, record.depth, record.pitch, lasts, end)
-
-
-def distance_to_surface(
-    time: FloatArray, depth: FloatArray, pitch: FloatArray, lasts: float, end: Literal["start", "end"]
-) -> float:
-    """Compute `unrecorded_distance` from time (s), depth (m) and pitch (rad) of a record, ``(n,)``."""
     known = np.isfinite(depth)
     if np.count_nonzero(known) < 2 or not np.isfinite(pitch).any():
         return 0.0
     time, depth = time[known], depth[known]
+    speed = _vertical_speed(time, depth)
     if end == "start":
         time, depth = time[-1] - time[::-1], depth[::-1]
     height = float(depth[-1]) - SURFACE_MARGIN
-    travelled, elapsed = float(np.abs(np.diff(depth)).sum()), float(time[-1] - time[0])
-    if height <= 0.0 or lasts <= 0.0 or travelled == 0.0:
+    if height <= 0.0 or lasts <= 0.0 or speed == 0.0:
         return 0.0
-    steepness = np.tan(max(float(np.nanmedian(np.abs(pitch))), _FLATTEST))
-    speed = travelled / elapsed
     way_up = height / speed
-    approaches = bool(depth[np.searchsorted(time, time[-1] - _LATEST)] > depth[-1])
-    under_way = min(way_up, lasts) if approaches and lasts < way_up + LATE_FIX else lasts
-    return float(speed * under_way / steepness)
+    may_fly_on = depth[-1] > _reported_depth(depth) and (not _rises(time, depth) or lasts > way_up + LATE_FIX)
+    under_way = lasts if may_fly_on else min(way_up, lasts)
+    return float(speed * under_way / np.tan(max(float(np.nanmedian(np.abs(pitch))), _FLATTEST)))
 
 
-def dive_notes(time: FloatArray, depth: FloatArray) -> Iterator[str]:
+def _vertical_speed(time: FloatArray, depth: FloatArray) -> float:
+    """Mean vertical speed (m/s) outside stationary stretches, from minute to minute because of the sensor's noise."""
+    points = np.append(np.arange(time[0], time[-1], 2.0 * _BIN), time[-1])
+    moved, lasts, middle = np.abs(np.diff(np.interp(points, time, depth))), np.diff(points), points[:-1] + _BIN
+    flying = np.ones(len(moved), dtype=bool)
+    for first, last in _stationary_times(time, depth):
+        flying &= (middle < first) | (middle > last)
+    return float(moved[flying].sum() / lasts[flying].sum()) if lasts[flying].sum() > 0.0 else 0.0
+
+
+def _rises(time: FloatArray, depth: FloatArray) -> bool:
+    """Return whether a record ends on the way to the surface."""
+    before = np.searchsorted(time, time[-1] - _LATEST, side="right") - 1
+    return bool(depth[np.clip(before, 0, len(depth) - 2)] > depth[-1])
+
+
+def _reported_depth(depth: FloatArray) -> float:
+    return max(SHALLOW, DEEP * float(np.nanmax(depth)))
+
+
+def dive_notes(time: FloatArray, depth: FloatArray, pitch: FloatArray) -> Iterator[str]:
     """Describe the stationary stretches of a dive, and the ends of its record under water.
 
     Parameters
     ----------
-    time, depth : (n,) arrays
-        Times (s) and depth (m), NaN where missing.
+    time, depth, pitch : (n,) arrays
+        Times (s), depth and pitch, NaN where missing. The record ends where one of them ends.
     """
-    known = np.isfinite(depth)
-    if not known.any():
+    known = np.flatnonzero(np.isfinite(depth))
+    attitude = np.flatnonzero(np.isfinite(pitch))
+    if not len(known) or not len(attitude):
         return
-    time, depth = time[known], depth[known]
-    for begin, end in stretches(is_stationary(time, depth)):
-        minutes, level = (time[end - 1] - time[begin]) / 60.0, np.median(depth[begin:end])
-        yield f"stationary for {minutes:.0f} min at {level:.0f} m (parked, on the bottom or under ice)"
-    least = max(SHALLOW, DEEP * float(depth.max()))
-    ends = [f"{verb} at {at:.0f} m" for verb, at in (("begins", depth[0]), ("ends", depth[-1])) if at > least]
+    still = _stationary_times(time, depth)
+    if still:
+        minutes = sum(last - first for first, last in still) / 60.0
+        level = np.median(np.interp(np.mean(still, axis=1), time[known], depth[known]))
+        parts = f", in {len(still)} parts" if len(still) > 1 else ""
+        yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} (parked, on the bottom or under ice)"
+    begin, end = (
+        float(np.interp(time[at], time[known], depth[known]))
+        for at in (max(known[0], attitude[0]), min(known[-1], attitude[-1]))
+    )
+    least = _reported_depth(depth)
+    ends = [f"{verb} at {at:.0f} m" for verb, at in (("begins", begin), ("ends", end)) if at > least]
     if ends:
-        yield f"the record {' and '.join(ends)} depth, and the unrecorded way is part of the current's error"
+        yield f"the record {' and '.join(ends)} depth, which makes a current uncertain by the way that it lacks"

@@ -100,7 +100,7 @@ class Navigation:
             depth=self.depth[span], battery_position=still, battery_rotation=still, ballast_volume=still, rudder=still,
             entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
             surface_fixes_before=before, surface_fixes_after=after,
-            notes=(*notes, *dive_notes(seconds, self.depth[span])),
+            notes=(*notes, *dive_notes(seconds, self.depth[span], self.pitch[span])),
             velocity=None if self.velocity is None else self.velocity[span],
         )  # fmt: skip
 

@@ -151,7 +151,7 @@ def _fault_of_ballast(ballast: FloatArray, phases: Sequence[Mask]) -> str | None
 def _fault_of_roll(roll: FloatArray, rotation: FloatArray, phases: Sequence[Mask]) -> str | None:
     """Fault of a roll that goes against the battery's rotation, or follows it but is in radians."""
     responses = [response for phase in phases if (response := _roll_response(roll[phase], rotation[phase]))]
-    if not responses or (len(responses) < len(phases) and not all(response.held for response in responses)):
+    if len(responses) < len(phases):
         return None
     if all(response.is_reversed for response in responses):
         return (

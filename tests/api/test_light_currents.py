@@ -108,7 +108,8 @@ def test_a_parked_glider_does_not_move_by_itself():
     found = currents(mission(glide))
     np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=5e-3)
     np.testing.assert_allclose(found["dac_east"], glide.current[1], atol=5e-3)
-    assert all("stationary for 59 min at 100 m" in str(message) for message in found["message"].values)
+    messages = [str(message) for message in found["message"].values]
+    assert all("at 100 m (parked, on the bottom or under ice)" in message for message in messages), messages
 
 
 @pytest.mark.parametrize("missing", [0.2, 0.4, 0.7])
@@ -125,6 +126,36 @@ def test_the_unrecorded_part_of_a_dive_is_in_the_error(missing):
     assert (np.abs(error) < 2.0 * np.array([float(cut["dac_north_std"]), float(cut["dac_east_std"])])).all()
     assert float(cut["dac_north_std"]) > 2.0 * float(whole["dac_north_std"].sel(profile=2))
     assert "the record ends at" in str(cut["message"].values)
+
+
+def test_a_gap_about_the_deepest_point_is_bridged():
+    """Its ends are equally deep, but the glider was not stationary."""
+    glide = Glide()
+    records = mission(glide)
+    whole = currents(records)
+    records["profile"] = whole["profile_number"].reindex(time=records["time"], fill_value=0)
+    turns = [
+        whole["time"].values[rows][np.argmax(whole["depth"].values[rows])]
+        for rows in (whole["profile_number"].values == number for number in (1, 2, 3))
+    ]
+    near = np.min([np.abs(records["time"].values - turn) for turn in turns], axis=0) < np.timedelta64(600, "s")
+    found = currents(records.isel(time=~near))
+    np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=0.02)
+    np.testing.assert_allclose(found["dac_east"], glide.current[1], atol=0.02)
+    assert not any("stationary" in str(message) for message in found["message"].values)
+
+
+def test_a_dive_whose_attitude_ends_before_its_depth():
+    glide = Glide(depth=100.0)
+    records = mission(glide)
+    whole = currents(records)
+    numbers = whole["profile_number"].reindex(time=records["time"], fill_value=0)
+    rows = np.flatnonzero((numbers == 2).values)
+    records["pitch"][rows[int(0.7 * len(rows)) :]] = np.nan
+    row = currents(records).sel(profile=2)
+    error = np.array([float(row["dac_north"]), float(row["dac_east"])]) - glide.current
+    assert (np.abs(error) < 2.0 * np.array([float(row["dac_north_std"]), float(row["dac_east_std"])])).all()
+    assert "the record ends at" in str(row["message"].values)
 
 
 def test_a_current_as_strong_as_wrong_fixes_make_it_is_in_doubt():

@@ -291,7 +291,7 @@ def test_a_stationary_glider_is_smoothed_by_the_mode(monkeypatch):
     by_mode = EstimationSettings(smoother=SmootherSettings(estimate="mode"))
     _, expected = smoothed_profile(record(), by_mode)
     _, mean = smoothed_profile(record(), EstimationSettings())
-    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate.is_stationary", lambda time, depth: np.ones(1, bool))
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate.stationary_points", lambda series: np.ones(1, bool))
     _, stationary = smoothed_profile(record(), EstimationSettings())
     np.testing.assert_array_equal(stationary.states, expected.states)
     assert not np.array_equal(mean.states, expected.states)

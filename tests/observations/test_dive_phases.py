@@ -44,6 +44,21 @@ def test_a_gap_is_no_pause():
     assert not is_stationary(time, np.where(outside, depth, np.nan)).any()
 
 
+def test_short_yos_at_depth_are_no_pause():
+    """With a period of two minutes the depth is the same from one turn to the next."""
+    time = np.arange(0.0, 3600.0)
+    for period in (60.0, 120.0):
+        yo = np.abs((time / period) % 1.0 - 0.5) * period
+        assert not is_stationary(time, 10.0 + 2.0 * SPEED * yo).any()
+
+
+def test_an_hour_without_samples_is_not_stationary():
+    time, depth = dive(still=4000.0)
+    middle = 100.0 / SPEED + 2000.0
+    recorded = np.abs(time - middle) > 1900.0
+    assert not is_stationary(time[recorded], depth[recorded]).any()
+
+
 def test_afloat_is_not_stationary():
     time = np.arange(0.0, 2000.0)
     assert not is_stationary(time, np.full(2000, 0.5)).any()
@@ -73,18 +88,40 @@ def test_no_distance_from_the_surface():
 def test_distance_of_a_climb_that_is_cut_short():
     """The steepness of the glide gives the way from the depth of 2 m at which it surfaces."""
     found = distance_to_surface(*cut(52.0, climbing=True), 600.0, "end")
-    assert found == pytest.approx(50.0 / np.tan(PITCH), rel=0.01)
+    assert found == pytest.approx(50.0 / np.tan(PITCH), rel=0.02)
 
 
 def test_distance_is_limited_by_the_time_until_the_fix():
     found = distance_to_surface(*cut(52.0, climbing=True), 60.0, "end")
-    assert found == pytest.approx(60.0 * SPEED / np.tan(PITCH), rel=0.01)
+    assert found == pytest.approx(60.0 * SPEED / np.tan(PITCH), rel=0.02)
 
 
 @pytest.mark.parametrize(("climbing", "lasts"), [(False, 900.0), (True, 4000.0)])
 def test_a_glider_that_may_have_flown_all_the_time(climbing, lasts):
     found = distance_to_surface(*cut(52.0, climbing=climbing), lasts, "end")
-    assert found == pytest.approx(lasts * SPEED / np.tan(PITCH), rel=0.01)
+    assert found == pytest.approx(lasts * SPEED / np.tan(PITCH), rel=0.02)
+
+
+def test_a_late_fix_alone_is_no_way():
+    """A glider that ends a record at the usual few metres, and transmits for half an hour."""
+    found = distance_to_surface(*cut(4.0, climbing=True), 1800.0, "end")
+    assert found == pytest.approx(2.0 / np.tan(PITCH), rel=0.1)
+
+
+@pytest.mark.parametrize("interval", [1.0, 30.0, 100.0])
+def test_the_distance_depends_on_neither_the_sampling_nor_the_noise(interval):
+    time, depth = dive(interval=interval)
+    stop = np.flatnonzero((depth <= 52.0) & (time > 100.0 / SPEED))[0] + 1
+    noise = np.random.default_rng(2).normal(0.0, 0.1, stop)
+    found = distance_to_surface(time[:stop], depth[:stop] + noise, np.full(stop, PITCH), 500.0, "end")
+    assert found == pytest.approx((depth[stop - 1] - 2.0) / np.tan(PITCH), rel=0.04)
+
+
+def test_a_pause_does_not_slow_the_glide():
+    time, depth = dive(still=5000.0)
+    stop = np.flatnonzero((depth <= 52.0) & (time > 6000.0))[0] + 1
+    found = distance_to_surface(time[:stop], depth[:stop], np.full(stop, PITCH), 100.0, "end")
+    assert found == pytest.approx(100.0 * SPEED / np.tan(PITCH), rel=0.05)
 
 
 def test_the_start_is_the_mirror_image_of_the_end():
@@ -95,23 +132,39 @@ def test_the_start_is_the_mirror_image_of_the_end():
     )
 
 
+def notes(time, depth, pitch=None):
+    return list(dive_notes(time, depth, np.full(len(time), PITCH) if pitch is None else pitch))
+
+
 def test_a_record_without_depth_or_pitch():
     time, depth, pitch = cut(40.0, climbing=True)
-    assert distance_to_surface(time, np.full_like(depth, np.nan), pitch, 700.0, "end") == 0.0
-    assert distance_to_surface(time, depth, np.full_like(pitch, np.nan), 700.0, "end") == 0.0
-    assert list(dive_notes(time, np.full_like(depth, np.nan))) == []
+    nothing = np.full_like(depth, np.nan)
+    assert distance_to_surface(time, nothing, pitch, 700.0, "end") == 0.0
+    assert distance_to_surface(time, depth, nothing, 700.0, "end") == 0.0
+    assert notes(time, nothing) == []
+    assert notes(time, depth, nothing) == []
 
 
 def test_notes():
-    assert list(dive_notes(*dive())) == []
-    assert list(dive_notes(*dive(still=1200.0))) == [
-        "stationary for 20 min at 100 m (parked, on the bottom or under ice)"
-    ]
+    assert notes(*dive()) == []
+    assert notes(*dive(still=1200.0)) == ["stationary for 20 min at 100 m (parked, on the bottom or under ice)"]
     time, depth, _ = cut(65.0, climbing=True)
-    unrecorded = "and the unrecorded way is part of the current's error"
-    assert list(dive_notes(time, depth)) == [f"the record ends at 65 m depth, {unrecorded}"]
-    assert list(dive_notes(time[100:], depth[100:])) == [
-        f"the record begins at 15 m and ends at 65 m depth, {unrecorded}"
-    ]
+    unrecorded = "which makes a current uncertain by the way that it lacks"
+    assert notes(time, depth) == [f"the record ends at 65 m depth, {unrecorded}"]
+    assert notes(time[100:], depth[100:]) == [f"the record begins at 15 m and ends at 65 m depth, {unrecorded}"]
     time, depth, _ = cut(10.0, climbing=True)
-    assert list(dive_notes(time, depth)) == []
+    assert notes(time, depth) == []
+
+
+def test_a_record_ends_where_its_attitude_ends():
+    time, depth = dive()
+    pitch = np.where(time > 100.0 / SPEED + 300.0, np.nan, PITCH)
+    (note,) = notes(time, depth, pitch)
+    assert note.startswith("the record ends at 55 m depth")
+
+
+def test_pauses_in_parts_are_one_note():
+    time, depth = dive(still=900.0)
+    again = time[-1] + 1.0 + time
+    (note,) = notes(np.concatenate([time, again]), np.concatenate([depth, depth]))
+    assert "at 100 m, in 2 parts" in note

@@ -23,7 +23,7 @@ from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, Dive
-from gliderhpc.observations.dive_phases import is_stationary
+from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.vocabulary import CHANNELS
@@ -90,7 +90,7 @@ def _smoothed(
     """Pose the problem, estimate the noise from a segment, and iterate."""
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
     options = settings.smoother.model_copy(update={"max_passes": smoother_passes(platform, settings.smoother)})
-    if is_stationary(profile.series.time, profile.series.measurements[:, 3]).any():
+    if stationary_points(profile.series).any():
         # Drag vanishes with the square of the speed: about rest, the mean's second-order shift of the path diverges.
         options = options.model_copy(update={"estimate": "mode"})
     start = starting_trajectory(filtered)

@@ -18,7 +18,7 @@ from gliderhpc.tuning.record_checks.finding import (
     Finding,
     judged,
     undetermined,
-    unless_overlooked,
+    undetermined_if_insensitive,
 )
 from gliderhpc.tuning.record_checks.turns import TurnInformation
 
@@ -163,21 +163,23 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     return [_constant(fits, len(legs), checks), _deviation(fits, len(legs), turns, checks)]
 
 
-def _largest_unseen(checks: CheckSettings) -> float:
+def _largest_threshold(checks: CheckSettings) -> float:
     """Threshold (degree) beyond which an error of the compass that is not found is not ruled out either."""
     return max(checks.plausible_deviation, checks.least_deviation)
 
 
 def _first_decisive(found: Sequence[Finding], checks: CheckSettings) -> int:
     """Index of the first finding with a threshold of at most a plausible error; the last if there is none."""
-    decisive = (index for index, finding in enumerate(found) if finding.threshold <= _largest_unseen(checks))
+    decisive = (index for index, finding in enumerate(found) if finding.threshold <= _largest_threshold(checks))
     return next(decisive, len(found) - 1)
 
 
 def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings) -> Finding:
     found = [_constant_of(fit, legs, checks) for fit in fits]
     chosen = _first_decisive(found, checks)
-    return unless_overlooked(found[chosen], _largest_unseen(checks), _more_legs(fits[chosen], legs, checks))
+    return undetermined_if_insensitive(
+        found[chosen], _largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
+    )
 
 
 def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
@@ -191,7 +193,7 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
 
 def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
     """Describe how many legs the constant needs if its error decreases with the square root of their number."""
-    error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), _largest_unseen(checks)
+    error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), _largest_threshold(checks)
     enough = (
         number
         for number in range(legs + 1, 10 * legs)
@@ -207,7 +209,7 @@ def _deviation(fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: 
         why = f"{legs} legs: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, why)
     remedy = f"{legs} legs and {turns.count} stretches of turns, but more are needed"
-    return unless_overlooked(found[_first_decisive(found, checks)], _largest_unseen(checks), remedy)
+    return undetermined_if_insensitive(found[_first_decisive(found, checks)], _largest_threshold(checks), remedy)
 
 
 def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings) -> Finding:

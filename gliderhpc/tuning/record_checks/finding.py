@@ -96,7 +96,7 @@ def judged(size: float, threshold: float) -> CheckVerdict:
     return CheckVerdict.FOUND if abs(size) > threshold else CheckVerdict.NOTHING
 
 
-def unless_overlooked(finding: Finding, plausible: float, remedy: str) -> Finding:
+def undetermined_if_insensitive(finding: Finding, plausible: float, remedy: str) -> Finding:
     """Return the finding, or "not determined" if an error of plausible size, in its unit, could have been missed."""
     if finding.verdict is not CheckVerdict.NOTHING or finding.threshold <= plausible:
         return finding

@@ -20,7 +20,13 @@ from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.likelihood import log_density
 from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
-from gliderhpc.tuning.record_checks.finding import CheckSettings, Finding, judged, undetermined, unless_overlooked
+from gliderhpc.tuning.record_checks.finding import (
+    CheckSettings,
+    Finding,
+    judged,
+    undetermined,
+    undetermined_if_insensitive,
+)
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
@@ -92,7 +98,8 @@ def lag_finding(
         f"--set records.depth_lag={lag:.2f}",
         f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
-    return unless_overlooked(finding, (REACH - 1) * interval, f"{len(series)} profiles, but more are needed")
+    limit = max((REACH - 1) * interval, (REACH - 1) * checks.timing_error)
+    return undetermined_if_insensitive(finding, limit, f"{len(series)} profiles, but more are needed")
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:

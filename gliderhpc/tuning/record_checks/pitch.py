@@ -24,7 +24,7 @@ from gliderhpc.tuning.record_checks.finding import (
     UndeterminedError,
     judged,
     undetermined,
-    unless_overlooked,
+    undetermined_if_insensitive,
 )
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -194,7 +194,7 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
         glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
     )  # fmt: skip
     remedy = "more glides that differ more in steepness are needed"
-    return unless_overlooked(finding, _FREE_SCALE, remedy), fit if finding.found else None
+    return undetermined_if_insensitive(finding, _FREE_SCALE, remedy), fit if finding.found else None
 
 
 def _offset_findings(glides: _Glides) -> list[Finding]:
@@ -217,7 +217,7 @@ def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
         CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
     )  # fmt: skip
-    return unless_overlooked(finding, LARGEST_UNSEEN, "more glides are needed")
+    return undetermined_if_insensitive(finding, LARGEST_UNSEEN, "more glides are needed")
 
 
 def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
@@ -262,4 +262,4 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
         CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
         "belongs to the hull, not to the records",
     )  # fmt: skip
-    return unless_overlooked(finding, fit.size(NEUTRAL_VOLUME), "more glides are needed")
+    return undetermined_if_insensitive(finding, fit.size(NEUTRAL_VOLUME), "more glides are needed")
