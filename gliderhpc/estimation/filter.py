@@ -14,6 +14,7 @@ from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
+from gliderhpc.observations.format import MEASURED
 from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
@@ -26,6 +27,10 @@ _PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 
 
 GUESS_INTERVAL = 1.0
 """Interval (s) of the velocities and rates that a restart uses; attitude and depth are those of its own sample."""
+
+
+DEPARTURE = 4.0
+"""Innovation in standard deviations beyond which a quantity departs from the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +78,17 @@ class FilterEstimate:
         return (self.gated + self.inflated + self.reset) / max(self.fed, 1)
 
     def describe(self) -> str:
-        """Describe the counts in one clause."""
-        return f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
+        """Describe the counts in one clause, with the quantity that most often departs from the model."""
+        counts = f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
+        departures = self._departures()
+        return f"{counts}, most of them in {MEASURED[int(departures.argmax())]}" if departures.any() else counts
+
+    def _departures(self) -> NDArray[np.int64]:
+        """Number of samples ``(4,)`` in which each quantity has the largest of innovations beyond `DEPARTURE`."""
+        with np.errstate(invalid="ignore"):
+            sizes = np.nan_to_num(self.innovations**2 / self.innovation_variances)
+        far = sizes[(sizes > DEPARTURE**2).any(axis=1)]
+        return np.bincount(far.argmax(axis=1), minlength=len(MEASURED))
 
 
 def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> FilterEstimate:

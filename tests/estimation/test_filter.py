@@ -206,6 +206,8 @@ def test_an_outlier_is_gated_and_leaves_no_trace():
     spoilt[at, 1] += np.radians(20.0)
     prior, clean = filtered(replaced(series, measurements=spoilt)), filtered(series)
     assert (prior.gated, prior.inflated, prior.reset) == (1, 0, 0)
+    assert prior.describe().endswith("samples, most of them in pitch")
+    assert "most of them" not in clean.describe()
     assert np.abs(prior.states[at:, :3] - clean.states[at:, :3]).max() < 1e-3
 
 
@@ -354,7 +356,10 @@ def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
     spoilt = series.measurements.copy()
     bad = rng.choice(series.sample_index, len(series.sample_index) // 8, replace=False)
     spoilt[bad, 1] += np.radians(30.0)
-    with pytest.raises(ProfileError, match=r"filter: \d+ gated, \d+ inflated, \d+ reset of \d+ samples, more than 5%"):
+    with pytest.raises(
+        ProfileError,
+        match=r"filter: \d+ gated, \d+ inflated, \d+ reset of \d+ samples, most of them in \w+, more than 5%",
+    ):
         estimate_profile(request(replaced(series, measurements=spoilt)), SETTINGS)
     lenient = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 0.5}})
     assert estimate_profile(request(replaced(series, measurements=spoilt)), lenient).filtered.gated >= len(bad) // 2
