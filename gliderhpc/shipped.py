@@ -43,8 +43,11 @@ class ShippedFiles:
         Raises
         ------
         InputError
-            The file does not exist, is not a regular file, is too large, or is not text.
+            The file does not exist, is not a regular file, is too large, or is not text; or a name or path is expected
+            and another object is given.
         """
+        if not isinstance(name_or_path, str | Path):
+            raise InputError(f"{self.kind}: give a name or a path, not a {type(name_or_path).__name__}")
         name, shipped = str(name_or_path), self.names()
         if name in shipped:
             file = f"{name}{_YAML}"

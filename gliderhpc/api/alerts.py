@@ -93,8 +93,8 @@ class Rules(_Section):
     def _hull(self, message: SurfacingMessage) -> Iterator[str]:
         for one in message.hull_changes:
             if self.hull_changed is not None and one.probability >= self.hull_changed:
-                size = f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
-                yield f"{one.meaning}: changed since dive {one.since}, by {size} (probability {one.probability:.3f})"
+                size = f"{one.change:+.3g} {one.unit}, standard deviation {one.change_std:.2g}"
+                yield f"{one.meaning}: changed since dive {one.since} by {size} (probability {one.probability:.3f})"
             if self.drag_up_fifth is not None and one.parameter == _DRAG and one.above_20_percent >= self.drag_up_fifth:
                 yield f"drag up by more than 20 % (probability {one.above_20_percent:.3f}) since dive {one.since}"
 

@@ -112,6 +112,8 @@ def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Na
     """Read the navigation of records of any kind; an instrument's own files are imported first."""
     if isinstance(records, xr.Dataset):
         return read_navigation(records)
+    if isinstance(records, xr.DataTree | xr.DataArray):
+        raise InputError(f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset, a file or files")
     paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
     if not paths:
         raise InputError("records: none given; give a file, files or a Dataset")

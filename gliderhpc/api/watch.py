@@ -209,7 +209,8 @@ class Watch:
 
     def _import(self) -> None:
         out = self.watched.out
-        digests = {out / TAKEN / name: digest for name, digest in sorted(self._chosen().items())}
+        # In the order of their arrival: a new file that contradicts a reported dive must not replace it.
+        digests = {out / TAKEN / name: digest for name, digest in self._chosen().items()}
         reads = StoredReads(out / READ, digests)
         self._report_faults(self.watched.importing.import_files(list(digests), self.records, reads))
         reads.remove_unused()

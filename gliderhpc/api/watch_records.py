@@ -77,7 +77,7 @@ class Importing:
         Parameters
         ----------
         paths : sequence of Path
-            The files.
+            The files; of two in the observation format that contradict each other, the first one is used.
         out : Path
             The observation file.
         reads : Reads
@@ -99,6 +99,7 @@ class Importing:
                 return faults | join_observations(chosen, out, reads)
             except InputError as error:
                 return faults | {chosen[0].name: str(error)}
+        chosen.sort()
         while chosen:
             try:
                 summary = import_as(kind, chosen, out, {**self._options(kind), **_own_options(kind, reads)})

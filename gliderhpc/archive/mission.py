@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from numbers import Real
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,8 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
+    if not isinstance(path, str | PathLike):
+        raise InputError(f"archive: give its path, not a {type(path).__name__}")
     with archive_errors(path):
         tree = xr.open_datatree(_store(path), engine="zarr", chunks={})
         try:

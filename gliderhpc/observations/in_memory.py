@@ -85,6 +85,11 @@ def opened_records(records: Records) -> Iterator[Observations]:
         As for `gliderhpc.observations.open_observations`; the message names a Dataset by the file that it came from,
         or as `UNNAMED`.
     """
+    if not isinstance(records, xr.Dataset | str | Path):
+        raise InputError(
+            f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset in the observation format, or "
+            "the path of a file"
+        )
     if not isinstance(records, xr.Dataset):
         with open_observations(records) as observations:
             yield observations
@@ -142,6 +147,8 @@ def _survey(records: xr.Dataset) -> Survey:
 def _as_stored(records: xr.Dataset) -> xr.Dataset:
     """Encode the times of a Dataset as numbers, as in a file."""
     for name in TIMES:
+        if name in records.variables and getattr(records[name].dtype, "tz", None) is not None:
+            raise InputError(f"{name}: has a time zone; give UTC without one, as in pandas.Series.dt.tz_convert(None)")
         if name in records.variables and np.issubdtype(records[name].dtype, np.datetime64):
             values, units = _numbers(records[name].values)
             records = records.assign({name: (records[name].dims, values, {"units": units})})

@@ -1,5 +1,6 @@
 """Joining of one glider's observation files, of one or several dives each, into one file."""
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     Parameters
     ----------
     paths : sequence of Path
-        Files in the observation format; they may be given in any order.
+        Files in the observation format, in any order; of two that contradict each other, the first one is used.
     out : Path
         The file to write; an existing file is replaced.
     reads : Reads
@@ -30,8 +31,8 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     Returns
     -------
     dict of str to str
-        Reasons for the files that were left out, by file name. A file is left out if it is unreadable, overlaps an
-        earlier file in time, repeats an earlier profile number, or alone has or lacks profile numbers.
+        Reasons for the files that were left out, by file name. A file is left out if it is unreadable, overlaps a file
+        given before it in time or repeats one of its profile numbers, or alone has or lacks profile numbers.
 
     Raises
     ------
@@ -45,21 +46,23 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
             opened[path] = reads(_read_file, path)
         except InputError as error:
             left_out[path.name] = str(error)
-    chosen: list[Path] = []
+    chosen: list[tuple[np.datetime64, Path]] = []
     owners: dict[int, str] = {}
-    for path in sorted(opened, key=lambda path: (opened[path].values("time")[0], path.name)):
-        numbers = _numbers(opened[path])
-        before = chosen[-1] if chosen else None
-        conflict = "" if before is None else _conflict(opened[path], numbers, opened[before], before.name, owners)
+    for path, content in opened.items():
+        numbers, entry = _numbers(content), (content.values("time")[0], path)
+        place = bisect_left(chosen, entry)
+        neighbours = [neighbour for _, neighbour in chosen[max(place - 1, 0) : place + 1]]
+        conflicts = (_conflict(content, numbers, opened[one], one.name, owners) for one in neighbours)
+        conflict = next(filter(None, conflicts), "")
         if conflict:
             left_out[path.name] = f"{path}: {conflict}"
         else:
-            chosen.append(path)
+            chosen.insert(place, entry)
             owners |= dict.fromkeys(numbers, path.name)
     if not chosen:
         raise InputError(next(iter(left_out.values()), "no observation file"))
     out.unlink(missing_ok=True)
-    write_records(_joined([opened[path] for path in chosen]), out)
+    write_records(_joined([opened[path] for _, path in chosen]), out)
     return left_out
 
 
@@ -88,12 +91,13 @@ def _read_file(path: Path) -> _FileContent:
 
 
 def _conflict(
-    records: _FileContent, numbers: set[int], last: _FileContent, last_name: str, owners: Mapping[int, str]
+    records: _FileContent, numbers: set[int], other: _FileContent, other_name: str, owners: Mapping[int, str]
 ) -> str:
-    """Describe why records and their profiles cannot follow the earlier ones; empty if they can."""
-    if records.values("time")[0] <= last.values("time")[-1]:
-        return f"overlaps {last_name} in time; give every sample once"
-    if ("profile" in records.variables) != ("profile" in last.variables):
+    """Describe why records and their profiles contradict those next to them in time; empty if they do not."""
+    time, taken = records.values("time"), other.values("time")
+    if time[0] <= taken[-1] and taken[0] <= time[-1]:
+        return f"overlaps {other_name} in time; give every sample once"
+    if ("profile" in records.variables) != ("profile" in other.variables):
         return "has profile numbers and the others have none, or the reverse; give them in all files or in none"
     shared = numbers & owners.keys()
     if shared:

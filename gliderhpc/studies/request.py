@@ -70,8 +70,10 @@ def archive_on_disk(place: str | Path) -> Path:
     Raises
     ------
     InputError
-        The place is an address in an object store.
+        The place is an address in an object store, or not a path.
     """
+    if not isinstance(place, str | Path):
+        raise InputError(f"archive: give its path, not a {type(place).__name__}")
     if is_address(place):
         raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
     return Path(place)

@@ -659,3 +659,21 @@ def test_a_gap_of_no_weight_may_hold_anything():
     measured[4, 1] = np.nan
     with pytest.raises(gh.InputError, match=r"measurements\[4, 1\] is nan"):
         glider.tracking_cost(*arguments, measured, 0.1, weights=weights)
+
+
+@pytest.mark.parametrize("use", [
+    lambda tree: gh.invert(tree, "petrel-l"),
+    lambda tree: gh.currents(tree),
+    lambda tree: gh.open_mission(tree),
+    lambda tree: gh.analyze(tree, "spectra"),
+    lambda tree: gh.load_platform(tree),
+])  # fmt: skip
+def test_an_object_of_another_kind_is_named(use):
+    with pytest.raises(gh.GliderhpcError, match="DataTree"):
+        use(xr.DataTree())
+
+
+def test_times_with_a_zone_are_refused():
+    time = pd.date_range("2024-01-01", periods=3, freq="s", tz="UTC")
+    with pytest.raises(gh.GliderhpcError, match="time: has a time zone"):
+        gh.inspect(xr.Dataset(coords={"time": time}), "petrel-l")

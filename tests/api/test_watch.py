@@ -461,6 +461,24 @@ def test_joined_files_are_the_file_that_they_were_cut_from(swift, dives, tmp_pat
     assert "overlaps dive1.nc in time" in left_out["other.nc"]
 
 
+def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp_path):
+    """Its clock is wrong: it begins before the dive that is there, and carries the number of the next one."""
+    (tmp_path / "land").mkdir()
+    shutil.copy(dives[0], tmp_path / "land" / "b.nc")
+    assert _once(tmp_path).numbers == [(1, 0)]
+    with xr.open_dataset(dives[0], decode_times=False) as records:
+        early = records["time"].values[0] - 60.0
+    with xr.open_dataset(dives[1], decode_times=False) as records:
+        wrong = records.load()
+    times = wrong["time"].values - wrong["time"].values[0] + early
+    wrong.assign_coords(time=("time", times, wrong["time"].attrs)).to_netcdf(tmp_path / "land" / "a.nc")
+    wrong = _once(tmp_path)
+    assert wrong.numbers == []
+    assert "overlaps b.nc in time" in dict(wrong.faults)["a.nc"]
+    shutil.copy(dives[1], tmp_path / "land" / "c.nc")
+    assert _once(tmp_path).numbers == [(2, 0)]
+
+
 def test_files_are_looked_at_and_copied_whole_or_not_at_all(tmp_path):
     for name in ("a.nc", ".hidden.nc", "b.nc.part"):
         (tmp_path / name).write_text(name)
