@@ -68,6 +68,13 @@ class HullSettings(Settings):
     )
 
 
+PROBABLE = 0.95
+"""Probability from which on a change counts as found."""
+COMPANIONS = {"buoyancy.neutral_volume": "position.battery"}
+"""Parameter that may change together with another one. Weight that is lost or gained also trims the glider, unless it
+acts where the oil does, whose volume the parameter is."""
+
+
 @dataclass(frozen=True, eq=False)
 class MissionDives:
     """Hull of an archive, the parameters that have an effect, and the dives' information on them.
@@ -103,6 +110,12 @@ class MissionDives:
     def suspects(self) -> tuple[int, ...]:
         """Positions of the parameters that may change."""
         return tuple(int(i) for i in np.flatnonzero(self.prior.walk > 0.0))
+
+    def companion(self, suspect: int) -> int | None:
+        """Position of the parameter that may change together with one that may change; None if there is none."""
+        keys = [p.key for p in self.parameters]
+        other = COMPANIONS.get(keys[suspect])
+        return keys.index(other) if other in keys else None
 
 
 def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
@@ -176,11 +189,41 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
 
 
 def sum_up(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
-    """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters."""
+    """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters.
+
+    Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the
+    hulls before and after.
+    """
     with threadpool_limits(limits=1):
         found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
-        changes = {i: find_change(mission.dives, found, i, mission.prior, settings.change) for i in mission.suspects}
+        changes = {
+            i: find_change(mission.dives, found, i, mission.prior, settings.change, mission.companion(i))
+            for i in mission.suspects
+        }
+        probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
+        if probable:
+            found = solve_mission(mission.dives, _with_changes(mission, probable, settings), robust=settings.robust)
     return found, changes
+
+
+def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], settings: HullSettings) -> HullPrior:
+    """Return the prior of a mission in which parameters change, at once about the onset or gradually from there."""
+    walk = mission.prior.walk.copy()
+    jumps: dict[int, Array] = {}
+    for parameter, change in changes.items():
+        first, onset, last = change.onset
+        size = float(np.hypot(change.total, change.total_std))
+        companion = mission.companion(parameter)
+        if change.step_probability < 0.5:
+            days = (mission.dives[-1].time - mission.dives[onset - 1].time) / np.timedelta64(1, "D")
+            walk[parameter] = max(walk[parameter], size / np.sqrt(days)) if days > 0.0 else walk[parameter]
+            continue
+        for position in range(first, last + 1):
+            variance = jumps.setdefault(position, np.zeros(len(walk)))
+            variance[parameter] = size**2
+            if companion is not None:
+                variance[companion] = settings.change**2
+    return HullPrior(mission.prior.eta, walk, jumps)
 
 
 def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:

@@ -8,6 +8,7 @@ of the dives is quadratic in the size.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,12 @@ class HullChange:
 
 
 def find_change(
-    dives: Sequence[DiveTerm], found: MissionHull, parameter: int, prior: HullPrior, size: float = 1.0
+    dives: Sequence[DiveTerm],
+    found: MissionHull,
+    parameter: int,
+    prior: HullPrior,
+    size: float = 1.0,
+    companion: int | None = None,
 ) -> HullChange | None:
     """Estimate the probability, size and onset of a change of one error; None with fewer than four dives.
 
@@ -64,12 +70,16 @@ def find_change(
         Prior of the sum; the random walk of this error is left out here.
     size : float
         Prior standard deviation of the whole change, in plausible deviations.
+    companion : int, optional
+        Index of an error that may change at the same time, with the same course and a size of its own. It is
+        considered in the size and onset of the change, but not in its probability.
 
     Notes
     -----
     Every dive but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
     dive; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
-    candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``.
+    candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
+    companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
     """
     if len(dives) < _MIN_DIVES:
         return None
@@ -79,10 +89,34 @@ def find_change(
     ]
     walk = prior.walk.copy()
     walk[parameter] = 0.0
-    score, information = size_likelihood(prior.eta, changes_of(dives, walk), terms, parameter, shapes)
-    precision = information + 1.0 / size**2
-    log_ratio = 0.5 * score**2 / precision - 0.5 * np.log(precision * size**2)
-    return _mixture(log_ratio, score / precision, 1.0 / precision, len(dives) - 1)
+    changing = (parameter,) if companion is None else (parameter, companion)
+    score, information = size_likelihood(prior.eta, changes_of(dives, walk), terms, changing, shapes)
+    candidates = [
+        _candidates(score[:, :count], information[:, :count, :count], size) for count in range(1, len(changing) + 1)
+    ]
+    return _mixture(candidates, len(dives) - 1)
+
+
+class _Candidates(NamedTuple):
+    """Log evidence of candidates ``(m,)`` relative to no change, and mean and variance of the size ``(m,)``."""
+
+    log_ratio: Array
+    size: Array
+    variance: Array
+
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence of a change, each candidate having the same prior probability."""
+        return float(np.logaddexp.reduce(self.log_ratio) - np.log(len(self.log_ratio)))
+
+
+def _candidates(score: Array, information: Array, size: float) -> _Candidates:
+    """Evidence and first size of candidates, from score ``(m, k)`` and information ``(m, k, k)`` of their k sizes."""
+    count = score.shape[1]
+    covariance = np.linalg.inv(information + np.eye(count) / size**2)
+    mean = np.einsum("mkl,ml->mk", covariance, score)
+    log_ratio = np.asarray(0.5 * np.sum(score * mean, axis=1) + 0.5 * np.linalg.slogdet(covariance / size**2)[1])
+    return _Candidates(log_ratio, mean[:, 0], np.asarray(covariance[:, 0, 0]))
 
 
 def _shapes(dives: Sequence[DiveTerm], form: str) -> Array:
@@ -98,9 +132,9 @@ def _shapes(dives: Sequence[DiveTerm], form: str) -> Array:
 
 
 def size_likelihood(
-    prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information], parameter: int, shapes: Array
+    prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information], parameters: Sequence[int], shapes: Array
 ) -> tuple[Array, Array]:
-    """Score and information ``(m,)`` of the sizes of candidates about zero.
+    """Score ``(m, k)`` and information ``(m, k, k)`` of the sizes of candidates about zero.
 
     Parameters
     ----------
@@ -110,43 +144,45 @@ def size_likelihood(
         Changes before the second dive, the third ...
     terms : sequence of Information
         Information of the dives.
-    parameter : int
-        Index of the unknown that changes.
+    parameters : sequence of int
+        Indices of the k unknowns that change, each by a size of its own.
     shapes : (m, n)
         Course of the change over the dives.
     """
     belief = prior
-    sensitivity = np.zeros((len(prior.mean), len(shapes)))
-    score, information = np.zeros(len(shapes)), np.zeros(len(shapes))
+    candidates, sizes = len(shapes), len(parameters)
+    sensitivity = np.zeros((len(prior.mean), candidates, sizes))
+    score, information = np.zeros((candidates, sizes)), np.zeros((candidates, sizes, sizes))
     for number, term in enumerate(terms):
         if number:
             belief = changes[number - 1].applied(belief)
-            sensitivity = changes[number - 1].decay[:, None] * sensitivity
-        # Derivative of the unknowns at this dive with respect to the size, relative to that of the filter's mean.
+            sensitivity = changes[number - 1].decay[:, None, None] * sensitivity
+        # Derivative of the unknowns at this dive with respect to the sizes, relative to that of the filter's mean.
         seen = sensitivity.copy()
-        seen[parameter] += shapes[:, number]
+        for k, parameter in enumerate(parameters):
+            seen[parameter, :, k] += shapes[:, number]
         missing = term.vector - term.matrix @ belief.mean
         after, _ = belief.updated(term)
         believed = term.matrix - term.matrix @ after.covariance @ term.matrix
-        score += seen.T @ (missing - term.matrix @ (after.covariance @ missing))
-        information += np.einsum("pm,pm->m", seen, believed @ seen)
-        sensitivity -= after.covariance @ (term.matrix @ seen)
+        score += np.tensordot(missing - term.matrix @ (after.covariance @ missing), seen, axes=1)
+        information += np.einsum("pmk,pml->mkl", seen, np.tensordot(believed, seen, axes=1))
+        sensitivity -= np.tensordot(after.covariance @ term.matrix, seen, axes=1)
         belief = after
     return score, information
 
 
-def _mixture(log_ratio: Array, size: Array, variance: Array, onsets: int) -> HullChange:
-    """Average over the candidates, the steps first, weighted by their evidence."""
-    highest = float(log_ratio.max())
-    weight = np.exp(log_ratio - highest)
-    evidence = highest + np.log(weight.mean())
+def _mixture(candidates: Sequence[_Candidates], onsets: int) -> HullChange:
+    """Average over the candidates, the steps first, weighted by their evidence; without companion, they come first."""
+    log_ratio, size, variance = (np.concatenate(column) for column in zip(*candidates, strict=True))
+    weight = np.exp(log_ratio - log_ratio.max())
     weight /= weight.sum()
     total = float(weight @ size)
     spread = float(np.sqrt(weight @ (variance + (size - total) ** 2)))
-    by_onset = weight.reshape(len(FORMS), onsets).sum(axis=0).cumsum()
+    by_form = weight.reshape(len(candidates), len(FORMS), onsets).sum(axis=0)
+    by_onset = by_form.sum(axis=0).cumsum()
     low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
-    odds = np.exp(min(evidence, 700.0)) * (1.0 - _UNCHANGED) / _UNCHANGED
+    odds = np.exp(min(candidates[0].log_evidence, 700.0)) * (1.0 - _UNCHANGED) / _UNCHANGED
     return HullChange(
         float(odds / (1.0 + odds)), total, spread, (low, min(middle, onsets), min(high, onsets)),
-        float(weight[:onsets].sum()),
+        float(by_form[FORMS.index("step")].sum()),
     )  # fmt: skip

@@ -7,8 +7,8 @@ rest has less weight. The assumed noise of the disturbances is common to all div
 results, the dives have less influence on the mean, and the covariance is larger.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -96,10 +96,13 @@ class HullPrior:
         Mean (p,) and covariance (p, p) at the first dive: ``N(0, 1)`` for a hull that has not been calibrated.
     walk : (p,)
         Standard deviation of the random walk per square root of a day.
+    jumps : mapping of int to (p,)
+        Variances of changes at once, by the position of the first dive after the change.
     """
 
     eta: Gaussian
     walk: Array
+    jumps: Mapping[int, Array] = field(default_factory=dict)
 
     @classmethod
     def plausible(cls, walk: Array) -> "HullPrior":
@@ -234,11 +237,18 @@ def _doubted(
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
     return tuple(
         with_doubt(
-            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day)), each.part(count),
+            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day + _jumped(prior, i))),
+            each.part(count),
             [other[i].part(count) for other in others],
         )
         for i, (each, day) in enumerate(zip(found, days.tolist(), strict=True))
     )  # fmt: skip
+
+
+def _jumped(prior: HullPrior, position: int) -> Array:
+    """Variances ``(p,)`` of the changes at once up to a dive."""
+    before = [variance for first, variance in prior.jumps.items() if first <= position]
+    return np.asarray(np.sum(before, axis=0)) if before else np.zeros(len(prior.walk))
 
 
 def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
@@ -305,10 +315,13 @@ def surprise(errors: Gaussian) -> tuple[float, float, float]:
     return size, expected, float(scipy.stats.gamma.sf(size, expected**2 / variance, scale=variance / expected))
 
 
-def changes_of(dives: Sequence[DiveTerm], walk: Array) -> list[Change]:
-    """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day."""
-    still = np.ones(len(walk))
-    return [Change(still, walk**2 * time / _SECONDS_PER_DAY) for time in _seconds_between(dives).tolist()]
+def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Change]:
+    """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day and jumps."""
+    still, nothing, jumps = np.ones(len(walk)), np.zeros(len(walk)), jumps or {}
+    return [
+        Change(still, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, nothing))
+        for position, time in enumerate(_seconds_between(dives).tolist(), 1)
+    ]
 
 
 def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
@@ -316,7 +329,7 @@ def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
 
 
 def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
-    changes = changes_of(dives, prior.walk)
+    changes = changes_of(dives, prior.walk, prior.jumps)
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
         return _Problem(prior.eta, changes, [dive.term for dive in dives])
     return _Problem(

@@ -1,11 +1,13 @@
 """Changes of the hull during a mission: evidence against the augmented chain, onset, size, and false alarms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_mission_hull import P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, solve_chain
-from gliderhpc.tuning.hull_changes import find_change, size_likelihood
+from gliderhpc.tuning.hull_changes import _candidates, find_change, size_likelihood
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
 
@@ -17,7 +19,7 @@ def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
     changes = [Change(rng.uniform(0.6, 1.0, P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
     terms = [Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.1) for _ in range(count)]
     shapes = rng.uniform(-1.0, 1.0, (4, count))
-    score, curvature = size_likelihood(prior, changes, terms, parameter, shapes)
+    score, curvature = (x.reshape(-1) for x in size_likelihood(prior, changes, terms, (parameter,), shapes))
     plain = solve_chain(prior, changes, terms).log_evidence
     for shape, g, i in zip(shapes, score, curvature, strict=True):
         covariance = np.zeros((P + 1, P + 1))
@@ -30,6 +32,59 @@ def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
         assert chain.log_evidence - plain == pytest.approx(gained, rel=1e-9)
         assert chain.smoothed[-1].mean[P] == pytest.approx(g / precision, rel=1e-8)
         assert chain.smoothed[-1].std[P] ** 2 == pytest.approx(1.0 / precision, rel=1e-8)
+
+
+def test_two_sizes_are_two_unknowns_of_the_chain():
+    rng = np.random.default_rng(4)
+    count, parameters = 6, (2, 0)
+    prior = Gaussian(rng.standard_normal(P), np.diag(rng.uniform(0.5, 2.0, P)))
+    changes = [Change(np.ones(P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
+    terms = [Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.1) for _ in range(count)]
+    shapes = rng.uniform(-1.0, 1.0, (3, count))
+    found = _candidates(*size_likelihood(prior, changes, terms, parameters, shapes), 0.7)
+    plain = solve_chain(prior, changes, terms).log_evidence
+    for place, shape in enumerate(shapes):
+        covariance = np.diag(np.append(np.diag(prior.covariance), [0.49, 0.49]))
+        wide = [Change(np.ones(P + 2), np.append(c.variance, [0.0, 0.0])) for c in changes]
+        seen = []
+        for term, x in zip(terms, shape, strict=True):
+            lift = np.eye(P, P + 2)
+            lift[parameters, (P, P + 1)] = x
+            seen.append(Information(lift.T @ term.vector, lift.T @ term.matrix @ lift, term.constant))
+        chain = solve_chain(Gaussian(np.append(prior.mean, [0.0, 0.0]), covariance), wide, seen)
+        assert chain.log_evidence - plain == pytest.approx(found.log_ratio[place], rel=1e-9)
+        assert chain.smoothed[-1].mean[P] == pytest.approx(found.size[place], rel=1e-8)
+        assert chain.smoothed[-1].std[P] ** 2 == pytest.approx(found.variance[place], rel=1e-8)
+
+
+def test_a_change_that_comes_with_another_one_has_its_own_size():
+    """Without the other one it takes over a part of it, and its interval is too narrow."""
+    rng = np.random.default_rng(12)
+    both, alone = [], []
+    for _ in range(8):
+        courses = [
+            truth + np.array([0.0, 0.6 * (n >= 12), 0, 0, 0]) for n, truth in enumerate(_course(24, 12, 0.8, "step"))
+        ]
+        dives = [dive(rng, truth, n, rank=2, size=40.0) for n, truth in enumerate(courses)]
+        prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
+        found = solve_mission(dives, prior)
+        both.append(find_change(dives, found, 0, prior, companion=1))
+        alone.append(find_change(dives, found, 0, prior))
+    assert np.mean([abs(one.total - 0.8) < 2.0 * one.total_std for one in both]) >= 0.85
+    errors = [np.sqrt(np.mean([(one.total - 0.8) ** 2 for one in each])) for each in (both, alone)]
+    assert errors[0] < errors[1]
+    assert [one.probability for one in both] == [one.probability for one in alone]
+
+
+def test_a_jump_in_the_prior_lets_the_hull_change_at_once():
+    rng = np.random.default_rng(13)
+    dives = [dive(rng, truth, n, rank=3, size=40.0) for n, truth in enumerate(_course(24, 12, 0.8, "step"))]
+    walk = np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    still = solve_mission(dives, HullPrior.plausible(walk))
+    jumping = solve_mission(dives, replace(HullPrior.plausible(walk), jumps={12: np.array([1.0, 0, 0, 0, 0])}))
+    assert jumping.log_evidence > still.log_evidence + 5.0
+    assert abs(jumping.change[-1][0] - 0.8) < 2.0 * jumping.change_std[-1][0]
+    assert abs(jumping.change[11][0]) < 2.0 * jumping.change_std[11][0]
 
 
 def _seen_with_size(term, parameter, part):

@@ -28,7 +28,7 @@ from gliderhpc.studies.archived import (
     stored_attribute,
     study_table,
 )
-from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
+from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, PROBABLE, STATEMENTS, SUSPECT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PROBABLE = 0.95
-"""Probability above which a change is reported."""
 
 _DRAG, _VOLUME = "viscous.K_D0", "buoyancy.neutral_volume"
 _NORMAL_95 = 1.96
