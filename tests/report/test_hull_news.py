@@ -1,5 +1,7 @@
 """Changes of the hull in the message of a surfacing, and the alerts on them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from support.hull_dives import PARAMETERS, dives
@@ -10,6 +12,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.report import hull_news as module
 from gliderhpc.report.hull_news import HullNews, hull_news, hull_so_far
 from gliderhpc.report.page.surfacing_page import surfacing_page
+from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.studies.hull import MissionDives
@@ -73,3 +76,16 @@ def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
     assert other.startswith("drag up by more than 20 %")
     hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")
     assert "probability 0.97" in str(hull.blocks)
+
+
+@pytest.mark.parametrize(
+    ("hull", "sentences"),
+    [((True, ("drag: no change", "neutral volume: changed")), 1), ((False, ("drag: no change",)), 2)],
+)
+def test_studies_that_both_find_a_change_do_not_disagree(monkeypatch, hull, sentences):
+    """Study `drift` found a change; that of the hull may be of another parameter than the drag."""
+    monkeypatch.setattr(drift, "change_findings", lambda archive: hull)
+    verdict = SimpleNamespace(cause="none", changes=SimpleNamespace(found=[object()]))
+    lines = drift._by_information(None, SimpleNamespace(verdict=verdict))
+    assert len(lines) == sentences
+    assert "; ".join(hull[1]) in lines[0]

@@ -15,7 +15,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
-from gliderhpc.report.studies.hull import drag_finding
+from gliderhpc.report.studies.hull import change_findings
 from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
 from gliderhpc.store_schema.columns import PHASES, median_column
 from gliderhpc.studies.archived import (
@@ -190,18 +190,18 @@ def captions(
 
 
 def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
-    """Describe the finding of study `hull` on the drag, and any disagreement; empty if there is no such finding."""
-    finding = drag_finding(archive)
+    """Describe the findings of study `hull`, and any disagreement; empty if there are none."""
+    finding = change_findings(archive)
     if finding is None:
         return ()
-    changed, sentence = finding
-    line = f"study hull, from all information of the dives on the hull: {sentence}"
+    changed, sentences = finding
+    line = f"study hull, from all information of the dives on the hull: {'; '.join(sentences)}"
     if changed == (found.verdict.cause != "none" or bool(found.verdict.changes.found)):
         return (line,)
     return (
         line,
         "the two disagree: the medians include every force along the hull, and episodes; study hull includes only "
-        "what acts like drag over whole dives, and one change at most",
+        "what acts like an error of the hull over whole dives, and one change of each at most",
     )
 
 

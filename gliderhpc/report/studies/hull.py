@@ -268,15 +268,20 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
     }
 
 
-def drag_finding(archive: Archive) -> tuple[bool, str] | None:
-    """Return whether the study found a change of the drag, and its sentence; None if the drag was not studied."""
+def change_findings(archive: Archive) -> tuple[bool, tuple[str, ...]] | None:
+    """Return whether the study found any change, and its sentences on the drag and on the changes found.
+
+    None if the drag was not studied.
+    """
     history = _stored_history(archive)
     if history is None:
         return None
     drag = next((p for p in history.suspects if p.key == _DRAG), None)
     if drag is None or not np.isfinite(history.change(_DRAG)["change_probability"]):
         return None
-    return history.change(_DRAG)["change_probability"] >= PROBABLE, _verdict(history, drag)
+    found = [p for p in history.suspects if history.change(p.key)["change_probability"] >= PROBABLE]
+    others = [p for p in found if p.key != _DRAG]
+    return bool(found), tuple(_verdict(history, p) for p in (drag, *others))
 
 
 @dataclass(frozen=True)
