@@ -99,6 +99,18 @@ class Summary:
     run_seconds: float
 
 
+def check_is_path(place: Any) -> None:
+    """Refuse an object of another kind where an archive's path is expected.
+
+    Raises
+    ------
+    InputError
+        It is neither a text nor a path.
+    """
+    if not isinstance(place, str | PathLike):
+        raise InputError(f"archive: give its path, not a {type(place).__name__}")
+
+
 def open_mission(path: Place) -> xr.DataTree:
     """Open a mission's archive lazily.
 
@@ -123,8 +135,7 @@ def open_mission(path: Place) -> xr.DataTree:
     >>> tree = open_mission("mission.zarr")  # doctest: +SKIP
     >>> tree["series"].ds.B_cr.sel(profile=68)  # doctest: +SKIP
     """
-    if not isinstance(path, str | PathLike):
-        raise InputError(f"archive: give its path, not a {type(path).__name__}")
+    check_is_path(path)
     with archive_errors(path):
         tree = xr.open_datatree(_store(path), engine="zarr", chunks={})
         try:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.observations import cycle_boundaries
-from gliderhpc.observations.dive_phases import distance_to_surface
+from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.resample import ProfileSeries
@@ -169,7 +169,7 @@ def depth_averaged_current(
     drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / lasts``) and the current below (error
     ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
     The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded way
-    (`gliderhpc.observations.dive_phases.distance_to_surface`) is an error of the position there. The segments close:
+    (`gliderhpc.observations.dive_phases.unrecorded_variance`) is an error of the position there. The segments close:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """
     between_fixes = _fix_to_fix_drift(record, track.clock, errors)
@@ -315,9 +315,10 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
         return None
     begin, end = float(clock[0]), float(clock[-1])
     lasts = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
-    missing = _unrecorded_distances(record, clock, lasts)
-    before = _surface_interval(lasts[0], record.surface_fixes_before, missing[0], errors)
-    after = _surface_interval(lasts[1], record.surface_fixes_after, missing[1], errors)
+    rows = (record.time >= begin) & (record.time <= end)
+    unrecorded = unrecorded_variance(record.time[rows], record.depth[rows], record.pitch[rows], lasts)
+    before = _surface_interval(lasts[0], record.surface_fixes_before, unrecorded[0], errors)
+    after = _surface_interval(lasts[1], record.surface_fixes_after, unrecorded[1], errors)
     return _FixToFixDrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
         begin=begin - before.lasts + before.drift_removed,
@@ -327,22 +328,15 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
     )
 
 
-def _unrecorded_distances(record: ProfileRecord, clock: Array, lasts: tuple[float, float]) -> tuple[float, float]:
-    """Distances (m) of the track's ends from the surface, from the times (s) between them and the fixes."""
-    rows = (record.time >= clock[0]) & (record.time <= clock[-1])
-    glide = record.time[rows], record.depth[rows], record.pitch[rows]
-    return distance_to_surface(*glide, lasts[0], "start"), distance_to_surface(*glide, lasts[1], "end")
-
-
 def _surface_interval(
     lasts: float, fixes: tuple[Fix, ...], unrecorded: float, errors: CurrentErrors
 ) -> SurfaceInterval:
     drift, lasts = surface_drift(fixes), max(lasts, 0.0)
     if drift is None:
-        variance = _position_variance(lasts, 0.0, 0.0, errors) + unrecorded**2
+        variance = _position_variance(lasts, 0.0, 0.0, errors) + unrecorded
         return SurfaceInterval(lasts, 0.0, np.zeros(2), variance)
     drift_removed = drift.trust(errors) * lasts
-    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors) + unrecorded**2
+    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors) + unrecorded
     return SurfaceInterval(lasts, drift_removed, drift_removed * drift.velocity, variance)
 
 

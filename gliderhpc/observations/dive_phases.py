@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.rows import nearest_rows
 
 Mask = npt.NDArray[np.bool_]
 
@@ -77,14 +78,26 @@ def _extremes(time: FloatArray, depth: FloatArray, bins: int) -> tuple[FloatArra
     """Greatest and least depth in each bin, including the depth at its centre; NaN where the record pauses."""
     centres = time[0] + _BIN * (np.arange(bins) + 0.5)
     at = np.interp(centres, time, depth)
-    after = np.minimum(np.searchsorted(time, centres), len(time) - 1)
-    nearest = np.minimum(np.abs(time[after] - centres), np.abs(centres - time[np.maximum(after - 1, 0)]))
-    at[nearest > _BRIDGED] = np.nan
+    at[np.abs(time[nearest_rows(time, centres)] - centres) > _BRIDGED] = np.nan
     place = np.minimum(((time - time[0]) // _BIN).astype(np.int64), bins - 1)
     high, low = at.copy(), at.copy()
     np.maximum.at(high, place, depth)
     np.minimum.at(low, place, depth)
     return high, low
+
+
+def unrecorded_variance(
+    time: FloatArray, depth: FloatArray, pitch: FloatArray, lasts: tuple[float, float]
+) -> tuple[float, float]:
+    """Variances (m2, per component) of the way before a record and after it, given the times (s) from and to the fixes.
+
+    The other arguments are those of `distance_to_surface`.
+    """
+    before, after = lasts
+    return (
+        distance_to_surface(time, depth, pitch, before, "start") ** 2,
+        distance_to_surface(time, depth, pitch, after, "end") ** 2,
+    )
 
 
 def distance_to_surface(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gliderhpc.archive.mission import check_is_path
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
@@ -72,8 +73,7 @@ def archive_on_disk(place: str | Path) -> Path:
     InputError
         The place is an address in an object store, or not a path.
     """
-    if not isinstance(place, str | Path):
-        raise InputError(f"archive: give its path, not a {type(place).__name__}")
+    check_is_path(place)
     if is_address(place):
         raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
     return Path(place)

@@ -13,7 +13,7 @@ from gliderhpc.estimation.current_errors import Drift
 from gliderhpc.estimation.currents import local_displacement, surface_variance
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.observations import Fix
-from gliderhpc.observations.dive_phases import distance_to_surface
+from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import moved
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import platform_of, series_of, settings_of, states_of
@@ -273,8 +273,7 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
     variance = surface_variance(max(float(before), 0.0), float(drift_removed[0]), errors)
     variance += surface_variance(max(float(after), 0.0), float(-drift_removed[1]), errors)
     depth, pitch = data.measured[:, 3], np.radians(data.measured[:, 1])
-    variance += distance_to_surface(data.record_time, depth, pitch, float(before), "start") ** 2
-    variance += distance_to_surface(data.record_time, depth, pitch, float(after), "end") ** 2
+    variance += sum(unrecorded_variance(data.record_time, depth, pitch, (float(before), float(after))))
     return Drift(
         velocity=velocity,
         track=anchors.moved - velocity * (end - begin),
