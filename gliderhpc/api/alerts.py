@@ -50,9 +50,11 @@ class Rules(_Section):
     next_surfacing_outside : Box, optional
         Box within which the next surfacing should be.
     hull_changed : float, optional
-        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor that raises an alert.
+        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor that raises an alert, from the
+        second changed dive on.
     drag_up_fifth : float, optional
-        Lowest probability of an increase in drag by more than a fifth that raises an alert.
+        Lowest probability of an increase in drag by more than a fifth that raises an alert, from the second changed
+        dive on.
     """
 
     current_above: float | None = Field(None, ge=0.0)
@@ -92,6 +94,8 @@ class Rules(_Section):
 
     def _hull(self, message: SurfacingMessage) -> Iterator[str]:
         for one in message.hull_changes:
+            if one.rests_on(message.profile):  # One unusual dive is mostly the water's doing: the next one decides.
+                continue
             if self.hull_changed is not None and one.probability >= self.hull_changed:
                 size = f"{one.change:+.3g} {one.unit}, standard deviation {one.change_std:.2g}"
                 yield f"{one.meaning}: changed since dive {one.since} by {size} (probability {one.probability:.3f})"

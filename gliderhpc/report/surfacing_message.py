@@ -96,6 +96,10 @@ class HullChange(_Part):
     dives: int = _of("1", "number of dives used")
     above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
 
+    def rests_on(self, profile: int) -> bool:
+        """Return whether only this dive, the last one, shows the change."""
+        return self.since >= profile
+
 
 class Trim(_Part):
     """Difference of the hull from the platform file, from the dives so far, in a unit that a pilot uses."""

@@ -11,6 +11,7 @@ from gliderhpc.api.alerts import Box, Rules, read_alerts
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.surfacing import surfacing_message
+from gliderhpc.report.surfacing_message import HullChange
 
 pytestmark = pytest.mark.compiled
 
@@ -39,6 +40,19 @@ def test_rules_hold_on_one_side_of_their_limits(message):
     assert Rules(next_surfacing_outside=around).broken(message) == ()
     north = around.model_copy(update={"south": place.latitude + 0.5})
     assert "outside the box" in Rules(next_surfacing_outside=north).broken(message)[0]
+
+
+def test_a_change_of_the_hull_raises_an_alert_once_a_second_dive_shows_it(message):
+    change = HullChange(
+        parameter="viscous.K_D0", meaning="drag", unit="kg/m", first=10.0, probability=0.99, change=4.0,
+        change_std=0.5, since=message.profile, dives=9, above_20_percent=0.98,
+    )  # fmt: skip
+    rules = Rules(hull_changed=0.95, drag_up_fifth=0.95)
+    assert rules.broken(message.model_copy(update={"hull_changes": (change,)})) == ()
+    confirmed = change.model_copy(update={"since": message.profile - 1})
+    assert len(rules.broken(message.model_copy(update={"hull_changes": (confirmed,)}))) == 2
+    doubtful = confirmed.model_copy(update={"probability": 0.9, "above_20_percent": 0.9})
+    assert rules.broken(message.model_copy(update={"hull_changes": (doubtful,)})) == ()
 
 
 def test_a_box_may_cross_the_date_line():

@@ -162,11 +162,11 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
 
 
 def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> str:
-    total, half = change["change_total"], _NORMAL_95 * change["change_total_std"]
+    total, std = change["change_total"], change["change_total_std"]
     if p.factor:
         first = float(history.series("estimate", p.key)[0])
-        return f"{100.0 * total / first:+.1f} % (± {100.0 * half / abs(first):.1f} %)"
-    return f"{total:+.3g} ± {half:.2g} {p.unit}"
+        return f"{100.0 * total / first:+.1f} % (± {100.0 * std / abs(first):.1f} %)"
+    return f"{total:+.3g} ± {std:.2g} {p.unit}"
 
 
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
