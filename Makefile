@@ -5,9 +5,12 @@ WORKERS ?= auto
 VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Modules are stored compiled when first imported, not all on installation: a third of the time until the first dive.
+INSTALL := pip install --quiet --no-compile
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-quick test-random test-lowest fuzz check bench wheel sbom fortran docs clean
+.PHONY: help setup compile demo test test-quick test-random test-lowest fuzz check bench wheel sbom fortran docs clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -15,26 +18,29 @@ help:  ## list the targets
 $(VENV)/run: pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 14) else f"gliderhpc needs Python 3.11 to 3.14, and {sys.executable} is {v[0]}.{v[1]}; name another with make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --editable .
+	$(BIN)/$(INSTALL) --editable .
 	@touch $@
 
 $(VENV)/bench: $(VENV)/dev
-	$(BIN)/pip install --quiet --editable '.[dev,bench]'
+	$(BIN)/$(INSTALL) --editable '.[dev,bench]'
 	@touch $@
 
 $(VENV)/docs: $(VENV)/run
-	$(BIN)/pip install --quiet --editable '.[docs]'
+	$(BIN)/$(INSTALL) --editable '.[docs]'
 	@touch $@
 
 $(VENV)/dev: $(VENV)/run
-	$(BIN)/pip install --quiet --editable '.[dev,docs]'
+	$(BIN)/$(INSTALL) --editable '.[dev,docs]'
 	@touch $@
 
 $(VENV)/compliance: $(VENV)/dev
-	$(BIN)/pip install --quiet --editable '.[dev,docs,compliance]'
+	$(BIN)/$(INSTALL) --editable '.[dev,docs,compliance]'
 	@touch $@
 
 setup: $(VENV)/dev  ## make the environment of a developer in .venv
+
+compile: $(VENV)/run  ## compile the kernels, which otherwise the first run does
+	$(BIN)/python -m gliderhpc.mission.warm kernels simulator
 
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
@@ -51,7 +57,7 @@ test-random: $(VENV)/dev  ## run the tests in a random order (SEED=1 repeats one
 # The lowest versions' own warnings of newer companions (numpy's headers, pyparsing's names) are not ours to mend.
 test-lowest:  ## run the quick tests with the lowest versions allowed, in a separate environment
 	$(PYTHON) -m venv .venv-lowest
-	.venv-lowest/bin/pip install --quiet -c constraints-lowest.txt . filelock hypothesis \
+	.venv-lowest/bin/$(INSTALL) -c constraints-lowest.txt . filelock hypothesis \
 		pytest pytest-cov pytest-randomly pytest-timeout pytest-xdist websocket-client
 	.venv-lowest/bin/python -m pytest -n $(WORKERS) -m 'not slow' -q \
 		-W 'ignore:numpy.ndarray size changed' -W ignore::DeprecationWarning
@@ -93,9 +99,9 @@ sbom:  ## write the bill of materials (CycloneDX) of the wheel in dist/ into dis
 	@ls dist/gliderhpc-*.whl >/dev/null 2>&1 || { echo "no wheel in dist/; make wheel builds one"; exit 1; }
 	rm -rf build/bare build/cyclonedx
 	$(PYTHON) -m venv build/bare
-	build/bare/bin/pip install --quiet --constraint constraints-dev.txt dist/gliderhpc-*.whl
+	build/bare/bin/$(INSTALL) --constraint constraints-dev.txt dist/gliderhpc-*.whl
 	$(PYTHON) -m venv build/cyclonedx
-	build/cyclonedx/bin/pip install --quiet cyclonedx-bom
+	build/cyclonedx/bin/$(INSTALL) cyclonedx-bom
 	build/cyclonedx/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible \
 		--output-file dist/gliderhpc.cdx.json build/bare/bin/python
 
