@@ -21,7 +21,14 @@ from gliderhpc.observations.fixes import pair_fault
 from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
-from gliderhpc.observations.survey import PROFILE_VARIABLES, ProfileSpan, StoredVariables, Survey, survey_of
+from gliderhpc.observations.survey import (
+    MAX_FIX_AGE,
+    PROFILE_VARIABLES,
+    ProfileSpan,
+    StoredVariables,
+    Survey,
+    survey_of,
+)
 
 _SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
@@ -223,10 +230,24 @@ class Observations:
         sides = ((span.fixes_from, span.start_time), (span.end_time, span.fixes_until))
         before, after = (self.survey.fixes.between(*side) for side in sides)
         reasons = [reason for side in sides for reason in self.survey.fixes.reasons_between(*side)]
+        if not (before and after):
+            reasons += self._fixes_inside(span)
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
         return (), (), tuple(dict.fromkeys([fault, *reasons]))
+
+    def _fixes_inside(self, span: ProfileSpan) -> list[str]:
+        """Describe GPS fixes between the first and the last sample of a profile; empty if there are none."""
+        inside = [
+            fix
+            for fix in self.survey.fixes.between(span.start_time, span.end_time)
+            if span.start_time < fix.time < span.end_time
+        ]
+        if not inside:
+            return []
+        first = inside[0].time.astype("datetime64[s]")
+        return [f"GPS fix at {first} within the profile: its number must end at the surface"]
 
 
 def open_observations(path: str | Path, *, survey: Survey | None = None, in_memory: bool = False) -> Observations:
@@ -298,7 +319,11 @@ def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, 
     more = len(reasons) - _MAX_REASONS
     texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
-    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile"] if missing else []))
+    minutes = MAX_FIX_AGE / np.timedelta64(1, "m")
+    return (
+        *texts,
+        *([f"no GPS fix {' or '.join(missing)} the profile within {minutes:.0f} minutes"] if missing else []),
+    )
 
 
 def _actuator_notes(seconds: FloatArray, values: Mapping[str, FloatArray]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.observations.dataset import Observations, open_observations, open_stored
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
-from gliderhpc.observations.writer import TIMES, times_since, variable_attributes, write_observations
+from gliderhpc.observations.writer import TIMES, seconds_since, times_since, variable_attributes, write_observations
 
 Records = xr.Dataset | str | Path
 """Observations as accepted by every function of the Python interface: a Dataset, or the path of a file."""
@@ -159,8 +159,7 @@ def _numbers(time: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.float64], st
     """Times as numbers and their unit, as the writer stores them."""
     instants = time.astype("datetime64[ns]")
     units = times_since(instants)
-    begin = np.datetime64(units.removeprefix("seconds since "), "ns")
-    return (instants - begin) / np.timedelta64(1, "s"), units
+    return seconds_since(instants, units), units
 
 
 def _source(records: xr.Dataset) -> str:

@@ -1,7 +1,7 @@
-"""Signs that a glide determines.
+"""Signs and units that a glide determines.
 
 A glider is nose down and heavy while it sinks, nose up and buoyant while it rises; and a hull with a heavy battery off
-its axis rolls to the side to which the battery is rotated.
+its axis rolls to the side to which the battery is rotated. Where it is pitched steeply it moves fast enough to fly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,6 +32,18 @@ checked.
 
 MIN_RATE = 0.03
 """Vertical speed (m/s) from which a bin counts as sinking or rising."""
+
+MIN_STEEP = 10.0
+"""Magnitude of the pitch (degree) from which depth must change."""
+
+SLOWEST_FLIGHT = 0.08
+"""Speed (m/s) along the pitch that a glide exceeds for a tenth of the time; 0.2 to 0.6 m/s on 236 real dives."""
+
+FASTEST_FLIGHT = 1.5
+"""Median speed (m/s) along the pitch that no glider reaches."""
+
+MAX_SPACING = 120.0
+"""Time between bins (s) up to which speeds are judged; sparser samples may be of different cycles."""
 
 SURE_PITCH = 5.0
 """Median pitch (degree) of the wrong sign, both sinking and rising, that proves a reversed sign."""
@@ -105,6 +117,9 @@ def fault_of_signs(number: int, time: TimeArray, glide: Mapping[str, FloatArray]
     if means is None:
         return None
     rate = np.gradient(means["depth"], means["time"])
+    unit = _fault_of_depth(rate, means["pitch"]) if np.median(np.diff(means["time"])) <= MAX_SPACING else None
+    if unit:
+        return f"profile {number}: {unit}"
     phases = (_steady(rate > MIN_RATE), _steady(rate < -MIN_RATE))
     if not all(phase.any() for phase in phases):
         return None
@@ -126,6 +141,24 @@ def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, Fl
     counts = np.diff(begins, append=np.count_nonzero(known))
     filled = {"time": seconds} | {name: _filled(seconds, glide[name]) for name in GLIDE}
     return {name: np.add.reduceat(values[known], begins) / counts for name, values in filled.items()}
+
+
+def _fault_of_depth(rate: FloatArray, pitch: FloatArray) -> str | None:
+    """Fault of a depth whose rate (m/s) is impossible at this pitch (degree); None if there is none."""
+    steep = np.abs(pitch) > MIN_STEEP
+    if np.count_nonzero(steep) < MIN_BINS:
+        return None
+    rise, slope = np.abs(rate[steep]), np.abs(pitch[steep])
+    speed = rise / np.sin(np.radians(slope))
+    if np.quantile(speed, 0.9) < SLOWEST_FLIGHT:
+        wrong = (
+            "too slowly for a glide; check the unit of depth (bar and decametres are a tenth of the depth in metres)"
+        )
+    elif np.median(speed) > FASTEST_FLIGHT:
+        wrong = "faster than any glider; check the units of depth and time"
+    else:
+        return None
+    return f"depth changes at {np.median(rise):.2g} m/s while the pitch is {np.median(slope):.0f} degree, {wrong}"
 
 
 def _fault_of_pitch(pitch: FloatArray, phases: Sequence[Mask]) -> str | None:

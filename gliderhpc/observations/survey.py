@@ -244,9 +244,11 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
         usable, warnings = check_fixes(latitude, longitude, clock.implausible)
         found = screen_fixes(clock.time, latitude, longitude, usable)
     if not len(found.time):
-        first = f" ({found.reasons[0]})" if found.reasons else ""
+        missing = [f"time or position is missing in all {count}"] if count else []
+        why = "; ".join([*warnings, *found.reasons[:1]] or missing)
         return found, (
-            f"there is no usable GPS fix in the file{first}: profiles are inverted, but their currents will be NaN",
+            f"there is no usable GPS fix in the file{f' ({why})' if why else ''}: profiles are inverted, but their "
+            "currents will be NaN",
         )
     if found.reasons:
         others = f", and {len(found.reasons) - 1} more" if len(found.reasons) > 1 else ""

@@ -69,22 +69,33 @@ def _dataset(variables: Mapping[str, npt.NDArray[np.generic]], attributes: Mappi
         faults.append(f"not in the observation format: {', '.join(sorted(unknown))}")
     if faults:
         raise ValueError("; ".join(faults))
+    since = times_since(_nanoseconds(variables["time"]))
+    about = {"standard_name": "time", "long_name": "time", "axis": "T"}
     data: dict[str, tuple[str, npt.NDArray[np.generic], dict[str, str]]] = {
-        "time": ("time", _nanoseconds(variables["time"]), {"standard_name": "time", "long_name": "time", "axis": "T"})
+        "time": _column_of_times("time", variables["time"], since, about)
     }
     for name, variable in VARIABLES.items():
         if name in variables and (variable.dimension == "time" or len(variables[name])):
             data[name] = (variable.dimension, np.asarray(variables[name]), variable_attributes(variable))
     if "fix_latitude" in data:
-        data["fix_time"] = (
-            "fix",
-            _nanoseconds(variables["fix_time"]),
-            {"standard_name": "time", "long_name": "time of the GPS fix"},
-        )
+        about = {"standard_name": "time", "long_name": "time of the GPS fix"}
+        data["fix_time"] = _column_of_times("fix", variables["fix_time"], since, about)
     for name, variable in REFERENCE.items():
         if name in variables and len(variables[name]):
-            data[name] = (variable.dimension, np.asarray(variables[name]), variable_attributes(variable))
+            about = variable_attributes(variable)
+            data[name] = (
+                _column_of_times(variable.dimension, variables[name], since, about)
+                if name in TIMES
+                else (variable.dimension, np.asarray(variables[name]), about)
+            )
     return xr.Dataset(data, attrs={"Conventions": CONVENTIONS, **attributes})
+
+
+def _column_of_times(
+    dimension: str, times: npt.NDArray[np.generic], since: str, attributes: dict[str, str]
+) -> tuple[str, npt.NDArray[np.generic], dict[str, str]]:
+    """Return times as numbers of seconds with their unit; xarray itself cannot store times that are all missing."""
+    return dimension, seconds_since(_nanoseconds(times), since), attributes | {"units": since, "calendar": "standard"}
 
 
 def _nanoseconds(time: npt.NDArray[np.generic]) -> npt.NDArray[np.datetime64]:
@@ -108,18 +119,22 @@ def times_since(time: npt.NDArray[np.datetime64]) -> str:
     Seconds since midnight of the first day are exact in doubles to a few nanoseconds over a mission of a year.
     """
     known = time[~np.isnat(time)]
-    return f"seconds since {np.datetime64(known[0] if len(known) else 0, 'D')}T00:00:00"
+    return f"seconds since {np.datetime64(known[0] if len(known) else 0, 'D')}"
+
+
+def seconds_since(time: npt.NDArray[np.datetime64], unit: str) -> npt.NDArray[np.float64]:
+    """Return times as numbers in a unit of `times_since`, NaN where missing."""
+    return (time - np.datetime64(unit.removeprefix("seconds since "), "ns")) / np.timedelta64(1, "s")
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:
     """Compressed encoding of each variable: integers for profile numbers, doubles for all others."""
     compressed = {"zlib": True, "complevel": 4, "shuffle": True}
-    since = times_since(dataset["time"].values)
     encoding: dict[str, dict[str, object]] = {}
     for name in map(str, dataset.variables):
         encoding[name] = {**compressed}
         if name in TIMES:
-            encoding[name] |= {"units": since, "calendar": "standard", "dtype": "float64", "_FillValue": None}
+            encoding[name] |= {"dtype": "float64", "_FillValue": None}
         elif name in ("profile", "reference_profile"):
             encoding[name] |= {"dtype": "int32", "_FillValue": None}
         else:

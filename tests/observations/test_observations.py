@@ -55,7 +55,7 @@ def test_a_fix_long_before_the_dive_is_not_its_entry(tmp_path):
         record = observations.profile(1)
     assert record.entry_fix is None
     assert record.exit_fix is not None
-    assert record.notes == ("no GPS fix before the profile",)
+    assert record.notes == ("no GPS fix before the profile within 30 minutes",)
 
 
 def test_same_input_gives_the_same_bytes_and_follows_cf(tmp_path):
@@ -386,7 +386,30 @@ def test_no_fixes_is_one_warning(tmp_path):
         record = observations.profile(1)
     assert record.entry_fix is None
     assert record.exit_fix is None
-    assert record.notes == ("no GPS fix before or after the profile",)
+    assert record.notes == ("no GPS fix before or after the profile within 30 minutes",)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("fix_latitude", 114.0, "fix_latitude is 114 degree at fix 0"),
+        ("fix_time", np.datetime64("NaT"), "time or position is missing in all"),
+    ],
+)
+def test_fixes_that_are_all_unusable_are_named_with_the_first(tmp_path, name, value, said):
+    """Swapped coordinates, or a receiver whose count of weeks has rolled over."""
+    with open_observations(write(tmp_path, **{name: np.full_like(mission()[name], value)})) as observations:
+        (warning,) = observations.warnings
+    assert said in warning
+    assert "no usable GPS fix" in warning
+
+
+def test_fixes_within_a_profile_that_does_not_end_at_the_surface_are_named(tmp_path):
+    inside = START + np.timedelta64(2, "s") + np.arange(len(mission()["fix_time"])) * np.timedelta64(1, "s")
+    still = {name: np.full_like(mission()[name], mission()[name][0]) for name in ("fix_latitude", "fix_longitude")}
+    with open_observations(write(tmp_path, fix_time=inside, **still)) as observations:
+        notes = observations.profile(1).notes
+    assert notes[0] == "GPS fix at 2024-05-01T12:00:02 within the profile: its number must end at the surface"
 
 
 def test_fix_out_of_range_is_left_out_with_a_warning(tmp_path):

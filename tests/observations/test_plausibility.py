@@ -438,6 +438,13 @@ def fault_of_signs(time, depth, pitch, ballast, roll=None, rotation=None, faults
     return check_signs(time, glide, {4: (0, len(time))}, dict(faults)).get(4)
 
 
+@pytest.mark.parametrize(("scale", "said"), [(0.1, "too slowly"), (9.81, "faster than any glider")])
+def test_a_depth_in_another_unit_is_named(scale, said):
+    """Bar and kilopascal, declared as metres."""
+    time, depth, *others = glide()
+    assert said in fault_of_signs(time, scale * depth, *others)
+
+
 @pytest.mark.parametrize("every", [1, 20, 100])
 def test_a_reversed_sign_is_named_with_its_values(every):
     assert fault_of_signs(*glide(every=every)) is None
