@@ -29,7 +29,7 @@ from gliderhpc.studies.archived import chosen_profiles, platform_of
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.hull_changes import HullChange, find_change
+from gliderhpc.tuning.hull_changes import PROBABLE, HullChange, find_changes
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
@@ -68,8 +68,6 @@ class HullSettings(Settings):
     )
 
 
-PROBABLE = 0.95
-"""Probability from which on a change counts as found."""
 COMPANIONS = {"buoyancy.neutral_volume": "position.battery"}
 """Parameter that may change together with another one. Weight that is lost or gained also trims the glider, unless it
 acts where the oil does, whose volume the parameter is."""
@@ -111,11 +109,13 @@ class MissionDives:
         """Positions of the parameters that may change."""
         return tuple(int(i) for i in np.flatnonzero(self.prior.walk > 0.0))
 
-    def companion(self, suspect: int) -> int | None:
-        """Position of the parameter that may change together with one that may change; None if there is none."""
+    @property
+    def companions(self) -> dict[int, int]:
+        """Positions of the parameters that may change together with one that may change, by the latter's position."""
         keys = [p.key for p in self.parameters]
-        other = COMPANIONS.get(keys[suspect])
-        return keys.index(other) if other in keys else None
+        return {
+            keys.index(one): keys.index(other) for one, other in COMPANIONS.items() if one in keys and other in keys
+        }
 
 
 def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
@@ -196,10 +196,9 @@ def sum_up(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, 
     """
     with threadpool_limits(limits=1):
         found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
-        changes = {
-            i: find_change(mission.dives, found, i, mission.prior, settings.change, mission.companion(i))
-            for i in mission.suspects
-        }
+        changes = find_changes(
+            mission.dives, found, mission.suspects, mission.prior, settings.change, mission.companions
+        )
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
         if probable:
             found = solve_mission(mission.dives, _with_changes(mission, probable, settings), robust=settings.robust)
@@ -213,7 +212,7 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
     for parameter, change in changes.items():
         first, onset, last = change.onset
         size = float(np.hypot(change.total, change.total_std))
-        companion = mission.companion(parameter)
+        companion = mission.companions.get(parameter)
         if change.step_probability < 0.5:
             days = (mission.dives[-1].time - mission.dives[onset - 1].time) / np.timedelta64(1, "D")
             walk[parameter] = max(walk[parameter], size / np.sqrt(days)) if days > 0.0 else walk[parameter]

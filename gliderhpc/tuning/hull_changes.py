@@ -1,12 +1,15 @@
-"""Change of one error of the hull during a mission: a step or a ramp from some dive on, with its probability.
+"""Changes of the hull's errors during a mission: steps or ramps from some dive on, with their probabilities.
 
 Each candidate adds one unknown, the size of the change, to a chain of dives in which that error is otherwise constant.
 A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1969), here in one pass for all
 candidates: the derivatives of the means with respect to the size are propagated with the filter, and the log evidence
 of the dives is quadratic in the size.
+
+Errors of the hull resemble each other: lost weight moves the depth rates as a pitch offset does. Changes are therefore
+accepted one at a time, the most probable first, and the others are judged with the accepted ones among the unknowns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +23,8 @@ FORMS = ("step", "ramp")
 _UNCHANGED = 0.5
 """Prior probability that nothing changes."""
 _INTERVAL = (0.05, 0.5, 0.95)
+PROBABLE = 0.95
+"""Probability from which on a change counts as found."""
 _MIN_DIVES = 4
 """Smallest number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
@@ -48,15 +53,15 @@ class HullChange:
     step_probability: float
 
 
-def find_change(
+def find_changes(
     dives: Sequence[DiveTerm],
     found: MissionHull,
-    parameter: int,
+    suspects: Sequence[int],
     prior: HullPrior,
     size: float = 1.0,
-    companion: int | None = None,
-) -> HullChange | None:
-    """Estimate the probability, size and onset of a change of one error; None with fewer than four dives.
+    companions: Mapping[int, int] | None = None,
+) -> dict[int, HullChange | None]:
+    """Estimate the probability, size and onset of a change of each suspected error.
 
     Parameters
     ----------
@@ -64,15 +69,20 @@ def find_change(
         Dives in the order of time.
     found : MissionHull
         Result of the sum over these dives, whose weights and inflation are used.
-    parameter : int
-        Index of the error.
+    suspects : sequence of int
+        Indices of the errors that may change.
     prior : HullPrior
-        Prior of the sum; the random walk of this error is left out here.
+        Prior of the sum; the random walk of an error is left out where its change is sought.
     size : float
-        Prior standard deviation of the whole change, in plausible deviations.
-    companion : int, optional
-        Index of an error that may change at the same time, with the same course and a size of its own. It is
-        considered in the size and onset of the change, but not in its probability.
+        Prior standard deviation of a whole change, in plausible deviations.
+    companions : mapping of int to int, optional
+        Index of an error that may change at the same time as a suspect, with the same course and a size of its own. It
+        is considered in the size and onset of the change, but not in its probability.
+
+    Returns
+    -------
+    dict
+        Change of each suspect; None with fewer than four dives.
 
     Notes
     -----
@@ -80,21 +90,81 @@ def find_change(
     dive; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
     candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
     companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
+
+    Probabilities, sizes and onsets are means over the assumptions of the noise under which the dives were smoothed,
+    which are equally plausible: a change that only some of them show is not certain.
+
+    While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
+    of the same course of its companion, join the unknowns, and the remaining suspects are judged anew.
     """
     if len(dives) < _MIN_DIVES:
-        return None
-    shapes = np.concatenate([_shapes(dives, form) for form in FORMS])
-    terms = [
-        dive.term.weighted(weight / found.inflation) for dive, weight in zip(dives, found.weight.tolist(), strict=True)
-    ]
-    walk = prior.walk.copy()
-    walk[parameter] = 0.0
-    changing = (parameter,) if companion is None else (parameter, companion)
-    score, information = size_likelihood(prior.eta, changes_of(dives, walk), terms, changing, shapes)
-    candidates = [
-        _candidates(score[:, :count], information[:, :count, :count], size) for count in range(1, len(changing) + 1)
-    ]
-    return _mixture(candidates, len(dives) - 1)
+        return dict.fromkeys(suspects)
+    companions = companions or {}
+    weights = (found.weight / found.inflation).tolist()
+    chains = [_Chain(prior, each, weights, size) for each in _assumptions(dives)]
+    changes: dict[int, HullChange] = {}
+    remaining = list(suspects)
+    while remaining:
+        sought = {i: [chain.candidates(i, companions.get(i)) for chain in chains] for i in remaining}
+        changes |= {i: _mixture(each, len(dives) - 1) for i, each in sought.items()}
+        best = max(remaining, key=lambda i: float(np.mean([first.log_evidence for first, *_ in sought[i]])))
+        if changes[best].probability < PROBABLE:
+            break
+        remaining.remove(best)
+        changing = (best, companions[best]) if best in companions else (best,)
+        for chain, (first, *_) in zip(chains, sought[best], strict=True):
+            chain.accept(changing, int(np.argmax(first.log_ratio)))
+    return {i: changes[i] for i in suspects}
+
+
+def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
+    """Dives under each assumption of the noise that all of them have."""
+    return [dives, *([dive.assuming(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives)))]
+
+
+class _Chain:
+    """Dives under one assumption of the noise, with the sizes of the accepted changes among the unknowns."""
+
+    def __init__(self, prior: HullPrior, dives: Sequence[DiveTerm], weights: Sequence[float], size: float) -> None:
+        self._dives, self._walk, self._size = dives, prior.walk, size
+        self._prior = prior.eta
+        self._terms = [dive.term.weighted(weight) for dive, weight in zip(dives, weights, strict=True)]
+        self._shapes = np.concatenate([_shapes(dives, form) for form in FORMS])
+
+    def candidates(self, parameter: int, companion: int | None) -> list["_Candidates"]:
+        """Candidates for the change of an error, alone and with its companion."""
+        walk = self._walk.copy()
+        walk[parameter] = 0.0
+        changing = (parameter,) if companion is None else (parameter, companion)
+        changes = [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._dives, walk)]
+        score, information = size_likelihood(self._prior, changes, self._terms, changing, self._shapes)
+        counts = range(1, len(changing) + 1)
+        return [_candidates(score[:, :count], information[:, :count, :count], self._size) for count in counts]
+
+    def accept(self, parameters: Sequence[int], shape: int) -> None:
+        """Add the sizes of a change of these errors, with one course, to the unknowns."""
+        before, added = len(self._prior.mean), len(parameters)
+        covariance = np.diag(np.append(np.zeros(before), np.full(added, self._size**2)))
+        covariance[:before, :before] = self._prior.covariance
+        self._prior = Gaussian(np.append(self._prior.mean, np.zeros(added)), covariance)
+        self._terms = [
+            _with_sizes(term, parameters, part)
+            for term, part in zip(self._terms, self._shapes[shape].tolist(), strict=True)
+        ]
+
+
+def _with_constants(change: Change, count: int) -> Change:
+    """Return a change between dives with further unknowns that stay constant, ``count`` in all."""
+    added = count - len(change.decay)
+    return Change(np.append(change.decay, np.ones(added)), np.append(change.variance, np.zeros(added)))
+
+
+def _with_sizes(term: Information, parameters: Sequence[int], part: float) -> Information:
+    """Return a dive's information with one further unknown for each parameter, whose part adds to the parameter."""
+    count = len(term.vector)
+    lift = np.eye(count, count + len(parameters))
+    lift[list(parameters), range(count, count + len(parameters))] = part
+    return Information(lift.T @ term.vector, lift.T @ term.matrix @ lift, term.constant)
 
 
 class _Candidates(NamedTuple):
@@ -171,18 +241,35 @@ def size_likelihood(
     return score, information
 
 
-def _mixture(candidates: Sequence[_Candidates], onsets: int) -> HullChange:
-    """Average over the candidates, the steps first, weighted by their evidence; without companion, they come first."""
-    log_ratio, size, variance = (np.concatenate(column) for column in zip(*candidates, strict=True))
-    weight = np.exp(log_ratio - log_ratio.max())
-    weight /= weight.sum()
+def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> HullChange:
+    """Average over the candidates, weighted by their evidence, and over equally plausible assumptions.
+
+    Each assumption has the candidates without companion first, and of each kind the steps first.
+    """
+    weights = [_weights(candidates) for candidates in assumptions]
+    weight = np.concatenate(weights) / len(weights)
+    every = [each for candidates in assumptions for each in candidates]
+    size, variance = np.concatenate([one.size for one in every]), np.concatenate([one.variance for one in every])
     total = float(weight @ size)
     spread = float(np.sqrt(weight @ (variance + (size - total) ** 2)))
-    by_form = weight.reshape(len(candidates), len(FORMS), onsets).sum(axis=0)
+    by_form = weight.reshape(len(every), len(FORMS), onsets).sum(axis=0)
     by_onset = by_form.sum(axis=0).cumsum()
     low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
-    odds = np.exp(min(candidates[0].log_evidence, 700.0)) * (1.0 - _UNCHANGED) / _UNCHANGED
+    probability = float(np.mean([_probability(first.log_evidence) for first, *_ in assumptions]))
     return HullChange(
-        float(odds / (1.0 + odds)), total, spread, (low, min(middle, onsets), min(high, onsets)),
+        probability, total, spread, (low, min(middle, onsets), min(high, onsets)),
         float(by_form[FORMS.index("step")].sum()),
     )  # fmt: skip
+
+
+def _weights(candidates: Sequence[_Candidates]) -> Array:
+    """Posterior probabilities of candidates, given that one of them is true."""
+    log_ratio = np.concatenate([each.log_ratio for each in candidates])
+    weight = np.exp(log_ratio - log_ratio.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _probability(log_evidence: float) -> float:
+    """Posterior probability of a change with this log evidence relative to none."""
+    odds = np.exp(min(log_evidence, 700.0)) * (1.0 - _UNCHANGED) / _UNCHANGED
+    return float(odds / (1.0 + odds))

@@ -7,7 +7,7 @@ import pytest
 from test_mission_hull import P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, solve_chain
-from gliderhpc.tuning.hull_changes import _candidates, find_change, size_likelihood
+from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, find_changes, size_likelihood
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
 
@@ -68,12 +68,51 @@ def test_a_change_that_comes_with_another_one_has_its_own_size():
         dives = [dive(rng, truth, n, rank=2, size=40.0) for n, truth in enumerate(courses)]
         prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
         found = solve_mission(dives, prior)
-        both.append(find_change(dives, found, 0, prior, companion=1))
-        alone.append(find_change(dives, found, 0, prior))
+        both.append(find_changes(dives, found, (0,), prior, companions={0: 1})[0])
+        alone.append(find_changes(dives, found, (0,), prior)[0])
     assert np.mean([abs(one.total - 0.8) < 2.0 * one.total_std for one in both]) >= 0.85
     errors = [np.sqrt(np.mean([(one.total - 0.8) ** 2 for one in each])) for each in (both, alone)]
     assert errors[0] < errors[1]
     assert [one.probability for one in both] == [one.probability for one in alone]
+
+
+@pytest.mark.parametrize("changed", [0, 1])
+def test_one_change_is_not_found_again_in_an_error_that_resembles_it(changed):
+    """As lost weight and an offset of the pitch: the dives determine their sum a hundred times better than each."""
+    rng = np.random.default_rng([14, changed])
+    sum_of_both = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    like = 400.0 * np.outer(sum_of_both, sum_of_both) + np.diag([4.0, 4.0, 9.0, 9.0, 9.0])
+    dives = []
+    for n in range(24):
+        truth = np.zeros(P)
+        truth[changed] = 1.0 * (n >= 12)
+        score = np.linalg.cholesky(like) @ rng.standard_normal(P)
+        dives.append(replace(dive(rng, truth, n, point=np.zeros(P)), score=score + like @ truth, information=like))
+    prior = HullPrior.plausible(np.array([0.05, 0.05, 0.0, 0.0, 0.0]))
+    found = solve_mission(dives, prior)
+    both = find_changes(dives, found, (0, 1), prior)
+    other = 1 - changed
+    assert both[changed].probability > PROBABLE
+    assert both[other].probability < 0.5
+    assert find_changes(dives, found, (other,), prior)[other].probability > PROBABLE
+
+
+def test_a_change_under_one_assumption_of_the_noise_is_not_certain():
+    rng = np.random.default_rng(15)
+    dives = [
+        dive(rng, truth, n, rank=3, size=40.0, point=np.zeros(P))
+        for n, truth in enumerate(_course(24, 12, 0.8, "step"))
+    ]
+    calm = [
+        dive(rng, truth, n, rank=3, size=40.0, point=np.zeros(P))
+        for n, truth in enumerate(_course(24, 12, 0.0, "step"))
+    ]
+    doubted = [replace(one, others=((other.score, other.information),)) for one, other in zip(dives, calm, strict=True)]
+    prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
+    sure, unsure = (find_changes(each, solve_mission(each, prior), (0,), prior)[0] for each in (dives, doubted))
+    assert sure.probability > PROBABLE
+    assert 0.4 < unsure.probability < 0.7
+    assert unsure.total_std > 3.0 * sure.total_std
 
 
 def test_a_jump_in_the_prior_lets_the_hull_change_at_once():
@@ -98,7 +137,7 @@ def _found(courses, seed, size=40.0):
     rng = np.random.default_rng([11, seed])
     dives = [dive(rng, truth, n, rank=3, size=size) for n, truth in enumerate(courses)]
     prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
-    return find_change(dives, solve_mission(dives, prior), 0, prior)
+    return find_changes(dives, solve_mission(dives, prior), (0,), prior)[0]
 
 
 def _course(count, onset, total, form):

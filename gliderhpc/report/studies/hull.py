@@ -28,7 +28,8 @@ from gliderhpc.studies.archived import (
     stored_attribute,
     study_table,
 )
-from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, PROBABLE, STATEMENTS, SUSPECT
+from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
+from gliderhpc.tuning.hull_changes import PROBABLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
