@@ -17,7 +17,7 @@ from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.odd_profiles import common_remarks
 from gliderhpc.report.page.surfacing_page import answers, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import Trim
+from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.report.trim import trim_of
 from gliderhpc.studies.hull import MissionDives
 
@@ -120,6 +120,25 @@ def test_remarks_that_many_profiles_share_are_listed_once(brief_store):
         assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (numbers of the first)"]
         (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
     assert "in 2 of 3 profiles" in " ".join(odd.texts)
+
+
+@pytest.mark.compiled
+def test_a_changed_hull_and_a_dive_without_smoothed_estimate_are_odd(brief_store, monkeypatch):
+    summary = describe(brief_store)
+    with open_for_reading(brief_store) as archive:
+        message = surfacing_message(archive, 3)
+        change = HullChange(
+            parameter="viscous.K_L", meaning="lift", unit="kg/m", first=440.0, probability=0.97, change=-130.0,
+            change_std=20.0, since=2, dives=9, above_20_percent=0.0,
+        )  # fmt: skip
+        changed = message.model_copy(update={"hull_changes": (change, change.model_copy(update={"probability": 0.9}))})
+        monkeypatch.setattr(module, "surfacing_message", lambda *_: changed)
+        monkeypatch.setattr(module, "filter_fallbacks", lambda *_: [2])
+        (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+    assert odd.texts[:2] == (
+        "lift: changed since profile 2, by -130 ± 20 kg/m (probability 0.97)",
+        "the smoother has no estimate of profile 2",
+    )
 
 
 def test_every_field_of_a_trim_has_its_unit_in_the_schema():

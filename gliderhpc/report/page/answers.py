@@ -1,19 +1,22 @@
 """First section of the mission's page: current, next surfacing, hull and trim, anomalies, and uncertainty."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.archive.mission import Summary
+from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
-from gliderhpc.report.page.odd_profiles import common_remarks, odd_profiles
+from gliderhpc.report.page.odd_profiles import common_remarks, listed_profiles, odd_profiles
 from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
+from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import own_platform
+from gliderhpc.tuning.hull_changes import PROBABLE
 
 Array = NDArray[np.float64]
 
@@ -24,17 +27,37 @@ _FEWEST = 5
 def answers_section(archive: Archive, summary: Summary) -> Section:
     """Assemble the results of the last dive and of the mission that an operator asks for first."""
     table = MissionTable.of(archive)
-    odd = (*odd_profiles(summary, table), *common_remarks(summary, table))
-    remarks = (Remarks(odd, "Odd in this mission") if odd else Words("Nothing is odd in this mission."),)
+    odd = [*odd_profiles(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
     if not done:
-        return Section("answers", "In short", (Notice("no profile is done yet"), *remarks))
+        return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(odd)))
     message = surfacing_message(archive, int(done[-1]))
+    odd = [*_changed_hull(message), *odd]
     last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
     if message.current is None:
         last |= _last_known_current(table)
     facts = {**last, **_current_of_the_mission(table), "uncertainty": "; ".join(_worth(archive, table))}
-    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *remarks))
+    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(odd)))
+
+
+def _remarks(odd: Sequence[str]) -> tuple[Remarks | Words]:
+    return (
+        Remarks(tuple(odd), "Odd in this mission") if odd else Words("Every profile was estimated without remark."),
+    )
+
+
+def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
+    """Yield a sentence for each probable change of the hull."""
+    for one in message.hull_changes:
+        if one.probability >= PROBABLE:
+            size = f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
+            yield f"{one.meaning}: changed since profile {one.since}, by {size} (probability {one.probability:.2f})"
+
+
+def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:
+    """Yield a sentence on the estimated profiles without a smoothed estimate, in which something unusual happened."""
+    if SMOOTHED in archive.children and (without := filter_fallbacks(archive, table.number[table.done].tolist())):
+        yield f"the smoother has no estimate of {listed_profiles(without)}"
 
 
 def _last_known_current(table: MissionTable) -> dict[str, str]:

@@ -25,10 +25,10 @@ def odd_profiles(summary: Summary, table: MissionTable) -> Iterator[str]:
         yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"
     poor = table.number[table.done & (table.converged < POORLY_CONVERGED)].tolist()
     if poor:
-        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {_profiles(poor)}"
+        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {listed_profiles(poor)}"
     unknown = table.number[table.done & ~table.with_current].tolist()
     if unknown:
-        yield f"no current of {_profiles(unknown)}"
+        yield f"no current of {listed_profiles(unknown)}"
 
 
 def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
@@ -54,7 +54,8 @@ def _failures(summary: Summary) -> Iterator[str]:
         yield f"{more} more failed"
 
 
-def _profiles(numbers: list[int]) -> str:
+def listed_profiles(numbers: list[int]) -> str:
+    """Return the first of some profile numbers as text, and how many more there are."""
     shown = ", ".join(map(str, numbers[:_LISTED]))
     more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
     return f"profile {shown}" if len(numbers) == 1 else f"profiles {shown}{more}"
