@@ -151,5 +151,5 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 def _print(summary: ExportSummary) -> None:
     say_left_out(summary.left_out)
     if summary.unknown:
-        say(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
+        say(f"note: OG1 requires {', '.join(summary.unknown)}; give each as --attribute NAME=VALUE")
     say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")

@@ -186,8 +186,9 @@ def dive_span(
     """
     deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
     if not deepest >= minimum:
-        reached = f"dives to {deepest:.0f} m" if np.isfinite(deepest) else "has no depth"
-        raise ProfileError(f"too shallow: {reached}, but at least {minimum:g} m are needed")
+        if not np.isfinite(deepest):
+            raise ProfileError("has no depth")
+        raise ProfileError(f"too shallow: dives to {deepest:.0f} m, but at least {minimum:g} m are needed")
     first, last = np.flatnonzero(depth > begin), np.flatnonzero(depth > end)
     if not len(first) or not len(last):
         raise ProfileError(

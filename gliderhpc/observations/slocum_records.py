@@ -47,8 +47,8 @@ NEIGHBOURING_CYCLES = 20
 modena the compass delays up to 19 cycles in a row, which is no change of the rate."""
 
 CHANGED_RATE = 2.0
-"""Ratio of the median length of the neighbouring cycles to that of the mission, or its inverse, above which the sampling
-rate has changed."""
+"""Ratio of the median length of the neighbouring cycles to the mission's, or its inverse, above which the sampling rate
+has changed."""
 
 _MEASURED = ("m_depth", "m_pitch", "m_roll", "m_heading")
 
@@ -200,7 +200,7 @@ def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
 
 
 def _usual_cycles(lasted: FloatArray) -> FloatArray:
-    """Return the usual length (s) at each cycle: the mission's median, or the neighbours' where the rate has changed."""
+    """Return the usual length (s) at each cycle: the mission's median, or the neighbours' if the rate has changed."""
     if not len(lasted):
         return lasted
     usual = float(np.median(lasted))

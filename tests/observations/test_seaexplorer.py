@@ -14,7 +14,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.rows import Rows, onto_nearest
-from gliderhpc.observations.seaexplorer import TRANSMITTING, find_fixes, import_seaexplorer
+from gliderhpc.observations.seaexplorer import find_fixes, import_seaexplorer
+from gliderhpc.observations.seaexplorer_legs import TRANSMITTING
 
 
 def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_path):

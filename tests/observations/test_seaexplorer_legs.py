@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.seaexplorer import (
+from gliderhpc.observations.seaexplorer_legs import (
     CLIMBING,
     DIVING,
     INFLECTING_DOWN,
