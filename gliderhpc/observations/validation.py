@@ -213,10 +213,10 @@ def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
     units, calendar = (str(array.attrs.get(key, "")) for key in ("units", "calendar"))
     check_time_unit(units, calendar, f"{path}: {array.name}")
     if array.dtype.itemsize < 8:
-        resolution = time_resolution(array.values, units, f"{path}: {array.name}")
-        if resolution > MAX_TIME_RESOLUTION:
+        step = time_resolution(array.values, units, f"{path}: {array.name}")
+        if step > MAX_TIME_RESOLUTION:
             raise InputError(
-                f"{path}: {array.name} is stored as {array.dtype}, which resolves '{units}' to {resolution:.3g} s only; "
+                f"{path}: {array.name} is stored as {array.dtype}, which resolves '{units}' to {step:.3g} s only; "
                 "store it as float64"
             )
 
