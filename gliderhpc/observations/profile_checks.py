@@ -18,6 +18,7 @@ from gliderhpc.observations.validation import (
     describe_time,
     outside_range,
 )
+from gliderhpc.wording import counted
 
 MIN_SAMPLES = 30
 """Least number of samples of a profile that can be estimated."""
@@ -137,7 +138,7 @@ def check_heading_unit(heading: FloatArray, spans: Mapping[int, Span], path: str
 def check_length(number: int, time: TimeArray) -> str | None:
     """Fault of a profile with too few samples, too short or too long a time, or too long a gap; None if it has none."""
     if len(time) < MIN_SAMPLES:
-        return f"profile {number}: only {len(time)} samples, but at least {MIN_SAMPLES} are needed"
+        return f"profile {number}: only {counted(len(time), 'sample')}, but at least {MIN_SAMPLES} are needed"
     duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
     if duration < MIN_DURATION:
         return f"profile {number}: lasts only {duration:.0f} s, but at least {MIN_DURATION:.0f} s are needed"
@@ -189,7 +190,8 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
         )
     needed = MIN_SAMPLES if variable.name in MEASURED else 2
     if count < needed:
-        return f"profile {number}: {variable.name} has only {count} samples that are not NaN, but {needed} are needed"
+        there = "sample that is" if count == 1 else "samples that are"
+        return f"profile {number}: {variable.name} has only {count} {there} not NaN, but {needed} are needed"
     return None
 
 

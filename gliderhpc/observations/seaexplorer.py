@@ -161,11 +161,10 @@ def _check_positions(rows: Rows, source: Path) -> str | None:
     """
     if not may_be_decimal(rows["Lat"], rows["Lon"]):
         return None
-    found = f"Lat and Lon, which are DDMM.mmm in these files, lie {NEAR_ZERO}"
-    remedy = "decimal degrees must be written as DDMM.mmm"
+    found = f"Lat and Lon, read as DDMM.mmm, lie {NEAR_ZERO}"
     if are_not_minutes(rows["Lat"], rows["Lon"]):
-        raise InputError(f"{source}: {found}, and have more decimals or minutes than DDMM.mmm; {remedy}")
-    return f"{found}; {remedy}"
+        raise InputError(f"{source}: {found}, so they are decimal degrees; write them as DDMM.mmm")
+    return f"{found}: if they are decimal degrees, write them as DDMM.mmm"
 
 
 def _describe_heading(rows: Rows, declination: float | None) -> tuple[str, tuple[str, ...]]:

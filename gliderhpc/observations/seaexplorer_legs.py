@@ -83,7 +83,9 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
     for start, stop in _stretches(rows, is_gliding(rows["NavState"], include_surfacing=include_surfacing)):
         leg = _trim(rows, start, stop)
         dive = _dive(rows["Depth"][leg.start : leg.stop])
-        if dive < MIN_DIVE:
+        if dive < MIN_DIVE and legs and _is_rest(rows, start, stop, legs[-1]):
+            refused[legs[-1].number] = _second_part(rows, start)
+        elif dive < MIN_DIVE:
             # A dive of less than a metre is a floating glider with a wrong state, or the end of the previous climb.
             if dive >= SUBMERGED and np.any(rows["NavState"][start:stop] != CLIMBING):
                 refused[leg.number] = f"too shallow: dives {dive:.0f} m, but at least {MIN_DIVE:g} m are needed"
@@ -92,6 +94,13 @@ def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg]
         else:
             legs.append(leg)
     return legs, _cycles_without(rows, legs, refused)
+
+
+def _is_rest(rows: Rows, start: int, stop: int, leg: Leg) -> bool:
+    """Return whether a stretch is the rest of a leg that a pause of the record broke under water."""
+    deepest = float(np.nanmax(rows["Depth"][start:stop]))
+    follows = leg.stop == start and rows.part[start] - rows.part[start - 1] <= 1
+    return follows and rows.time[start] - rows.time[start - 1] > RECORD_BREAK and deepest > MIN_DIVE
 
 
 def _second_part(rows: Rows, start: int) -> str:

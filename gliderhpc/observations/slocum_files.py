@@ -327,18 +327,16 @@ def _check_positions(dataset: xr.Dataset, path: Path) -> None:
     accepted, typical = _accepted("position in degree"), typical_position(latitude, longitude)
     if typical is None:
         return
-    found = f"{path}: m_gps_lat and m_gps_lon are in '{units[0]}' and '{units[1]}', "
-    values = f"but are {typical[0]:.6g} and {typical[1]:.6g} in magnitude"
+    values = f"{path}: m_gps_lat and m_gps_lon ({typical[0]:.6g} and {typical[1]:.6g} in magnitude), "
+    declared = f"in '{units[0]}' and '{units[1]}' as declared, lie"
     if all(accepted[unit.lower()] is decimal_degrees for unit in units):
         if may_be_decimal(latitude, longitude):
             raise InputError(
-                f"{found}which is DDMM.mmmm, {values}, {NEAR_ZERO}; if they are decimal degrees, set their units to "
-                "'degree'; if not, convert them to decimal degrees and do the same"
+                f"{values}{declared} {NEAR_ZERO}; if they are decimal degrees, set their units to 'degree'; if they "
+                "are DDMM.mmmm, convert them to decimal degrees and do the same"
             )
     elif all(unit.lower().startswith("deg") for unit in units) and are_not_decimal(latitude, longitude):
-        raise InputError(
-            f"{found}{values}, which is not on the globe; if they are DDMM.mmmm, set their units to 'lat' and 'lon'"
-        )
+        raise InputError(f"{values}{declared} off the globe; if they are DDMM.mmmm, set their units to 'lat' and 'lon'")
 
 
 def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:

@@ -99,7 +99,11 @@ def test_the_attributes_state_what_was_done(tmp_path):
     assert attributes["ballast_volume_comment"] == "m_ballast_pumped in cm3"
     assert "to starboard" in attributes["rudder_comment"]
     assert "PSS-78" in attributes["ctd_comment"]
-    assert len(set(summary.remarks) & set(attributes.values())) == 5
+    assert [remark.split()[0] for remark in summary.remarks] == [
+        "heading", "battery_position", "battery_rotation", "ballast_volume", "rudder", "1",
+    ]  # fmt: skip
+    for name in ("heading", "battery_rotation", "ballast_volume", "rudder"):
+        assert f"{name} is {attributes[f'{name}_comment']}" in summary.remarks
 
 
 def test_units_are_those_that_the_file_declares(tmp_path):
