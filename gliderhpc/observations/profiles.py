@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
 
 
 def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -235,4 +236,4 @@ def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
 def describe_numbers(numbers: Iterable[int]) -> str:
     """Describe which profiles there are, for a message that refuses another."""
     ordered = sorted(numbers)
-    return f"{ordered[0]} to {ordered[-1]} ({len(ordered)} profiles)" if ordered else "none"
+    return f"{ordered[0]} to {ordered[-1]} ({counted(len(ordered), 'profile')})" if ordered else "none"
