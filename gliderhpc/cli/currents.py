@@ -60,11 +60,8 @@ def currents(
     stated = {} if deployment is None else read_deployment(deployment)
     found = estimate_currents(files, platform=platform, declination=declination).assign_attrs(stated)
     _write(found, out, overwrite)
-    results().print(
-        table(
-            f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}", _rows(found), _HEADINGS, _WORDS
-        )
-    )
+    title = f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}"
+    results().print(table(title, _rows(found), _HEADINGS, _WORDS))
     if found.attrs["comment"] != "none":
         say(found.attrs["comment"])
     known = int(np.isfinite(found["dac_north"]).sum())
