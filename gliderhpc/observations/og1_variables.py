@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import Term
+from gliderhpc.observations.columns import FACTORS, Term
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
@@ -132,18 +132,21 @@ def read_depth(file: ForeignFile) -> FloatArray:
     Raises
     ------
     InputError
-        The depth is negative under water, although the file does not declare it as positive up.
+        The sign of the depth under water is not the declared one; without a declaration it is positive.
     """
     name = DEPTH.require(file, "depth")
     sense = -1.0 if file.attribute("positive", name).strip().lower() == "up" else 1.0
     depth = sense * file.converted(name, DEPTH.unit)
     # The file's own limits, such as valid_min = 0, may hide the negative values.
-    lowest = float(np.min(sense * file.unlimited(name), initial=0.0))
+    factor = FACTORS[DEPTH.unit].get(file.attribute("units", name).strip().lower(), 1.0)
+    lowest = factor * float(np.min(sense * file.unlimited(name), initial=0.0))
     if lowest < -MIN_DEPTH and not np.any(depth > MIN_DEPTH):
-        raise InputError(
-            f"{file.path}: {name} is negative under water (down to {lowest:.4g}); make it positive down, or set its "
-            "attribute positive to 'up'"
+        found, remedy = (
+            ("negative under water", "make it positive down, or set its attribute positive to 'up'")
+            if sense > 0.0
+            else ("positive under water, but declared positive up", "correct its attribute positive")
         )
+        raise InputError(f"{file.path}: {name} is {found} ({sense * lowest:.4g} m); {remedy}")
     return depth
 
 

@@ -234,13 +234,19 @@ def lift_depth(limits, **attributes):
 
 @pytest.mark.parametrize("limits", [True, False], ids=["valid_min 0", "no limits"])
 def test_a_depth_that_is_negative_under_water_is_refused(tmp_path, limits):
-    with pytest.raises(InputError, match=r"DEPTH is negative under water \(down to -100\); make it positive down"):
+    with pytest.raises(InputError, match=r"DEPTH is negative under water \(-100 m\); make it positive down"):
         import_og1([og1_file(tmp_path, lift_depth(limits))], tmp_path / "out.nc")
 
 
 def test_a_depth_that_is_declared_positive_up_is_reversed(tmp_path):
     summary = import_og1([og1_file(tmp_path, lift_depth(False, positive="up"))], tmp_path / "out.nc")
     assert [round(profile.max_depth) for profile in summary.complete] == [100, 100]
+
+
+def test_a_positive_depth_that_is_declared_positive_up_is_refused(tmp_path):
+    path = og1_file(tmp_path, lambda variables: variables["DEPTH"].setncatts({"positive": "up"}))
+    with pytest.raises(InputError, match=r"positive under water, but declared positive up \(100 m\); correct its"):
+        import_og1([path], tmp_path / "out.nc")
 
 
 def test_an_og1_file_without_gps_is_reported(tmp_path):
