@@ -1,4 +1,4 @@
-"""Messages for callers from Python, with arguments in place of the commands' options."""
+"""Wording of messages: numbers of things, and arguments in place of the commands' options for callers from Python."""
 
 import re
 from collections.abc import Callable
@@ -30,6 +30,19 @@ _OPTIONS = (
     (rf"{_BEFORE}--({_SAME}){_AFTER}", r"\1"),
 )
 """Patterns of the commands' options in messages, each with its argument in Python."""
+
+
+def counted(count: int, one: str, several: str = "") -> str:
+    """Return a number of things, such as ``1 profile`` or ``3 profiles``.
+
+    Parameters
+    ----------
+    count : int
+        The number.
+    one, several : str
+        Name of the things in the singular and in the plural; by default the plural has an ``s`` at its end.
+    """
+    return f"{count} {one if count == 1 else several or f'{one}s'}"
 
 
 def speaks_python(function: Callable[Given, Returned]) -> Callable[Given, Returned]:

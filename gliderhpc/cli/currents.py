@@ -13,6 +13,7 @@ from gliderhpc.cli.messages import say
 from gliderhpc.cli.options import Finite, deployment, overwrite
 from gliderhpc.output_files import check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
+from gliderhpc.wording import counted
 
 _HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark")
 _WORDS = ("start", "remark")
@@ -59,9 +60,8 @@ def currents(
     stated = {} if deployment is None else read_deployment(deployment)
     found = estimate_currents(files, platform=platform, declination=declination).assign_attrs(stated)
     _write(found, out, overwrite)
-    results().print(
-        table(f"depth-averaged currents of {found.sizes['profile']} profiles", _rows(found), _HEADINGS, _WORDS)
-    )
+    title = f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}"
+    results().print(table(title, _rows(found), _HEADINGS, _WORDS))
     if found.attrs["comment"] != "none":
         say(found.attrs["comment"])
     known = int(np.isfinite(found["dac_north"]).sum())

@@ -24,6 +24,7 @@ from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.output_files import check_output, write_text
 from gliderhpc.report.tuning import HEADINGS, content, finding_row
 from gliderhpc.tuning.record_checks import Inspection
+from gliderhpc.wording import counted
 
 
 @click.group("import")
@@ -78,6 +79,12 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     help="LinPos at which battery_position is zero.",
 )
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
+@click.option(
+    "--declination",
+    type=options.Finite(-180.0, 180.0),
+    metavar="DEGREE",
+    help="Magnetic declination, east positive, instead of that in the files.",
+)
 @options.overwrite
 def seaexplorer(
     sources: tuple[Path, ...],
@@ -85,6 +92,7 @@ def seaexplorer(
     linear_scale: float,
     linear_zero: float,
     include_surfacing: bool,
+    declination: float | None,
     overwrite: bool,
 ) -> int:
     """Import an ALSEAMAR SeaExplorer mission.
@@ -102,6 +110,7 @@ def seaexplorer(
         linear_scale=linear_scale,
         linear_zero=linear_zero,
         include_surfacing=include_surfacing,
+        declination=declination,
         overwrite=overwrite,
     )
     return _print_summary(summary, results())
@@ -206,26 +215,28 @@ def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwri
 
 
 def _print_summary(summary: ImportSummary, console: Console) -> int:
-    """Print the summary and return the exit status, 1 if a file could not be used."""
+    """Print the summary and return the exit status: 1 if a file could not be used, or no profile can be inverted."""
     console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
     for line in _lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    return 1 if summary.rejected else 0
+    return 1 if summary.rejected or not summary.complete else DONE
 
 
 def _lines(summary: ImportSummary) -> list[str]:
     """Return the lines below the table; excluded files come just before the last line, the result."""
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
+    pieces = summary.pieces
+    left_out = counted(len(summary.rejected), f"{pieces.removesuffix('s')} or file", f"{pieces} or files")
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
         *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
         *summary.remarks,
-        f"{summary.rows} rows every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
+        f"{counted(summary.rows, 'row')} every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
         f"dropped: {dropped}",
-        f"{summary.fixes} fixes; {summary.fixes_dropped} implausible ones left out",
+        f"{counted(summary.fixes, 'fix', 'fixes')}; {counted(summary.fixes_dropped, 'implausible one')} left out",
         *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
-        f"{len(summary.profiles)} profiles, {len(summary.complete)} complete, written to {summary.path}"
-        + (f"; {len(summary.rejected)} {summary.pieces} or files left out" if summary.rejected else ""),
+        f"{counted(len(summary.profiles), 'profile')}, {len(summary.complete)} complete, written to {summary.path}"
+        + (f"; {left_out} left out" if summary.rejected else ""),
     ]
 
 
@@ -297,7 +308,7 @@ def inspect(
 def _print_findings(found: Inspection) -> None:
     say_left_out(found.left_out)
     rows = [finding_row(finding)[:7] for finding in found.findings]
-    results().print(table(f"records of {len(found.profiles)} profiles", rows, HEADINGS[:7], _WORDS))
+    results().print(table(f"records of {counted(len(found.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
     for finding in found.findings:
         say(f"{finding.quantity}: {finding.remark}")
     for finding in found.found:

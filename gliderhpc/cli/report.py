@@ -14,6 +14,7 @@ from gliderhpc.report.exports.og1 import ExportSummary, export_og1
 from gliderhpc.report.exports.og1_vocabulary import SINGLE
 from gliderhpc.report.page import write_report
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import counted
 from gliderhpc.yaml_text import split_assignment
 
 
@@ -151,5 +152,6 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 def _print(summary: ExportSummary) -> None:
     say_left_out(summary.left_out)
     if summary.unknown:
-        say(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
-    say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")
+        say(f"note: OG1 requires {', '.join(summary.unknown)}; give each as --attribute NAME=VALUE")
+    counts = (counted(len(summary.profiles), "profile"), counted(summary.rows, "row"))
+    say(f"{', '.join(counts)}, {counted(summary.fixes, 'fix', 'fixes')}, written to {summary.path}")

@@ -220,6 +220,18 @@ class ForeignFile(NamedColumns):
         # An infinite value was not measured.
         return np.where(np.isfinite(numbers), numbers, np.nan)
 
+    def unlimited(self, name: str) -> FloatArray:
+        """Finite values of a variable as stored, including those outside the limits that the file declares."""
+        variable = self._file.variables[name]
+        variable.set_auto_mask(False)
+        try:
+            values = np.asarray(self._read(name), dtype=np.float64).ravel()
+        finally:
+            variable.set_auto_mask(True)
+        fill = float(getattr(variable, "_FillValue", np.nan))
+        found: FloatArray = values[np.isfinite(values) & (values != fill)]
+        return found
+
     def number(self, name: str) -> float:
         """Value of a scalar, NaN if the file does not have it."""
         values = self.numbers(name) if name in self else np.zeros(0)

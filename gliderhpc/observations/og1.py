@@ -20,19 +20,21 @@ from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
-    DEPTH,
     DIVE,
     TIME,
     Declination,
     check_complete,
+    describe_fixes,
     find_declination,
     read_controls,
     read_currents,
+    read_depth,
     read_flight_model,
     read_gps,
     read_seawater,
     read_speeds,
 )
+from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
@@ -274,6 +276,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
     check_complete(file)
     samples, turned, absent = _read_samples(file, declination)
+    doubt = _check_heading(file)
     numbers = _dive_numbers(file, samples)
     rows = np.flatnonzero(_has_attitude(samples))
     time = samples["time"][rows].astype("datetime64[ns]")
@@ -303,7 +306,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         without_dive=without,
         lost=lost,
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=tuple(remarks),
+        remarks=(*([f"{file.path.name}: {doubt}"] if doubt else []), *describe_fixes(file, fixes), *remarks),
     )
 
 
@@ -313,7 +316,7 @@ def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
         "time": file.times(TIME.require(file, "time")),
-        "depth": file.converted(DEPTH.require(file, "depth"), "m"),
+        "depth": read_depth(file),
         **{what: file.converted(name, "degree") for what, name in names.items()},
     }
     samples["heading"] = np.mod(_floats(samples["heading"]) + turned.angle, 360.0)
@@ -321,6 +324,13 @@ def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns
     samples |= controls | read_seawater(file)
     check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
     return samples, turned, absent
+
+
+def _check_heading(file: ForeignFile) -> str | None:
+    """Check the unit of a file's heading, before a declination is added (`check_heading_unit`)."""
+    name = ATTITUDE["heading"].require(file, "heading")
+    heading = file.converted(name, "degree")
+    return check_heading_unit(heading, {0: (0, len(heading))}, str(file.path), name)
 
 
 def _floats(values: npt.NDArray[np.generic]) -> FloatArray:

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import Term
+from gliderhpc.observations.columns import FACTORS, Term
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
+from gliderhpc.observations.profiles import MIN_DEPTH
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.validation import Span
@@ -106,7 +107,14 @@ def check_complete(file: ForeignFile) -> None:
         f"{file.path}: has no {first} ({terms[first].describe()}){_remedy(file, lacking)}"
         + (f"; it also lacks {', '.join(others)}" if others else "")
         + (f"; it has {found}" if found else "")
+        + _pressure_instead(file, lacking)
     )
+
+
+def _pressure_instead(file: ForeignFile, lacking: Container[str]) -> str:
+    pressure = SEAWATER["pressure"].find(file)
+    possible = pressure and "depth" in lacking and "ballast volume" not in lacking
+    return f"; compute DEPTH (m, positive down) from {pressure}" if possible else ""
 
 
 def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
@@ -116,6 +124,30 @@ def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
     if "ballast volume" in lacking:
         return f"; without the ballast, which drives the glide, there is nothing to invert; {OWN_FILES}"
     return ""
+
+
+def read_depth(file: ForeignFile) -> FloatArray:
+    """Depth (m), ``(n,)``, positive down; NaN where missing.
+
+    Raises
+    ------
+    InputError
+        The sign of the depth under water is not the declared one; without a declaration it is positive.
+    """
+    name = DEPTH.require(file, "depth")
+    sense = -1.0 if file.attribute("positive", name).strip().lower() == "up" else 1.0
+    depth = sense * file.converted(name, DEPTH.unit)
+    # The file's own limits, such as valid_min = 0, may hide the negative values.
+    factor = FACTORS[DEPTH.unit].get(file.attribute("units", name).strip().lower(), 1.0)
+    lowest = factor * float(np.min(sense * file.unlimited(name), initial=0.0))
+    if lowest < -MIN_DEPTH and not np.any(depth > MIN_DEPTH):
+        found, remedy = (
+            ("negative under water", "make it positive down, or set its attribute positive to 'up'")
+            if sense > 0.0
+            else ("positive under water, but declared positive up", "correct its attribute positive")
+        )
+        raise InputError(f"{file.path}: {name} is {found} ({sense * lowest:.4g} m); {remedy}")
+    return depth
 
 
 REJECTED = (3.0, 4.0, 9.0)
@@ -161,6 +193,18 @@ def read_gps(file: ForeignFile) -> Fixes:
     names = [term.find(file) for term in (FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)]
     found = [name for name in names if name is not None]
     return read_fixes(file, found) if len(found) == len(names) else Fixes.none()
+
+
+def describe_fixes(file: ForeignFile, fixes: Fixes) -> tuple[str, ...]:
+    """Return a remark if a file has no GPS fix."""
+    if len(fixes.time):
+        return ()
+    names = (*FIX_LATITUDE.names, *FIX_LONGITUDE.names)
+    there = FIX_LATITUDE.find(file) and FIX_LONGITUDE.find(file)
+    found = f"no position in {' and '.join(names)}" if there else f"no {' or '.join(names)}"
+    positions = [name for name in ("LATITUDE", "LONGITUDE") if name in file]
+    instead = f"; `gliderhpc currents` uses {' and '.join(positions)} at the surface" if len(positions) == 2 else ""
+    return (f"{file.path.name}: has {found}, so there are no GPS fixes and no currents{instead}",)
 
 
 def read_currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: Sequence[Span]) -> Columns:

@@ -1,5 +1,6 @@
 """Profiles, and dive-climb cycles within a profile, detected from depth alone; a choice among profiles."""
 
+import logging
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
@@ -8,6 +9,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
 
 
 def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -16,6 +18,8 @@ def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+log = logging.getLogger(__name__)
+
 IntArray = npt.NDArray[np.int64]
 
 SURFACE_MARGIN = 2.0
@@ -23,6 +27,16 @@ SURFACE_MARGIN = 2.0
 
 MIN_DEPTH = 10.0
 """Depth below the surface threshold that an excursion must reach to be a profile (m)."""
+
+MAX_FLOATING_LEVEL = 5.0
+"""Greatest depth reading of a floating glider without an offset (m)."""
+
+MAX_OFFSET_LEVEL = 15.0
+"""Greatest depth reading of a floating glider with an offset (m): the atmosphere makes 10 m."""
+
+MIN_STAY, MIN_STAYS = 180.0, 2
+"""Duration (s) and number of the stays that make a level other than 0 to 5 m the surface; a glider that turns under
+water does so faster."""
 
 MIN_SURFACE_TIME = 60.0
 """Least duration of a surfacing (s); a shorter visit above the threshold is the turning point of a yo."""
@@ -66,10 +80,8 @@ def detect_profiles(
     filled = _fill(time, depth)
     if filled is None:
         return numbers
-    if surface_level is None:
-        below = filled - surface_threshold(filled, surface_margin)
-    else:
-        below = filled - (surface_level + surface_margin)
+    level = _floating_level(time, filled, surface_margin) if surface_level is None else surface_level
+    below = filled - (level + surface_margin)
     runs = _split(stretches(below > 0.0), time, record_break)
     under_way = _merge_yos(runs, time, minimum_surface_time)
     dives = [(start, stop) for start, stop in under_way if below[start:stop].max() >= minimum_depth]
@@ -78,13 +90,31 @@ def detect_profiles(
     return numbers
 
 
-def surface_threshold(depth: FloatArray, margin: float = SURFACE_MARGIN) -> float:
-    """Depth above which a glider counts as surfaced (m).
+def _floating_level(time: FloatArray, depth: FloatArray, margin: float) -> float:
+    """Depth reading of a floating glider (m), from the record alone.
 
     The pressure sensor is in the nose, which points down while the tail antenna transmits, so a floating glider reads
-    between 0 and 3 m. The floating level is therefore taken as the 0.5 % quantile of the record's depths.
+    between 0 and 3 m. The floating level is therefore taken as the 0.5 % quantile of the record's depths. A quantile
+    above 5 m is the floating level only if the glider returns to it between dives and stays there, as it does where the
+    depth includes the pressure of the atmosphere.
     """
-    return float(np.clip(np.quantile(depth, 0.005), 0.0, 5.0)) + margin
+    shallowest = float(np.quantile(depth, 0.005))
+    if shallowest <= MAX_FLOATING_LEVEL:
+        return max(shallowest, 0.0)
+    stays, expected = (_count_stays(time, depth, level + margin) for level in (shallowest, MAX_FLOATING_LEVEL))
+    if shallowest > MAX_OFFSET_LEVEL or stays < MIN_STAYS or stays <= expected:
+        return MAX_FLOATING_LEVEL
+    log.warning(
+        "depth is rarely less than %.1f m, where the glider stays between dives: this level is taken as the surface; "
+        "subtract it if it is an offset, such as the pressure of the atmosphere",
+        shallowest,
+    )
+    return shallowest
+
+
+def _count_stays(time: FloatArray, depth: FloatArray, threshold: float) -> int:
+    """Count the visits above a threshold (m) that are too long for the turning point of a yo."""
+    return sum(bool(time[stop - 1] - time[start] >= MIN_STAY) for start, stop in stretches(depth <= threshold))
 
 
 def cycle_boundaries(depth: FloatArray, fraction: float = 0.05) -> IntArray:
@@ -186,8 +216,9 @@ def dive_span(
     """
     deepest = float(np.max(depth, where=np.isfinite(depth), initial=-np.inf))
     if not deepest >= minimum:
-        reached = f"dives to {deepest:.0f} m" if np.isfinite(deepest) else "has no depth"
-        raise ProfileError(f"too shallow: {reached}, but at least {minimum:g} m are needed")
+        if not np.isfinite(deepest):
+            raise ProfileError("has no depth")
+        raise ProfileError(f"too shallow: dives to {deepest:.0f} m, but at least {minimum:g} m are needed")
     first, last = np.flatnonzero(depth > begin), np.flatnonzero(depth > end)
     if not len(first) or not len(last):
         raise ProfileError(
@@ -205,4 +236,4 @@ def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
 def describe_numbers(numbers: Iterable[int]) -> str:
     """Describe which profiles there are, for a message that refuses another."""
     ordered = sorted(numbers)
-    return f"{ordered[0]} to {ordered[-1]} ({len(ordered)} profiles)" if ordered else "none"
+    return f"{ordered[0]} to {ordered[-1]} ({counted(len(ordered), 'profile')})" if ordered else "none"

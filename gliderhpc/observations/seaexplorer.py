@@ -14,22 +14,22 @@ time of the next row.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dive_files import number_samples
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, decimal_degrees, drop_outliers
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
-from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.position_form import NEAR_ZERO, are_not_minutes, may_be_decimal
+from gliderhpc.observations.profile_checks import check_heading_unit
+from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.rows import ClockStep, Columns, Rows
 from gliderhpc.observations.seaexplorer_ctd import read_water
 from gliderhpc.observations.seaexplorer_files import find_files, is_seaexplorer_file, read_rows
+from gliderhpc.observations.seaexplorer_legs import TRANSMITTING, find_legs
 from gliderhpc.observations.stored_reads import Reads, read_directly
 
 _NAVIGATION = {
@@ -55,6 +55,7 @@ def import_seaexplorer(
     linear_scale: float = 0.5e-3,
     linear_zero: float = 60.0,
     include_surfacing: bool = False,
+    declination: float | None = None,
     overwrite: bool = False,
     reads: Reads = read_directly,
 ) -> ImportSummary:
@@ -73,6 +74,8 @@ def import_seaexplorer(
         ``LinPos`` at which ``battery_position`` is zero.
     include_surfacing : bool
         Treat the surfacing manoeuvre (``NavState`` 115) as part of a profile.
+    declination : float, optional
+        Declination (degree, east positive) to add to the magnetic heading, instead of the one in the files.
     overwrite : bool
         Replace an existing file.
     reads : Reads
@@ -90,13 +93,21 @@ def import_seaexplorer(
         be written.
     """
     read = partial(
-        _read_mission, scale=linear_scale, zero=linear_zero, include_surfacing=include_surfacing, reads=reads
+        _read_mission,
+        battery=(linear_scale, linear_zero),
+        include_surfacing=include_surfacing,
+        declination=declination,
+        reads=reads,
     )
     return import_mission(read, is_seaexplorer_file, sources, out, overwrite=overwrite)
 
 
 def _read_mission(
-    sources: Sequence[Path], scale: float, zero: float, include_surfacing: bool, reads: Reads
+    sources: Sequence[Path],
+    battery: tuple[float, float],
+    include_surfacing: bool,
+    declination: float | None,
+    reads: Reads,
 ) -> MissionRecords:
     """Read the navigation of every readable cycle; the payload is read later, when the profiles are known."""
     files = find_files(sources)
@@ -109,6 +120,11 @@ def _read_mission(
         raise InputError(next(iter(unreadable.values()), nothing))
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     spans = {leg.number: (leg.start, leg.stop) for leg in legs}
+    heading_note, heading_remarks = _describe_heading(rows, declination)
+    doubts = [
+        _check_positions(rows, sources[0]),
+        check_heading_unit(rows["Heading"], spans, str(sources[0]), "Heading"),
+    ]
     cycles = list(files.navigation)
     return MissionRecords(
         platform="seaexplorer",
@@ -116,21 +132,55 @@ def _read_mission(
         mission=f"{files.vehicle}-M{files.mission}",
         source=f"ALSEAMAR SeaExplorer gli and pld1 text files, cycles {cycles[0]}-{cycles[-1]}",
         pieces="cycles",
-        variables=convert(rows, scale, zero) | {"profile": number_samples(spans, len(rows))},
+        variables=convert(rows, *battery, declination) | {"profile": number_samples(spans, len(rows))},
         spans=spans,
         parts={leg.number: leg.cycles for leg in legs},
         fixes=find_fixes(rows),
-        comments=_describe_processing(scale, zero, include_surfacing),
+        comments=_describe_processing(*battery, include_surfacing, heading_note),
         rejected={f"cycle {cycle}": why for cycle, why in unreadable.items()},
-        without_profile={f"cycle {cycle}": why for cycle, why in without.items()},
+        without_profile={f"cycle {cycle}": why for cycle, why in without.items() if cycle not in spans},
         rows_dropped=dropped,
         rejected_attribute="cycles_rejected",
+        remarks=(
+            *filter(None, doubts),
+            *heading_remarks,
+            *(f"cycle {cycle}: {why}" for cycle, why in without.items() if cycle in spans),
+        ),
         clock_steps=steps,
         water=partial(read_water, files, dropped, reads=reads),
     )
 
 
-def convert(rows: Rows, linear_scale: float, linear_zero: float) -> Columns:
+def _check_positions(rows: Rows, source: Path) -> str | None:
+    """Refuse positions in decimal degrees; return a remark if they may be in decimal degrees, None if they are not.
+
+    Raises
+    ------
+    InputError
+        The positions are not DDMM.mmm; the message gives the remedy.
+    """
+    if not may_be_decimal(rows["Lat"], rows["Lon"]):
+        return None
+    found = f"Lat and Lon, read as DDMM.mmm, lie {NEAR_ZERO}"
+    if are_not_minutes(rows["Lat"], rows["Lon"]):
+        raise InputError(f"{source}: {found}, so they are decimal degrees; write them as DDMM.mmm")
+    return f"{found}: if they are decimal degrees, write them as DDMM.mmm"
+
+
+def _describe_heading(rows: Rows, declination: float | None) -> tuple[str, tuple[str, ...]]:
+    """Describe the correction of the magnetic heading; also return remarks on it."""
+    if declination is not None:
+        return f"magnetic heading plus the given declination, {declination:g} degree", ()
+    known = rows["Declination"][np.isfinite(rows["Declination"])]
+    if len(known) and not known.any():
+        left = "Declination is 0 in every row"
+        return f"magnetic heading: {left}, so none is added", (
+            f"{left}, so the heading is left magnetic: give --declination, or the currents will be rotated by it",
+        )
+    return "magnetic heading plus the declination in the same row of the file", ()
+
+
+def convert(rows: Rows, linear_scale: float, linear_zero: float, declination: float | None = None) -> Columns:
     """Attitude, depth and controls in the units and signs of the observation format.
 
     A positive ``AngPos`` corresponds to starboard down (0.4 degree of roll per degree on SEA035, correlation 0.9),
@@ -144,20 +194,25 @@ def convert(rows: Rows, linear_scale: float, linear_zero: float) -> Columns:
         Battery travel per unit of ``LinPos`` (m).
     linear_zero : float
         ``LinPos`` at which the battery is at its nominal position.
+    declination : float, optional
+        Declination (degree, east positive) instead of that in the rows.
     """
+    east = rows["Declination"] if declination is None else declination
     return {
         "time": rows.time,
         "depth": rows["Depth"],
         "roll": rows["Roll"],
         "pitch": rows["Pitch"],
-        "heading": np.mod(rows["Heading"] + rows["Declination"], 360.0),
+        "heading": np.mod(rows["Heading"] + east, 360.0),
         "battery_position": linear_scale * (rows["LinPos"] - linear_zero),
         "battery_rotation": rows["AngPos"],
         "ballast_volume": rows["BallastPos"],
     }
 
 
-def _describe_processing(linear_scale: float, linear_zero: float, include_surfacing: bool) -> dict[str, str | float]:
+def _describe_processing(
+    linear_scale: float, linear_zero: float, include_surfacing: bool, heading: str
+) -> dict[str, str | float]:
     ending = "the end of the surfacing manoeuvre (NavState 115)" if include_surfacing else "the surfacing manoeuvre"
     return {
         "battery_position_scale": linear_scale,
@@ -165,147 +220,12 @@ def _describe_processing(linear_scale: float, linear_zero: float, include_surfac
         "battery_position_comment": "battery_position = battery_position_scale [m] * (LinPos - battery_position_zero)",
         "battery_rotation_comment": "AngPos taken as degrees, positive with starboard down",
         "ballast_volume_comment": "BallastPos taken as cm3",
-        "heading_comment": "magnetic heading plus the declination in the same row of the file",
+        "heading_comment": heading,
         "profile_comment": f"from the first row below the surface to {ending}; numbered by the cycle in which it "
         "begins",
         "fix_comment": "rows of NavState 116 with a new position; one logged before a pause gets the time of "
         f"its end; those that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
     }
-
-
-DIVING = 100
-INFLECTING_DOWN = 110
-SURFACING = 115
-TRANSMITTING = 116
-CLIMBING = 117
-INFLECTING_UP = 118
-
-_GLIDING = (DIVING, INFLECTING_DOWN, CLIMBING, INFLECTING_UP)
-
-
-def is_gliding(state: FloatArray, *, include_surfacing: bool = False) -> npt.NDArray[np.bool_]:
-    """Mask of the rows in which the glider is gliding below the surface, or leaving it.
-
-    In the surfacing manoeuvre the battery moves fully forward at about 9 m, the nose drops to -70 degrees and the
-    glider rises tail first. The model of the paper does not describe this motion, so it is left out unless requested.
-    """
-    return np.isin(state, (*_GLIDING, SURFACING) if include_surfacing else _GLIDING)
-
-
-SUBMERGED = 1.0
-"""Depth below the floating level at which the hull is under water (m)."""
-
-MIN_DIVE = 10.0
-"""Depth below its beginning that a leg must reach to be a profile (m)."""
-
-MAX_CYCLES = 20_000
-"""Maximum number of cycles of a mission; a larger range of cycle numbers is due to a mistyped number."""
-
-RECORD_BREAK = np.timedelta64(900, "s")
-"""Longest pause of the record within a leg; a longer one splits the leg in two."""
-
-
-@dataclass(frozen=True)
-class Leg:
-    """One stretch of rows below the surface.
-
-    Attributes
-    ----------
-    number : int
-        Number of the profile: the cycle in which it begins to dive.
-    cycles : tuple of int
-        Cycles of its rows, without those that hold only climbing rows.
-    start, stop : int
-        Its first row and the row after its last.
-    """
-
-    number: int
-    cycles: tuple[int, ...]
-    start: int
-    stop: int
-
-
-def find_legs(rows: Rows, *, include_surfacing: bool = False) -> tuple[list[Leg], dict[int, str]]:
-    """Find the profiles of a mission, and the reasons why the other cycles hold none.
-
-    Parameters
-    ----------
-    rows : Rows
-        Navigation rows in time order, with NavState and Depth.
-    include_surfacing : bool
-        Treat the surfacing manoeuvre as part of the profile.
-
-    Returns
-    -------
-    legs : list of Leg
-        Profiles in time order.
-    without : dict of int to str
-        Reasons by number of the cycle in which no profile begins or continues.
-    """
-    legs: list[Leg] = []
-    refused: dict[int, str] = {}
-    for start, stop in _stretches(rows, is_gliding(rows["NavState"], include_surfacing=include_surfacing)):
-        leg = _trim(rows, start, stop)
-        dive = _dive(rows["Depth"][leg.start : leg.stop])
-        if dive < MIN_DIVE:
-            # A dive of less than a metre is a floating glider with a wrong state, or the end of the previous climb.
-            if dive >= SUBMERGED and np.any(rows["NavState"][start:stop] != CLIMBING):
-                refused[leg.number] = f"too shallow: dives {dive:.0f} m, but at least {MIN_DIVE:g} m are needed"
-        elif legs and legs[-1].number == leg.number:
-            refused[leg.number] = "dives twice between surfacings within one file: only the first dive is used"
-        else:
-            legs.append(leg)
-    return legs, _cycles_without(rows, legs, refused)
-
-
-def _stretches(rows: Rows, gliding: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Find the runs of gliding rows, broken at missing files and long pauses."""
-    broken = (np.diff(rows.part) > 1) | (np.diff(rows.time) > RECORD_BREAK)
-    turns = np.flatnonzero(broken | (gliding[1:] != gliding[:-1])) + 1
-    edges = [0, *turns.tolist(), len(rows)]
-    return [(a, b) for a, b in pairwise(edges) if b > a and gliding[a]]
-
-
-def _trim(rows: Rows, start: int, stop: int) -> Leg:
-    """Cut off the rows at the surface, where the glider still floats."""
-    level = _floating_depth(rows, start) + SUBMERGED
-    under = np.flatnonzero(rows["Depth"][start:stop] > level)
-    if len(under):
-        start, stop = start + int(under[0]), start + int(under[-1]) + 1
-    # A file may begin with one or two climbing rows of the previous dive, which do not determine the number.
-    sinking = np.flatnonzero(rows["NavState"][start:stop] != CLIMBING)
-    diving = rows.part[start:stop][sinking] if len(sinking) else rows.part[start:stop]
-    cycles = tuple(np.unique(diving).tolist())
-    return Leg(int(diving[0]), cycles, start, stop)
-
-
-def _floating_depth(rows: Rows, start: int) -> float:
-    """Depth reading of the sensor in the nose at the surface (m): about 1 m if level and 3 m if tail up."""
-    surface = np.flatnonzero(rows["NavState"][:start] == TRANSMITTING)[-10:]
-    if len(surface) == 0:
-        surface = np.flatnonzero(rows["NavState"] == TRANSMITTING)
-    return float(np.median(rows["Depth"][surface])) if len(surface) else 0.0
-
-
-def _dive(depth: FloatArray) -> float:
-    """Greatest depth of a leg below its beginning (m)."""
-    return float(np.nanmax(depth) - depth[0]) if len(depth) else 0.0
-
-
-def _cycles_without(rows: Rows, legs: list[Leg], refused: dict[int, str]) -> dict[int, str]:
-    taken = {cycle for leg in legs for cycle in leg.cycles}
-    present = set(np.unique(rows.part).tolist())
-    without: dict[int, str] = {}
-    first, last = min(present, default=0), max(present, default=-1)
-    # A file name with one digit too many would lead to a million missing files.
-    for cycle in range(first, last + 1) if last - first < MAX_CYCLES else sorted(present):
-        if cycle in refused:
-            without[cycle] = refused[cycle]
-        elif cycle not in present:
-            without[cycle] = "its navigation file is missing"
-        elif cycle not in taken:
-            without[cycle] = "only a surface record"
-    return without
 
 
 LOGGING_PAUSE = np.timedelta64(30, "s")

@@ -225,7 +225,8 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     clock_place = fields.index(clock)
     times: list[np.datetime64] = []
     values: list[list[float]] = []
-    for line in lines:
+    unreadable = ""
+    for number, line in enumerate(lines, start=1):
         parts = line.split(";")
         if len(parts) != len(fields):
             dropped[WRONG_FIELDS] += 1
@@ -234,9 +235,12 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
             time, row = _parse_time(parts[clock_place]), [_parse_number(parts[place]) for place in places]
         except ValueError:
             dropped[UNREADABLE] += 1
+            unreadable = unreadable or f"row {number}: {_unreadable_value(parts, clock, fields, names)}"
             continue
         times.append(time)
         values.append(row)
+    if unreadable and not values:
+        raise InputError(f"{path}: no row can be read; {unreadable}")
     table = np.array(values, dtype=np.float64).reshape(len(values), len(names))
     rows = Rows(
         np.array(times, dtype="datetime64[ns]"),
@@ -270,6 +274,21 @@ def _parse_time(text: str) -> np.datetime64:
 
 def _parse_number(text: str) -> float:
     return float(text) if text.strip() else float("nan")
+
+
+def _unreadable_value(parts: Sequence[str], clock: str, fields: Sequence[str], names: Sequence[str]) -> str:
+    """Describe the first value of a row that cannot be read, and the remedy."""
+    for name in (clock, *names):
+        text = parts[fields.index(name)].strip()
+        try:
+            if name == clock:
+                _parse_time(text)
+            else:
+                _parse_number(text)
+        except ValueError:
+            remedy = "decimals must have a point" if "," in text else "it must be a number"
+            return f"{name} is '{text}'; {'it must be DD/MM/YYYY hh:mm:ss' if name == clock else remedy}"
+    return ""
 
 
 def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:

@@ -13,6 +13,7 @@ from gliderhpc.observations.dive_files import FileRecords, join_files, number_sa
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
+from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.seaglider_dive import (
     BALLAST,
@@ -129,6 +130,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
     dives = list(found.values())
     variables, fixes, steps, rows_dropped = join_files([dive.records for dive in dives])
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
+    doubt = _check_heading(dives, str(sources[0]))
     vehicle = f"SG{glider:03d}"
     return MissionRecords(
         platform="seaglider",
@@ -145,7 +147,10 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
         without_profile=without,
         rows_dropped=rows_dropped,
         rejected_attribute="dives_rejected",
-        remarks=tuple(remark for number, dive in found.items() for remark in _missing_fixes(number, dive)),
+        remarks=(
+            *([doubt] if doubt else []),
+            *(remark for number, dive in found.items() for remark in _missing_fixes(number, dive)),
+        ),
         clock_steps=steps,
     )
 
@@ -176,6 +181,16 @@ def _read_file(path: Path, number: int, centres: Centres) -> _DiveFile:
             layout=_describe_layout(file),
             mission=file.text("sg_cal_mission_title").strip(),
         )
+
+
+def _check_heading(dives: Sequence[_DiveFile], source: str) -> str | None:
+    """Check the unit of the magnetic heading of all dives (`check_heading_unit`)."""
+    magnetic = [
+        np.mod(dive.variables["heading"].astype(np.float64)[dive.start : dive.stop] - dive.declination + 180.0, 360.0)
+        for dive in (item.dive for item in dives)
+    ]
+    joined = np.concatenate(magnetic) - 180.0
+    return check_heading_unit(joined, {0: (0, len(joined))}, source, "eng_head")
 
 
 def _missing_fixes(number: int, found: _DiveFile) -> tuple[str, ...]:

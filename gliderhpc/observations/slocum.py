@@ -17,6 +17,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, SAME_SURFACING, Fixes, drop_outliers
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, Water, describe_reasons, import_mission
+from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns, Rows, onto_nearest
@@ -24,6 +25,7 @@ from gliderhpc.observations.slocum_files import BALLAST_SENSORS, find_files, is_
 from gliderhpc.observations.slocum_records import HANGING_CYCLE, Mission, read_mission
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import Span, profile_spans
+from gliderhpc.wording import counted
 
 RECORD_BREAK = 900.0
 """Longest pause of the record within a profile (s); a longer one is due to a missing file and splits the profile."""
@@ -117,7 +119,8 @@ def _read_records(
     variables["profile"] = np.where(np.isin(profile, list(lost)), 0, profile)
     comments = {"heading_comment": heading_note, **_describe_controls(ballast, *battery, rudder="rudder" in variables)}
     rejected = {path.name: reason for path, reason in mission.rejected.items()}
-    count = f"{len(mission.parts)} flight records"
+    count = counted(len(mission.parts), "flight record")
+    doubt = check_heading_unit(rows["m_heading"], spans, str(sources[0]), "m_heading")
     return MissionRecords(
         platform="slocum",
         vehicle=next(iter(mission.vehicles), ""),
@@ -137,9 +140,15 @@ def _read_records(
         rejected=rejected | {f"profile {number}": reason for number, reason in lost.items()},
         rows_dropped=Counter(mission.dropped),
         dropped_attribute="junk_dropped",
-        remarks=(*comments.values(), count, *_describe_cuts(mission)),
+        remarks=(*([doubt] if doubt else []), *_remarks(comments), count, *_describe_cuts(mission)),
         water=partial(_read_water, mission.science),
     )
+
+
+def _remarks(comments: Mapping[str, str]) -> tuple[str, ...]:
+    """Comments on variables as sentences: the name of the variable, and its origin."""
+    names = {comment: key.removesuffix("_comment") for key, comment in comments.items()}
+    return tuple(text if text.startswith(name) else f"{name} is {text}" for text, name in names.items())
 
 
 def _check_mission(mission: Mission, source: Path) -> None:

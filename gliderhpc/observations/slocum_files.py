@@ -19,6 +19,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import FACTORS
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.foreign import describe_content, refuse_compressed
+from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
 from gliderhpc.observations.times import EARLIEST, LATEST, decode_times
@@ -286,6 +287,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
 def _rows(dataset: xr.Dataset, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Rows:
     seconds = _seconds(dataset[clock], path)
     columns = {sensor.name: _column(dataset, path, clock, sensor) for sensor in sensors}
+    _check_positions(dataset, path)
     return rows_of_seconds(seconds, part, columns)
 
 
@@ -308,6 +310,33 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
     convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
     values = np.asarray(array.values, dtype=np.float64)
     return convert(np.where(np.isfinite(values), values, np.nan))
+
+
+_POSITIONS = ("m_gps_lat", "m_gps_lon")
+
+
+def _check_positions(dataset: xr.Dataset, path: Path) -> None:
+    """Refuse positions that are not in the declared form, DDMM.mmmm or decimal degrees.
+
+    Programs that decode binary files convert positions to decimal degrees, and may leave the unit as it was.
+    """
+    if not all(name in dataset.variables for name in _POSITIONS):
+        return
+    latitude, longitude = (np.asarray(dataset[name].values, dtype=np.float64) for name in _POSITIONS)
+    units = [str(dataset[name].attrs["units"]).strip() for name in _POSITIONS]
+    accepted, typical = _accepted("position in degree"), typical_position(latitude, longitude)
+    if typical is None:
+        return
+    values = f"{path}: m_gps_lat and m_gps_lon ({typical[0]:.6g} and {typical[1]:.6g} in magnitude), "
+    declared = f"in '{units[0]}' and '{units[1]}' as declared, lie"
+    if all(accepted[unit.lower()] is decimal_degrees for unit in units):
+        if may_be_decimal(latitude, longitude):
+            raise InputError(
+                f"{values}{declared} {NEAR_ZERO}; if they are decimal degrees, set their units to 'degree'; if they "
+                "are DDMM.mmmm, convert them to decimal degrees and do the same"
+            )
+    elif all(unit.lower().startswith("deg") for unit in units) and are_not_decimal(latitude, longitude):
+        raise InputError(f"{values}{declared} off the globe; if they are DDMM.mmmm, set their units to 'lat' and 'lon'")
 
 
 def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:

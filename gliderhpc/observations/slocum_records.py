@@ -11,8 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
 from gliderhpc.observations.slocum_binary import BinaryReader
 from gliderhpc.observations.slocum_files import (
@@ -33,11 +35,20 @@ CLOCK_NOT_SET = "clock not set"
 HUNG = "measurements of a delayed cycle of the computer"
 
 HANGING_CYCLE = 2.0
-"""Length of a cycle of the flight computer, in medians, above which it was waiting for a sensor (mostly the compass).
+"""Length of a cycle of the flight computer, in usual cycles, above which it was waiting for a sensor (mostly the
+compass).
 
 The record of such a cycle has the time of its beginning, but the delayed measurement and the following ones are from
 its end. On the mission of modena, the depth in such a record is in error by 3 m during the climb.
 """
+
+NEIGHBOURING_CYCLES = 20
+"""Cycles before and as many after a cycle that show whether the sampling rate has changed there. On the mission of
+modena the compass delays up to 19 cycles in a row, which is no change of the rate."""
+
+CHANGED_RATE = 2.0
+"""Ratio of the median length of the neighbouring cycles to the mission's, or its inverse, above which the sampling rate
+has changed."""
 
 _MEASURED = ("m_depth", "m_pitch", "m_roll", "m_heading")
 
@@ -179,10 +190,20 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
 
 def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
     """Replace the measurements of delayed cycles, whose time is unknown, by NaN."""
-    lasted = np.diff(rows.time)
-    hung = np.flatnonzero(lasted > HANGING_CYCLE * np.median(lasted)) if len(lasted) else np.zeros(0, dtype=int)
+    lasted = np.asarray(np.diff(rows.time) / np.timedelta64(1, "s"), dtype=np.float64)
+    hung = np.flatnonzero(lasted > HANGING_CYCLE * _usual_cycles(lasted))
     for name in _MEASURED:
         rows[name][hung] = np.nan
     if len(hung):
         dropped[HUNG] += len(hung)
     return rows
+
+
+def _usual_cycles(lasted: FloatArray) -> FloatArray:
+    """Return the usual length (s) at each cycle: the mission's median, or the neighbours' if the rate has changed."""
+    if not len(lasted):
+        return lasted
+    usual = float(np.median(lasted))
+    around = scipy.ndimage.median_filter(lasted, 2 * NEIGHBOURING_CYCLES + 1, mode="mirror")
+    changed = (around > CHANGED_RATE * usual) | (around < usual / CHANGED_RATE)
+    return np.where(changed, around, usual)

@@ -10,6 +10,12 @@ import xarray as xr
 from gliderhpc.errors import InputError
 
 _UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
+_VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.IGNORECASE)
+"""A number, or a time in ISO 8601."""
+
+_NUMERIC_UNITS = ("1", "1e-3", "0.001")
+"""Units of dimensionless quantities."""
+
 _TIME_UNIT = "utc"
 """Unit in ERDDAP tables of times in ISO 8601."""
 
@@ -49,6 +55,7 @@ def read_table(path: Path) -> xr.Dataset:
         ]
         units = ["" if head is None else head["unit"] for head in heads]
     elif len(table):
+        _check_units(table.iloc[0].astype(str).str.strip(), path)
         names, units = [str(column) for column in table.columns], [str(unit) for unit in table.iloc[0]]
         table = table.iloc[1:]
     else:
@@ -58,6 +65,23 @@ def read_table(path: Path) -> xr.Dataset:
         for place, (name, unit) in enumerate(zip(names, units, strict=True))
     }
     return xr.Dataset(columns, attrs={"title": "ERDDAP table", "id": path.stem})
+
+
+def _check_units(units: pd.Series, path: Path) -> None:
+    """Refuse a table whose second row contains values in place of units.
+
+    Raises
+    ------
+    InputError
+        The row contains a time, or a number that is no unit.
+    """
+    values = {name: text for name, text in units.items() if _VALUE.fullmatch(text) and text not in _NUMERIC_UNITS}
+    if values:
+        name, text = next(iter(values.items()))
+        raise InputError(
+            f"{path}: has values where an ERDDAP table has its units, in the row after the names ({name} is '{text}'); "
+            "insert a row of units, such as UTC, degrees_north, m, degree"
+        )
 
 
 def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.ndarray, dict[str, str]]:

@@ -88,6 +88,29 @@ def check_time_unit(units: str, calendar: str, where: str) -> None:
     decode_times(np.zeros(0), units, calendar, where)
 
 
+def time_resolution(values: npt.NDArray[np.generic], units: str, where: str) -> float:
+    """Distance (s) between neighbouring numbers of the type of stored times, at their median; 0 for integers.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Values in the file.
+    units : str
+        Their CF unit.
+    where : str
+        Names of the file and the variable in messages.
+
+    Raises
+    ------
+    InputError
+        The unit is not a unit of time.
+    """
+    if not np.issubdtype(values.dtype, np.floating) or not np.isfinite(values).any():
+        return 0.0
+    typical = np.median(np.abs(values[np.isfinite(values)]))
+    return float(np.spacing(typical.astype(values.dtype))) * _unit_and_reference(units, where)[0]
+
+
 def plausible_times(time: TimeArray) -> npt.NDArray[np.bool_]:
     """Mask ``(n,)`` of the times that are present and in the years of gliders."""
     return np.asarray((time >= EARLIEST) & (time < LATEST))

@@ -29,6 +29,7 @@ from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.tuning.turn_test import TurnTestSettings
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -230,8 +231,8 @@ def check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {count} profiles besides those held out, but at least {MIN_PROFILES} are "
-            "needed; name more --profiles, or hold fewer out"
+            f"calibration: steady flight in {counted(count, 'profile')} besides those held out, but at least "
+            f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
         )
 
 

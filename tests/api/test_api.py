@@ -26,7 +26,7 @@ from gliderhpc.mission.cluster import UnseenFileError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
-from gliderhpc.wording import python_words
+from gliderhpc.wording import counted, python_words
 
 pytestmark = pytest.mark.compiled
 
@@ -591,6 +591,11 @@ def test_messages_name_arguments():
     assert (
         python_words("leave the longest profiles out with --profiles") == "leave the longest profiles out with profiles"
     )
+
+
+def test_numbers_of_things():
+    assert [counted(count, "profile") for count in (0, 1, 2)] == ["0 profiles", "1 profile", "2 profiles"]
+    assert [counted(count, "fix", "fixes") for count in (1, 3)] == ["1 fix", "3 fixes"]
 
 
 @pytest.mark.parametrize("message", ["data/run--out.nc: no such file", "/d/m--profiles/a.nc: absent", "a --out.nc"])

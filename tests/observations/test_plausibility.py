@@ -175,6 +175,31 @@ def test_times_that_no_clock_gives_are_named(tmp_path, value):
         assert observations.profile(1).time[-1] == pytest.approx(SAMPLES - 1)
 
 
+@pytest.mark.parametrize(("units", "step"), [("seconds since 1970-01-01", 128), ("days since 1950-01-01", 169)])
+def test_times_of_too_coarse_a_type_are_refused(tmp_path, units, step):
+    def edit(dataset, kind):
+        unit, reference = units.split(" since ")
+        seconds = (mission()["time"] - np.datetime64(reference, "ns")) / np.timedelta64(1, "s")
+        values = (seconds / {"seconds": 1.0, "days": 86_400.0}[unit]).astype(kind)
+        return dataset.assign(time=("time", values, {"units": units, "standard_name": "time"}))
+
+    with pytest.raises(InputError, match=rf"time is stored as float32, which resolves '{units}' to {step} s only"):
+        open_observations(edited(tmp_path, lambda dataset: edit(dataset, np.float32)))
+    with open_observations(edited(tmp_path, lambda dataset: edit(dataset, np.float64))) as observations:
+        assert observations.faults == {}
+
+
+def test_seconds_since_the_start_may_be_single_precision(tmp_path):
+    def edit(dataset):
+        seconds = ((mission()["time"] - START) / np.timedelta64(1, "s")).astype(np.float32)
+        seconds[-1] = np.float32(9.96921e36)
+        units = f"seconds since {str(START.astype('datetime64[s]')).replace('T', ' ')}"
+        return dataset.assign(time=("time", seconds, {"units": units, "_FillValue": np.float32(9.96921e36)}))
+
+    with open_observations(edited(tmp_path, edit)) as observations:
+        assert list(observations.faults) == [3], "only the profile without its last time"
+
+
 def test_a_zone_by_name_is_refused(tmp_path):
     def edit(dataset, zone):
         dataset["time"].attrs["units"] += zone

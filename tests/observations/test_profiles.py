@@ -106,6 +106,23 @@ def test_the_level_afloat_may_be_known():
     assert depth[numbers == 2].min() > 6.0
 
 
+@pytest.mark.parametrize("offset", [8.0, 10.13, 14.0])
+def test_profiles_of_a_record_with_an_offset_of_depth(offset, caplog):
+    depth = record([100.0, 80.0, 120.0], 300, 0.5)
+    time = np.arange(len(depth), dtype=float)
+    np.testing.assert_array_equal(detect_profiles(time, depth + offset), detect_profiles(time, depth))
+    (message,) = caplog.messages
+    assert f"depth is rarely less than {offset + 0.5:.1f} m" in message
+
+
+@pytest.mark.parametrize(("turn", "stay"), [(10.0, 100), (20.0, 400)], ids=["short", "deep"])
+def test_yos_that_turn_or_stay_below_the_surface_are_one_profile(turn, stay, caplog):
+    parts = [np.concatenate([yo(maximum, turn), np.full(stay, turn)]) for maximum in (100.0, 80.0, 120.0)]
+    depth = np.concatenate(parts)
+    assert set(detect_profiles(np.arange(len(depth), dtype=float), depth)) == {1}
+    assert caplog.messages == []
+
+
 @pytest.mark.parametrize(("longest", "expected"), [(1000.0, 1), (800.0, 2)])
 def test_a_long_pause_breaks_a_profile(longest, expected):
     depth = record([100.0], 200, 1.0)

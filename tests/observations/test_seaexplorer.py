@@ -14,7 +14,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.rows import Rows, onto_nearest
-from gliderhpc.observations.seaexplorer import TRANSMITTING, find_fixes, import_seaexplorer
+from gliderhpc.observations.seaexplorer import find_fixes, import_seaexplorer
+from gliderhpc.observations.seaexplorer_legs import TRANSMITTING
 
 
 def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_path):
@@ -359,6 +360,44 @@ def test_a_navigation_file_that_cannot_be_read_costs_its_cycle(tmp_path):
     assert list(summary.rejected) == ["cycle 6"]
     assert "has no column Timestamp" in summary.rejected["cycle 6"]
     assert "cycle 6" not in summary.without_profile
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("05/07/2023 ", "2023-07-05 ", r"Timestamp is '2023-07-05 10:00:00'; it must be DD/MM/YYYY hh:mm:ss"),
+        ("05/07/2023 ", "07/25/2023 ", r"Timestamp is '07/25/2023 10:00:00'; it must be DD/MM/YYYY hh:mm:ss"),
+        ("350.0", "350,0", r"Heading is '350,0'; decimals must have a point"),
+        ("4.5", "none", r"Roll is 'none'; it must be a number"),
+    ],
+    ids=["ISO date", "US date", "comma", "word"],
+)
+def test_values_that_cannot_be_read_are_named(tmp_path, old, new, words):
+    folder = write_mission(tmp_path / "m")
+    for cycle in (5, 6, 7, 8):
+        edit(folder, cycle, lambda lines: [line.replace(old, new) for line in lines])
+    with pytest.raises(InputError, match=rf"gli\.sub\.5: no row can be read; row 1: {words}"):
+        import_seaexplorer([folder], tmp_path / "out.nc")
+
+
+def test_a_profile_with_a_pause_is_no_cycle_without_profile(tmp_path):
+    folder = write_mission(tmp_path / "m")
+
+    def later(lines, start):
+        return [line if i < start else moved(line) for i, line in enumerate(lines)]
+
+    def moved(line):
+        clock, rest = line.split(";", 1)
+        date, hours = clock.split(" ")
+        return f"{date} {int(hours[:2]) + 1:02}{hours[2:]};{rest}"
+
+    edit(folder, 6, lambda lines: later(lines, 60))
+    for cycle in (7, 8):
+        edit(folder, cycle, lambda lines: later(lines, 1))
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.profiles] == [5, 6, 7]
+    assert summary.without_profile == {"cycle 8": "only a surface record"}
+    assert any(remark.startswith("cycle 6: the record pauses for 60 min") for remark in summary.remarks)
 
 
 def test_the_same_file_twice_counts_once(tmp_path):

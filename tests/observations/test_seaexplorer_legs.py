@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gliderhpc.observations.rows import Rows
-from gliderhpc.observations.seaexplorer import (
+from gliderhpc.observations.seaexplorer_legs import (
     CLIMBING,
     DIVING,
     INFLECTING_DOWN,
@@ -94,6 +94,14 @@ def test_rows_at_the_surface_are_cut_off_by_the_level_at_which_the_hull_floats(b
     dive = [(DIVING, 0.9), (DIVING, 3.5), (DIVING, 20.0), (DIVING, 40.0), (CLIMBING, 20.0)]
     legs, _ = find_legs(rows([*before, *dive, *after]))
     assert extents(legs) == [(5, len(before) + start, len(before) + len(dive))]
+
+
+def test_a_pause_of_the_record_is_not_called_a_second_dive():
+    states = [(TRANSMITTING, 0.0), *PROFILE, (TRANSMITTING, 0.0)]
+    seconds = 20 * np.arange(len(states)) + np.where(np.arange(len(states)) > 4, 3600, 0)
+    legs, without = find_legs(rows([*states], seconds=seconds))
+    assert extents(legs) == [(5, 2, 5)]
+    assert without[5].startswith("the record pauses for 60 min after 2023-07-05T10:01:20, or the clock was set forward")
 
 
 def test_only_the_last_surface_rows_say_where_the_hull_floats():

@@ -99,7 +99,11 @@ def test_the_attributes_state_what_was_done(tmp_path):
     assert attributes["ballast_volume_comment"] == "m_ballast_pumped in cm3"
     assert "to starboard" in attributes["rudder_comment"]
     assert "PSS-78" in attributes["ctd_comment"]
-    assert len(set(summary.remarks) & set(attributes.values())) == 5
+    assert [remark.split()[0] for remark in summary.remarks] == [
+        "heading", "battery_position", "battery_rotation", "ballast_volume", "rudder", "1",
+    ]  # fmt: skip
+    for name in ("heading", "battery_rotation", "ballast_volume", "rudder"):
+        assert f"{name} is {attributes[f'{name}_comment']}" in summary.remarks
 
 
 def test_units_are_those_that_the_file_declares(tmp_path):
@@ -249,6 +253,30 @@ def test_measurements_of_a_cycle_that_hung_are_left_out(tmp_path):
     for name in ("depth", "roll", "pitch", "heading"):
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(dataset[name].values)), [hung])
     assert np.isfinite(dataset["rudder"].values[hung])
+
+
+def test_a_change_of_the_sampling_rate_is_no_delay(tmp_path):
+    """Every fourth cycle is recorded in the second half; one cycle in each half is delayed."""
+    flown = joined([flight(segment) for segment in range(6)])
+    half = len(flown["m_depth"]) // 2
+    stored = np.r_[:half, half : 2 * half : 4]
+    flown = {name: values[stored] for name, values in flown.items()}
+    delayed = [AFLOAT + DIVE + 50, half + 60]
+    flown["m_present_time"][delayed[0] + 1 :] += 10.0
+    flown["m_present_time"][delayed[1] + 1 :] += 40.0
+    summary, dataset = imported(tmp_path, flown)
+    assert len(summary.complete) == 6
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(dataset["depth"].values)), delayed)
+
+
+def test_a_row_of_delayed_cycles_is_no_change_of_the_rate(tmp_path):
+    """The compass of modena once delayed 19 cycles in a row; the depth of these is wrong by metres."""
+    flown = flight()
+    first = AFLOAT + DIVE + 20
+    flown["m_present_time"][first + 1 : first + 20] += 11.0 * np.arange(1, 20)
+    flown["m_present_time"][first + 20 :] += 209.0
+    _, dataset = imported(tmp_path, flown)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(dataset["depth"].values)), np.arange(first, first + 19))
 
 
 def test_invalid_and_implausible_fixes_are_left_out(tmp_path):

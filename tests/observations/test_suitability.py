@@ -50,6 +50,11 @@ def test_a_table_of_erddap_gives_the_current_of_its_netcdf(tmp_path, units_in_he
         ("time,depth\n", "the row of units is missing"),
         ("time,depth\nUTC,m\n2020-01-01T00:00:00Z,1\n2020-01-01T00:00:09Z,deep\n", "depth in row 2 .* 'deep'"),
         ("time,depth\nUTC,m\nyesterday,1\n", "time has a time that is not in ISO 8601 format"),
+        (
+            "time,depth\n2020-01-01T00:00:00Z,1\n2020-01-01T00:00:09Z,2\n",
+            "time is '2020-01-01T.* insert a row of units",
+        ),
+        ("depth,name\n1.5,a\n2,b\n", "depth is '1.5'.* insert a row of units, such as UTC, degrees_north, m"),
         ("", "cannot be read as an ERDDAP table"),
     ],
 )
