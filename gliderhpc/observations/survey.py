@@ -177,13 +177,14 @@ def survey_of(stored: StoredVariables) -> Survey:
     faults |= {number: text for number, text in clock_faults.items() if number not in faults}
     faults |= check_extents(time, places, faults)
     glide: dict[str, FloatArray] = {}
+    doubtful_unit: str | None = None
     for name in PROFILE_VARIABLES:
         values = stored.numbers(name, 0, len(time))
         if name in GLIDE:
             glide[name] = values
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
-            check_heading_unit(values, places, path)
+            doubtful_unit = check_heading_unit(values, places, path)
     depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)
     faults |= check_signs(time, glide, places, faults)
@@ -191,7 +192,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     fixes, warnings = _fixes(stored)
     spans = _spans(time, places)
     doubts = _submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
-    return Survey(spans, faults, warnings, fixes, doubts)
+    return Survey(spans, faults, (*([doubtful_unit] if doubtful_unit else []), *warnings), fixes, doubts)
 
 
 def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], dict[int, str]]:

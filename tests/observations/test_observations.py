@@ -404,6 +404,13 @@ def test_fixes_that_are_all_unusable_are_named_with_the_first(tmp_path, name, va
     assert "no usable GPS fix" in warning
 
 
+def test_a_heading_that_may_be_in_radians_is_a_warning(tmp_path):
+    steady = np.full_like(mission()["heading"], 3.1)
+    with open_observations(write(tmp_path, heading=steady)) as observations:
+        (warning,) = observations.warnings
+    assert "radians" in warning
+
+
 def test_fixes_within_a_profile_that_does_not_end_at_the_surface_are_named(tmp_path):
     inside = START + np.timedelta64(2, "s") + np.arange(len(mission()["fix_time"])) * np.timedelta64(1, "s")
     still = {name: np.full_like(mission()[name], mission()[name][0]) for name in ("fix_latitude", "fix_longitude")}
