@@ -17,7 +17,7 @@ PACKAGE = REPOSITORY / "gliderhpc"
 
 LIST_SIGNATURES = """
 import json, sys
-from gliderhpc.mission.kernel_levels import used_signatures
+from gliderhpc.mission.precompile import used_signatures
 from gliderhpc.mission import warm
 getattr(warm, sys.argv[1])()
 print(json.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))

@@ -20,7 +20,7 @@ import gliderhpc as gh
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.page import write_mission_page
-from gliderhpc.report.page.fleet_folders import folder_names
+from gliderhpc.report.page.fleet import folder_names
 from gliderhpc.report.page.fleet_map import Track, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
 from gliderhpc.report.studies.hull import StoredChange
