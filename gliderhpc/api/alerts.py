@@ -143,9 +143,13 @@ class Alerts(_Section):
             return
         try:
             done = subprocess.run(
-                [*self.command, str(path)], input=content.encode(), timeout=self.timeout, check=False,
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+                [*self.command, str(path)],
+                input=content.encode(),
+                timeout=self.timeout,
+                check=False,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
         except subprocess.TimeoutExpired:
             yield f"{self.command[0]}: did not finish within {self.timeout:g} s"
         except OSError as error:

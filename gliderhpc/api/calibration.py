@@ -72,10 +72,18 @@ class DiveCalibration:
 
 
 def calibrated_by_dives(
-    observations: Observations, platform: Platform, base: Platform, start: Platform, segments: SteadySegments,
-    apart: SteadySegments, settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress, *,
+    observations: Observations,
+    platform: Platform,
+    base: Platform,
+    start: Platform,
+    segments: SteadySegments,
+    apart: SteadySegments,
+    settings: CalibrateSettings,
+    executor: OpenExecutor,
+    progress: Progress = no_progress,
+    *,
     rounds: int,
-) -> DiveCalibration:  # fmt: skip
+) -> DiveCalibration:
     """Calibrate on the dives that have steady segments.
 
     Parameters
@@ -109,9 +117,18 @@ def calibrated_by_dives(
     fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
     with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
         found = DiveRounds(
-            observations, base, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
-            most=rounds, turn_test=settings.turn_test, executor=opened, report=advance,
-        ).run(start)  # fmt: skip
+            observations,
+            base,
+            parameters,
+            fitted,
+            held_out,
+            estimation=settings,
+            settings=settings.rounds,
+            most=rounds,
+            turn_test=settings.turn_test,
+            executor=opened,
+            report=advance,
+        ).run(start)
     _check_plausible(found)
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
@@ -152,9 +169,12 @@ def _check_plausible(found: HullRounds) -> None:
 
 
 def _score(
-    observations: Observations, before: Platform, after: Platform, segments: SteadySegments,
+    observations: Observations,
+    before: Platform,
+    after: Platform,
+    segments: SteadySegments,
     settings: CalibrateSettings,
-) -> Score:  # fmt: skip
+) -> Score:
     """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors."""
     numbers = np.unique(segments.profile).tolist()
     if not numbers:

@@ -96,9 +96,14 @@ def calibrate(
     executor = executor_of(workers)
     with opened_records(records) as observations:
         return calibrated_on(
-            observations, platform, chosen, profiles_text(profiles), profiles_text(hold_out), assignments_of(named),
+            observations,
+            platform,
+            chosen,
+            profiles_text(profiles),
+            profiles_text(hold_out),
+            assignments_of(named),
             executor,
-        )  # fmt: skip
+        )
 
 
 def calibrated_on(

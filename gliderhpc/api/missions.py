@@ -211,9 +211,18 @@ class PreparedMission:
     ) -> MissionResult:
         """Run the inversion, as `gliderhpc.mission.run.run_mission` does."""
         return run.run_mission(
-            self.observations, self.platform, self.settings, self.plan.profiles, place, executor, overwrite=overwrite,
-            resume=resume, append=append, check_last=check_last, report=report,
-        )  # fmt: skip
+            self.observations,
+            self.platform,
+            self.settings,
+            self.plan.profiles,
+            place,
+            executor,
+            overwrite=overwrite,
+            resume=resume,
+            append=append,
+            check_last=check_last,
+            report=report,
+        )
 
 
 def prepare_mission(

@@ -259,9 +259,12 @@ class Watch:
         if not grows:
             log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
         prepared.run(
-            watched.store, lambda: nullcontext(self._executor(prepared.workers)), append=grows, overwrite=not grows,
+            watched.store,
+            lambda: nullcontext(self._executor(prepared.workers)),
+            append=grows,
+            overwrite=not grows,
             check_last=_CHECKED,
-        )  # fmt: skip
+        )
 
     def _executor(self, workers: int) -> Executor:
         """Return an executor that stays open, since starting workers for every dive would take seconds each time."""

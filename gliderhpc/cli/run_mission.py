@@ -55,10 +55,22 @@ _SHOWN_FAULTS = 10
 )
 @options.log_file
 def run_mission(
-    observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
-    cluster: ClusterAddress | None, preset: str, engine: str, start: str | None,
-    assignments: tuple[str, ...], resume: bool, append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    store: Place,
+    profiles: str | None,
+    workers: int | None,
+    cluster: ClusterAddress | None,
+    preset: str,
+    engine: str,
+    start: str | None,
+    assignments: tuple[str, ...],
+    resume: bool,
+    append: bool,
+    overwrite: bool,
+    dry_run: bool,
+    log_file: Path | None,
+) -> int:
     """Invert every profile of OBSERVATIONS and write the results into an archive.
 
     Exit status 0: done; 1: some or all profiles failed (the archive says why), or the run had to stop (a full disk, no

@@ -108,8 +108,10 @@ def _note_ocean(platform: Platform, scenario: Scenario) -> None:
     log.info(
         "the platform %s states no buoyancy.compressibility; it is simulated with the usual %.2g 1/dbar and a thermal "
         "expansion of %.2g 1/K",
-        platform.name, found.compressibility, found.thermal_expansion,
-    )  # fmt: skip
+        platform.name,
+        found.compressibility,
+        found.thermal_expansion,
+    )
 
 
 def _log(profile: ProfileSummary) -> None:

@@ -69,11 +69,22 @@ ALL = "all"
 @options.study_folder
 @options.log_file
 def analyze(
-    archive: Place, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, budget: Path | None, models: tuple[str, ...], reference: Path | None,
-    assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
+    archive: Place,
+    study: str,
+    profiles: str | None,
+    quick: bool,
+    estimate: str,
+    observations: Path | None,
+    truth: Path | None,
+    budget: Path | None,
+    models: tuple[str, ...],
+    reference: Path | None,
+    assignments: tuple[str, ...],
+    workers: int | None,
+    cluster: ClusterAddress | None,
+    out: Path | None,
     log_file: Path | None,
-) -> int:  # fmt: skip
+) -> int:
     """Run STUDY on a finished mission, or with `all` every study whose inputs are available.
 
     The results go into the archive's group with the name of the study, and into CSV, PNG and JSON files. The paper's
@@ -101,9 +112,19 @@ def analyze(
     with logging_to(log_file), archive_errors(archive), locked(archive), progress(count, study) as advance:
         executor = executor_for(workers, cluster, (archive,))
         request = Request(
-            archive, executor, profiles, quick, estimate, observations, truth, budget, models,
-            reference, _of_studies(assignments), lambda _: advance(),
-        )  # fmt: skip
+            archive,
+            executor,
+            profiles,
+            quick,
+            estimate,
+            observations,
+            truth,
+            budget,
+            models,
+            reference,
+            _of_studies(assignments),
+            lambda _: advance(),
+        )
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             check_folder(folder)
@@ -156,9 +177,16 @@ def _names(study: str, request: Request) -> Iterator[str]:
 @options.study_folder
 @options.log_file
 def validate(
-    observations: Path, platform_name: str, store: Place, profiles: str | None, quick: bool, workers: int | None,
-    assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    store: Place,
+    profiles: str | None,
+    quick: bool,
+    workers: int | None,
+    assignments: tuple[str, ...],
+    out: Path | None,
+    log_file: Path | None,
+) -> int:
     """Simulate every profile of OBSERVATIONS open loop with its recorded controls, and compare it with the record.
 
     The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.

@@ -59,8 +59,13 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @click.option(
     "--import", "import_options", multiple=True, metavar="KEY=VALUE", help="Option of the importer; repeatable."
 )
-@click.option("--workers", type=click.IntRange(0, options.MAX_WORKERS), default=0, show_default=True,
-              help="Worker processes; 0 to compute in this process.")  # fmt: skip
+@click.option(
+    "--workers",
+    type=click.IntRange(0, options.MAX_WORKERS),
+    default=0,
+    show_default=True,
+    help="Worker processes; 0 to compute in this process.",
+)
 @options.preset
 @options.start
 @options.assignments
@@ -71,14 +76,33 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     metavar="FILE.yaml",
     help="Rules, and the command or address to notify when a dive breaks one.",
 )
-@click.option("--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
-              help="Print the JSON schema of the messages and exit.")  # fmt: skip
+@click.option(
+    "--schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON schema of the messages and exit.",
+)
 @options.log_file
 def watch(
-    source: str, platform_name: str, store: Place, out: Path | None, once: bool, replay: bool, settle: float,
-    interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str | None,
-    assignments: tuple[str, ...], alerts_file: Path | None, log_file: Path | None,
-) -> int:  # fmt: skip
+    source: str,
+    platform_name: str,
+    store: Place,
+    out: Path | None,
+    once: bool,
+    replay: bool,
+    settle: float,
+    interval: float,
+    kind: str | None,
+    import_options: tuple[str, ...],
+    workers: int,
+    preset: str,
+    start: str | None,
+    assignments: tuple[str, ...],
+    alerts_file: Path | None,
+    log_file: Path | None,
+) -> int:
     """Invert every new dive whose files arrive in SOURCE, and report each once.
 
     SOURCE is a folder, a file, or a quoted pattern: files of the observation format, or the glider's own (Seaglider,

@@ -337,10 +337,9 @@ class DiveRounds:
         """
         assert dive.score is not None
         assert dive.information is not None
-        ratio = np.array([
-            p.slope(platform, 0.0) / p.slope(self._base, float(x))
-            for p, x in zip(self._parameters, eta, strict=True)
-        ])  # fmt: skip
+        ratio = np.array(
+            [p.slope(platform, 0.0) / p.slope(self._base, float(x)) for p, x in zip(self._parameters, eta, strict=True)]
+        )
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)

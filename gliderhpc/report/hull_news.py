@@ -73,8 +73,17 @@ def hull_news(hull: HullSoFar) -> tuple[HullNews, ...]:
             continue
         one, values = mission.parameters[i], change_in_units(mission, found, i, change)
         first = one.moved(mission.platform, float(found.smoothed[0].mean[i]))
-        news.append(HullNews(
-            one.key, one.meaning, one.unit, first, values["change_probability"], values["change_total"],
-            values["change_total_std"], int(values["onset"]), len(mission.dives),
-        ))  # fmt: skip
+        news.append(
+            HullNews(
+                one.key,
+                one.meaning,
+                one.unit,
+                first,
+                values["change_probability"],
+                values["change_total"],
+                values["change_total_std"],
+                int(values["onset"]),
+                len(mission.dives),
+            )
+        )
     return tuple(news)

@@ -18,7 +18,7 @@ from gliderhpc.flight.hull_parameters import (
     hull_parameters,
     with_covariance,
     with_values,
-)  # fmt: skip
+)
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
@@ -136,9 +136,12 @@ class Calibration:
 
 
 def calibrate(
-    platform: Platform, segments: SteadySegments, held_out: SteadySegments, settings: CalibrationSettings,
+    platform: Platform,
+    segments: SteadySegments,
+    held_out: SteadySegments,
+    settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """Fit a hull's parameters to the balance of its steady glides.
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
@@ -188,10 +191,14 @@ def calibrate(
     steps = np.array([p.steps for p in parameters])
     hull = with_covariance(hull, _errors_in_units(errors, steps, covariance))
     answer = Calibration(
-        hull, parameters, found, search.scales,
-        score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
+        hull,
+        parameters,
+        found,
+        search.scales,
+        score(errors, steps),
+        score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
-    )  # fmt: skip
+    )
     _check_it_glides(hull)
     _check_it_is_better(answer, search)
     return answer
@@ -286,9 +293,11 @@ def _reasons(
 
 
 def _judged(
-    errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
+    errors: SegmentErrors,
+    search: CalibrationSearch,
+    covariance: Array,
     reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]],
-) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
+) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
     """Return all parameters with their intervals or the reasons for holding them, and the estimated directions."""
     jacobian = search.weighted()[0][:, search.free]
     scatter = np.full(len(search.free), np.nan)
@@ -299,12 +308,20 @@ def _judged(
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
         verdict, alike = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
-        parameters.append(CalibratedParameter(
-            parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
-            _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
-            float(scatter[i] / variance[i]), verdict,
-            tuple(errors.parameters[j].key for j in alike),
-        ))  # fmt: skip
+        parameters.append(
+            CalibratedParameter(
+                parameter,
+                parameter.value(errors.platform),
+                _rounded(parameter.moved(errors.platform, step), step),
+                step,
+                _ordered(
+                    parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)
+                ),
+                float(scatter[i] / variance[i]),
+                verdict,
+                tuple(errors.parameters[j].key for j in alike),
+            )
+        )
     return tuple(parameters), directions(jacobian)
 
 

@@ -83,9 +83,10 @@ def score_of(hull: Platform, segments: SteadySegments) -> Errors:
 
 
 def _errors(errors: SegmentErrors, steps: Array) -> Errors:
-    sizes = [np.sort(np.abs(values[counted & ~np.isnan(values)])) for values, counted in zip(
-        errors.everywhere(steps).T, errors.counted.T, strict=True
-    )]  # fmt: skip
+    sizes = [
+        np.sort(np.abs(values[counted & ~np.isnan(values)]))
+        for values, counted in zip(errors.everywhere(steps).T, errors.counted.T, strict=True)
+    ]
     return Errors(
         np.array([_root_mean_square(each) for each in sizes]),
         np.array([_root_mean_square(each[: math.ceil(USUAL * len(each))]) for each in sizes]),

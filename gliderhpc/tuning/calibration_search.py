@@ -261,9 +261,16 @@ class CalibrationSearch:
             return np.vstack([errors, prior * unit, barrier_slope(values)])
 
         found = scipy.optimize.least_squares(
-            residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",
-            xtol=100.0 * tolerance, ftol=tolerance, gtol=tolerance, max_nfev=60,
-        )  # fmt: skip
+            residuals,
+            self.steps[chosen],
+            jac=jacobian,
+            bounds=(-FARTHEST, FARTHEST),
+            loss="soft_l1",
+            xtol=100.0 * tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+            max_nfev=60,
+        )
         self.steps = at(found.x)
         self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
 

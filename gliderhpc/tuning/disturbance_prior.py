@@ -151,10 +151,17 @@ def tune_prior(
         return _whiteness(judgement, likelihood.lengths, settings)
 
     return TunedPrior(
-        before, after, judgement_before, judgement_after, search.errors(), search.verdicts, search.settled,
-        tested(judgement_before), tested(judgement_after),
+        before,
+        after,
+        judgement_before,
+        judgement_after,
+        search.errors(),
+        search.verdicts,
+        search.settled,
+        tested(judgement_before),
+        tested(judgement_after),
         any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
-    )  # fmt: skip
+    )
 
 
 class _LogarithmicLikelihood:

@@ -257,9 +257,12 @@ def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> HullC
     low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
     probability = float(np.mean([_probability(first.log_evidence) for first, *_ in assumptions]))
     return HullChange(
-        probability, total, spread, (low, min(middle, onsets), min(high, onsets)),
+        probability,
+        total,
+        spread,
+        (low, min(middle, onsets), min(high, onsets)),
         float(by_form[FORMS.index("step")].sum()),
-    )  # fmt: skip
+    )
 
 
 def _weights(candidates: Sequence[_Candidates]) -> Array:

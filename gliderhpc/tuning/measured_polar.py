@@ -85,10 +85,11 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     scatter = np.sqrt(np.diag(jackknife_covariance(matrix, matrix @ found - right, profile)))
     relative = velocity_error / float(np.median(chosen.velocity[:, 0]))
     return MeasuredPolar(
-        drag, lift,
+        drag,
+        lift,
         float(np.sqrt(scatter[0] ** 2 + (2.0 * relative) ** 2 + MIN_RELATIVE_ERROR**2)),
         float(np.sqrt(scatter[1] ** 2 + relative**2 + MIN_RELATIVE_ERROR**2)),
-    )  # fmt: skip
+    )
 
 
 def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -118,9 +119,13 @@ def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, 
 
 
 def with_measured_polar(
-    platform: Platform, hull: Platform, segments: SteadySegments, velocity_error: float, held: Collection[str] = (),
+    platform: Platform,
+    hull: Platform,
+    segments: SteadySegments,
+    velocity_error: float,
+    held: Collection[str] = (),
     report: Callable[[str], None] = lambda _: None,
-) -> Platform:  # fmt: skip
+) -> Platform:
     """Return a platform with drag and lift of the measured velocity, and with their errors as plausible deviations.
 
     Parameters

@@ -21,7 +21,7 @@ from gliderhpc.tuning.turn_test import (
     changes_with_current,
     extended_information,
     with_current,
-)  # fmt: skip
+)
 
 ScoreAndInformation = tuple[Array, Array]
 """Gradient (p,) of a log-likelihood and its expected curvature (p, p)."""
@@ -224,15 +224,28 @@ def solve_mission(
     (change, change_std), *by_others = ([each[:, :count] for each in one.since_first()] for one in (chain, *others))
     change_std = np.sqrt(change_std**2 + sum((other - change) ** 2 for other, _ in by_others))
     return MissionHull(
-        numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior,
-        change, change_std,
-    )  # fmt: skip
+        numbers,
+        times,
+        smoothed,
+        sequential,
+        chain.log_evidence,
+        inflation,
+        weight,
+        chi_square,
+        freedom,
+        prior,
+        change,
+        change_std,
+    )
 
 
 def _doubted(
-    prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]],
+    prior: HullPrior,
+    times: NDArray[np.datetime64],
+    found: Sequence[Gaussian],
+    others: Sequence[Sequence[Gaussian]],
     count: int,
-) -> tuple[Gaussian, ...]:  # fmt: skip
+) -> tuple[Gaussian, ...]:
     """Distributions of the first unknowns at every dive, including the uncertainty from the assumed noise."""
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
     return tuple(
@@ -242,7 +255,7 @@ def _doubted(
             [other[i].part(count) for other in others],
         )
         for i, (each, day) in enumerate(zip(found, days.tolist(), strict=True))
-    )  # fmt: skip
+    )
 
 
 def _jumped(prior: HullPrior, position: int) -> Array:
@@ -333,9 +346,10 @@ def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSetti
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
         return _Problem(prior.eta, changes, [dive.term for dive in dives])
     return _Problem(
-        with_current(prior.eta, turn_test), changes_with_current(changes, _seconds_between(dives), turn_test),
+        with_current(prior.eta, turn_test),
+        changes_with_current(changes, _seconds_between(dives), turn_test),
         [dive.term_with_current for dive in dives],
-    )  # fmt: skip
+    )
 
 
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:

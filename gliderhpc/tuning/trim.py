@@ -19,9 +19,11 @@ TRIM = (
 
 
 def fit_trim(
-    platform: Platform, segments: SteadySegments, settings: CalibrationSettings,
+    platform: Platform,
+    segments: SteadySegments,
+    settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
-) -> Platform:  # fmt: skip
+) -> Platform:
     """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
 
     The result is the start of the rounds over the dives. With these few numbers near the truth the filter follows the

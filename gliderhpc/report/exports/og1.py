@@ -98,9 +98,14 @@ def export_og1(
 
 
 def _export(
-    tree: Archive, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, community: bool,
+    tree: Archive,
+    numbers: list[int],
+    described: Mapping[str, str],
+    summary: ExportSummary,
+    *,
+    community: bool,
     overwrite: bool,
-) -> None:  # fmt: skip
+) -> None:
     platform, counter, extent = platform_of(tree), Counter(), Extent()
     conventions = {"Conventions": f"{CONVENTIONS}, OG-1.0"}
     with AppendedFile(summary.path, conventions, {dives.AXIS: dives.CHUNK}, overwrite=overwrite) as file:

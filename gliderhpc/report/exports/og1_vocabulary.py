@@ -109,12 +109,21 @@ def _coordinates() -> Iterator[Term]:
         _NO_PLACE,
     )
     yield Term(
-        "DEPTH", "f8",
-        {"long_name": "depth below the surface", "standard_name": "depth", "units": "m", "positive": "down",
-         "valid_min": -10.0, "valid_max": 11000.0,
-         "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
-         "where a fix was taken", "depth_vocabulary": _TERM.format("DEPTH")}, _NO_PLACE,
-    )  # fmt: skip
+        "DEPTH",
+        "f8",
+        {
+            "long_name": "depth below the surface",
+            "standard_name": "depth",
+            "units": "m",
+            "positive": "down",
+            "valid_min": -10.0,
+            "valid_max": 11000.0,
+            "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
+            "where a fix was taken",
+            "depth_vocabulary": _TERM.format("DEPTH"),
+        },
+        _NO_PLACE,
+    )
     yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **TIME_ATTRIBUTES}, _NO_TIME)
     yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **LATITUDE_ATTRIBUTES}, _NO_PLACE)
     yield Term(

@@ -155,8 +155,15 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
             solid_capstyle="butt",
             transform=axes.get_yaxis_transform(),
         )
-        axes.text(place, middle - scale, f"{scale:.2g} m", transform=axes.get_yaxis_transform(), fontsize=SMALL,
-                  ha="center", va="bottom")  # fmt: skip
+        axes.text(
+            place,
+            middle - scale,
+            f"{scale:.2g} m",
+            transform=axes.get_yaxis_transform(),
+            fontsize=SMALL,
+            ha="center",
+            va="bottom",
+        )
     axes.set_ylim(low, high)
 
 
@@ -177,9 +184,16 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
         longest = float(np.max(np.hypot(*shear[rows].T)))
         # By default the scale depends on the mean, and one strong vector would leave the panel.
         arrows = axes.quiver(
-            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy",
-            scale=max(longest, 1e-9) / _LONGEST, scale_units="width",
-        )  # fmt: skip
+            track[rows, 1],
+            track[rows, 0],
+            shear[rows, 1],
+            shear[rows, 0],
+            color=FILTER,
+            width=0.004,
+            angles="xy",
+            scale=max(longest, 1e-9) / _LONGEST,
+            scale_units="width",
+        )
         shown = float(f"{longest:.1g}")
         axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
     axes.set_aspect("equal", adjustable="datalim")

@@ -252,6 +252,12 @@ def show(archive: Archive) -> Findings:
         figures["recovery"] = partial(recovery_figure, channels, impulses, made.estimate)
     facts = shared_facts(made) | {"medians": column_medians(table)}
     return archive_findings(
-        NAME, comparisons(table, channels, impulses, platform, made.estimate), tables, figures, facts,
-        failed_profiles(table)[0], (*made.remarks, *remarks), captions=captions(made, table, channels, impulses, drawn),
-    )  # fmt: skip
+        NAME,
+        comparisons(table, channels, impulses, platform, made.estimate),
+        tables,
+        figures,
+        facts,
+        failed_profiles(table)[0],
+        (*made.remarks, *remarks),
+        captions=captions(made, table, channels, impulses, drawn),
+    )

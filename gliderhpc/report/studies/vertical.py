@@ -73,9 +73,16 @@ def _draw_depths(axes: Axes, rows: xr.Dataset, number: int) -> None:
         part = rows.where(own, drop=True)
         velocity, deviation = _CM * part["water_up"].values, _CM * part["water_up_std"].values
         axes.errorbar(
-            velocity, part["depth"].values, xerr=deviation, fmt=".", color=colour, ecolor=(*_rgb(colour), 0.15),
-            markersize=2.0, elinewidth=0.8, label=leg,
-        )  # fmt: skip
+            velocity,
+            part["depth"].values,
+            xerr=deviation,
+            fmt=".",
+            color=colour,
+            ecolor=(*_rgb(colour), 0.15),
+            markersize=2.0,
+            elinewidth=0.8,
+            label=leg,
+        )
     axes.invert_yaxis()
     axes.axvline(0.0, color="#666666", linewidth=0.6)
     legend(axes)

@@ -190,9 +190,16 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
         ), None
     threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
     finding = Finding(
-        CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
-        glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
-    )  # fmt: skip
+        CHECK,
+        GAIN,
+        "1",
+        size,
+        error,
+        threshold,
+        judged(size, threshold),
+        glides.scale_correction(1.0 + size),
+        "drag, lift and neutral volume fitted with it",
+    )
     remedy = "more glides that differ more in steepness are needed"
     return undetermined_if_insensitive(finding, _FREE_SCALE, remedy), fit if finding.found else None
 
@@ -214,9 +221,16 @@ def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
         return _vague(fit)
     offset, error, threshold = glides.offset(fit)
     finding = Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
+        CHECK,
+        PITCH,
+        UNIT,
+        offset,
+        error,
+        threshold,
+        judged(offset, threshold),
+        glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
-    )  # fmt: skip
+    )
     return undetermined_if_insensitive(finding, LARGEST_UNSEEN, "more glides are needed")
 
 
@@ -259,7 +273,14 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
     volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
     threshold = glides.threshold(error, _MIN_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
     finding = Finding(
-        CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
+        CHECK,
+        VOLUME,
+        "cm3",
+        volume,
+        error,
+        threshold,
+        judged(volume, threshold),
+        "calibrate the hull",
         "belongs to the hull, not to the records",
-    )  # fmt: skip
+    )
     return undetermined_if_insensitive(finding, fit.size(NEUTRAL_VOLUME), "more glides are needed")

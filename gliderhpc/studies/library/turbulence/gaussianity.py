@@ -225,9 +225,11 @@ def kurtosis_score(kurtosis: float, count: float) -> float:
     mean = 3.0 * (n - 1.0) / (n + 1.0)
     variance = 24.0 * n * (n - 2.0) * (n - 3.0) / ((n + 1.0) ** 2 * (n + 3.0) * (n + 5.0))
     skewness = (
-        6.0 * (n * n - 5.0 * n + 2.0) / ((n + 7.0) * (n + 9.0))
+        6.0
+        * (n * n - 5.0 * n + 2.0)
+        / ((n + 7.0) * (n + 9.0))
         * np.sqrt(6.0 * (n + 3.0) * (n + 5.0) / (n * (n - 2.0) * (n - 3.0)))
-    )  # fmt: skip
+    )
     freedom = 6.0 + 8.0 / skewness * (2.0 / skewness + np.sqrt(1.0 + 4.0 / skewness**2))
     base = 1.0 + (kurtosis - mean) / np.sqrt(variance) * np.sqrt(2.0 / (freedom - 4.0))
     root = np.sign(base) * np.cbrt((1.0 - 2.0 / freedom) / abs(base)) if base != 0.0 else 0.0
