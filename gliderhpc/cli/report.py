@@ -127,9 +127,9 @@ def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool)
       gliderhpc export currents mission.zarr currents.nc --deployment deployment.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     described = {} if deployment is None else read_deployment(deployment)
-    summary = export_currents(archive, out, described=described, overwrite=overwrite)
-    say_left_out(summary.left_out)
-    say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
+    profiles, left_out = export_currents(archive, out, described=described, overwrite=overwrite)
+    say_left_out(left_out)
+    say(f"currents of {len(profiles)} profiles, written to {out}")
     return DONE
 
 

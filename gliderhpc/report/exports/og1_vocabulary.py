@@ -118,8 +118,8 @@ def _coordinates() -> Iterator[Term]:
             "positive": "down",
             "valid_min": -10.0,
             "valid_max": 11000.0,
-            "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
-            "where a fix was taken",
+            "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, "
+            "zero where a fix was taken",
             "depth_vocabulary": _TERM.format("DEPTH"),
         },
         _NO_PLACE,
