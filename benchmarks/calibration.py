@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.api.hulls import chosen_profiles, divided
+from gliderhpc.api.hulls import chosen_profiles, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.findings.findings import markdown
@@ -171,7 +171,7 @@ def real(label: str) -> list[str]:
     platform = load_platform(hull)
     with open_observations(path) as opened:
         taken, _ = chosen_profiles(opened, None, None, SETTINGS)
-        parts = divided(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
+        parts = split_segments(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
     platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
     found = calibrate(platform, *parts, SETTINGS.calibration)
     rows = [

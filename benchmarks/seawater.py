@@ -105,7 +105,7 @@ def depth_rate_error(platform: Platform, records: Iterable[ProfileRecord], way: 
         except ProfileError as error:
             print(f"left out: {error}")
     errors = SegmentErrors(platform, (), joined(parts))
-    return 100.0 * math.sqrt(float(np.mean(errors.everywhere(np.zeros(0))[errors.counted[:, 0], 0] ** 2)))
+    return 100.0 * math.sqrt(float(np.mean(errors.all_errors(np.zeros(0))[errors.counted[:, 0], 0] ** 2)))
 
 
 def _row(name: str, estimator: str, found: Heave) -> tuple[str, ...]:

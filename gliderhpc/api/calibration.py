@@ -33,12 +33,12 @@ OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
 """Function that opens a progress display for a number of dives and yields the function that advances it."""
 
-_JUDGED = 2
+_JUDGED_QUANTITIES = 2
 """Number of quantities of the steady balance by which the hull found in the rounds is judged: depth rate and pitch.
 Roll and rate of turn also respond to moments exerted by the moving water. The dives separate these from errors in the
 hull's own moments; the steady balance does not."""
 
-_PROBABLE = 0.01
+_MIN_PROBABILITY = 0.01
 """Smallest prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
 
 
@@ -71,7 +71,7 @@ class DiveCalibration:
     notes: list[str]
 
 
-def calibrated_by_dives(
+def calibrate_on_dives(
     observations: Observations,
     platform: Platform,
     base: Platform,
@@ -143,7 +143,7 @@ def calibrated_by_dives(
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
-    check_errors(ours, others, _JUDGED)
+    check_errors(ours, others, _JUDGED_QUANTITIES)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 
 
@@ -157,7 +157,7 @@ def _check_plausible(found: HullRounds) -> None:
         impulses and gusts can be mistaken for errors of the hull.
     """
     distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
-    if probability < _PROBABLE:
+    if probability < _MIN_PROBABILITY:
         farthest = int(np.abs(found.eta).argmax())
         raise CalibrationError(
             f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "

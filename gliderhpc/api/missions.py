@@ -18,7 +18,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission import run
-from gliderhpc.mission.cluster import UnseenFileError
+from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.local_workers import default_workers
@@ -36,7 +36,7 @@ from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
-LOOK, LOOK_FOR_LAG = 24, 4
+CHECKED_PROFILES, LAG_PROFILES = 24, 4
 """Largest numbers of profiles examined before a run: for all checks of the records but the lag, and for the lag."""
 
 
@@ -161,7 +161,7 @@ def run_mission(
         executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
             prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
-        except UnseenFileError as error:
+        except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
             raise InputError(
@@ -280,7 +280,10 @@ def warn_of_records(
     """Log one line, adapted by `words`, for each error that a brief check of the records finds; correct nothing."""
     checks = settings.inspect
     brief = checks.model_copy(
-        update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
+        update={
+            "profiles": min(checks.profiles, CHECKED_PROFILES),
+            "lag_profiles": min(checks.lag_profiles, LAG_PROFILES),
+        }
     )
     with threadpool_limits(limits=1):
         found = inspect_records(observations, platform, chosen, settings, brief, settings.current)

@@ -180,10 +180,10 @@ def _nodes(path: Place) -> dict[str, Node]:
         return metadata.nodes(store)
     root = zarr.open_group(store, mode="r", zarr_format=3)
     groups: dict[str, zarr.Group] = {"": root, **dict(root.groups())}
-    return {name: Node(name, dict(group.attrs), partial(_same, group)) for name, group in groups.items()}
+    return {name: Node(name, dict(group.attrs), partial(_itself, group)) for name, group in groups.items()}
 
 
-def _same(group: zarr.Group) -> zarr.Group:
+def _itself(group: zarr.Group) -> zarr.Group:
     return group
 
 

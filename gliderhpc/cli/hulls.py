@@ -7,11 +7,11 @@ import click
 from rich.table import Table
 
 from gliderhpc.api.found_hulls import CalibratedHull, write_history, write_platform
-from gliderhpc.api.hulls import calibrated_on, tuned_on
+from gliderhpc.api.hulls import calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -104,7 +104,7 @@ def calibrate(
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = calibrated_on(
+        found = calibrate_open(
             opened,
             platform,
             settings,
@@ -118,7 +118,7 @@ def calibrate(
         write_history(history, found, overwrite)
     write_platform(out, found.platform, overwrite)
     _print_calibration(found)
-    say(f"written to {out}")
+    echo(f"written to {out}")
     return DONE
 
 
@@ -131,7 +131,7 @@ def _print_calibration(found: CalibratedHull) -> None:
         ),
     )
     for line in found.notes:
-        say(line)
+        echo(line)
 
 
 def _steady_tables(found: CalibratedHull) -> list[Table]:
@@ -215,10 +215,10 @@ def tune(
     platform = load_platform(platform_name, platform_values)
     check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = tuned_on(opened, platform, settings, profiles, assignments, log.info)
+        found = tune_open(opened, platform, settings, profiles, assignments, log.info)
     write_platform(out, found.platform, overwrite)
     _print_prior(found.tuned, list(found.profiles), settings)
-    say(f"written to {out}")
+    echo(f"written to {out}")
     return DONE
 
 
@@ -233,9 +233,9 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
             _WORDS,
         ),
     )
-    say(closing_text(tuned, settings))
+    echo(closing_text(tuned, settings))
     if tuned.interpolated:
-        say(f"note: {INTERPOLATED}")
+        echo(f"note: {INTERPOLATED}")
 
 
 _PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor of", "remark")

@@ -32,7 +32,7 @@ def printable(text: str, *, lines: bool = True) -> str:
     return shown if lines else shown.replace("\n", " ")
 
 
-def say(text: object = "", *, err: bool = False, nl: bool = True) -> None:
+def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to stdout or stderr."""
     click.echo(printable(str(text)), err=err, nl=nl)
 
@@ -41,12 +41,12 @@ _SHOWN_LEFT_OUT = 10
 """Largest number of profiles that are listed with the reason for leaving them out."""
 
 
-def say_left_out(reasons: Mapping[int, str]) -> None:
+def print_left_out(reasons: Mapping[int, str]) -> None:
     """Print the profiles that were left out, each with its reason, and how many more there are than are listed."""
     for number in list(reasons)[:_SHOWN_LEFT_OUT]:
-        say(f"profile {number} left out: {reasons[number]}")
+        echo(f"profile {number} left out: {reasons[number]}")
     if len(reasons) > _SHOWN_LEFT_OUT:
-        say(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
+        echo(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
     glide_table,
@@ -72,7 +72,7 @@ def platforms(
     if name_or_file is None:
         console.print(hull_list())
     elif as_yaml:
-        say(platform_text(name_or_file), nl=False)
+        echo(platform_text(name_or_file), nl=False)
     else:
         show(read_platform(name_or_file), console, net_masses or NET_MASSES, pitches or PITCHES, depth)
 
@@ -204,11 +204,11 @@ def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
         if max(doubts) <= MAX_SIGN_DOUBT
         else "its sign is too uncertain"
     )
-    table.caption = f"{_remainder(platform, angles)} of the Munk term remains; {verdict}"
+    table.caption = f"{_munk_remainder(platform, angles)} of the Munk term remains; {verdict}"
     return table
 
 
-def _remainder(platform: Platform, angles: list[float]) -> str:
+def _munk_remainder(platform: Platform, angles: list[float]) -> str:
     munk = munk_moment(platform)
     if munk == 0.0:
         return "all"

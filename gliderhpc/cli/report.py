@@ -6,7 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import say, say_left_out
+from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
 from gliderhpc.report.exports.deployment import read_deployment
@@ -56,9 +56,9 @@ def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: P
         )
     written = write_report(archives, out, profile=profile, twins=twins, truth=truth)
     for line in written.failed:
-        say(f"no page: {line}", err=True)
-    say(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
-    say(f"written to {written.page}")
+        echo(f"no page: {line}", err=True)
+    echo(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
+    echo(f"written to {written.page}")
     return FAILED if written.failed else DONE
 
 
@@ -128,8 +128,8 @@ def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool)
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     described = {} if deployment is None else read_deployment(deployment)
     profiles, left_out = export_currents(archive, out, described=described, overwrite=overwrite)
-    say_left_out(left_out)
-    say(f"currents of {len(profiles)} profiles, written to {out}")
+    print_left_out(left_out)
+    echo(f"currents of {len(profiles)} profiles, written to {out}")
     return DONE
 
 
@@ -149,7 +149,7 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 
 
 def _print(summary: ExportSummary) -> None:
-    say_left_out(summary.left_out)
+    print_left_out(summary.left_out)
     if summary.unknown:
-        say(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
-    say(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")
+        echo(f"note: OG1 requires {', '.join(summary.unknown)}: give them with --attribute NAME=VALUE")
+    echo(f"{len(summary.profiles)} profiles, {summary.rows} rows, {summary.fixes} fixes, written to {summary.path}")

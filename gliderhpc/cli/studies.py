@@ -9,7 +9,7 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import say, say_left_out
+from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, comparison_table, write_findings
@@ -122,23 +122,23 @@ def analyze(
             budget,
             models,
             reference,
-            _of_studies(assignments),
+            _check_study_names(assignments),
             lambda _: advance(),
         )
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             check_folder(folder)
             try:
-                status = max(status, conclude(analyze_archive(name, request), name, folder))
+                status = max(status, write_and_print(analyze_archive(name, request), name, folder))
             except InputError as error:
                 if study != ALL:
                     raise
-                say(f"{name} failed: {error}", err=True)
+                echo(f"{name} failed: {error}", err=True)
                 status = 1
     return status
 
 
-def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
+def _check_study_names(assignments: tuple[str, ...]) -> tuple[str, ...]:
     """Check that each assignment names its study, and return the assignments."""
     for text in assignments:
         if text.partition(".")[0] not in STUDIES:
@@ -163,7 +163,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
         if lack is None:
             yield name
         else:
-            say(f"{name} left out: {lack}", err=True)
+            echo(f"{name} left out: {lack}", err=True)
 
 
 @click.command("validate")
@@ -222,10 +222,10 @@ def validate(
             quick=quick,
             report=lambda _: advance(),
         )
-    return conclude(findings, GROUP, out)
+    return write_and_print(findings, GROUP, out)
 
 
-def conclude(findings: Findings, study: str, folder: Path) -> int:
+def write_and_print(findings: Findings, study: str, folder: Path) -> int:
     """Write and print a study's findings, and return the exit status."""
     written = write_findings(findings, study, folder)
     console = results()
@@ -233,8 +233,8 @@ def conclude(findings: Findings, study: str, folder: Path) -> int:
         if rows:
             console.print(comparison_table(rows, title))
     for remark in findings.remarks:
-        say(f"note: {remark}")
-    say_left_out(findings.failed)
+        echo(f"note: {remark}")
+    print_left_out(findings.failed)
     for path in written:
-        say(f"written to {path}")
+        echo(f"written to {path}")
     return 1 if findings.failed else 0

@@ -44,16 +44,16 @@ from gliderhpc.vocabulary import CHANNELS
 
 log = logging.getLogger("gliderhpc.calibrate")
 
-_LONGEST_STEP = 2.0
+_MAX_STEP = 2.0
 """Largest change of an error in a round, in plausible deviations, for which the linearisation is valid."""
 _RECORD_INTERVAL = 60.0
 """Time (s) between records of the smoothed sensitivities, of which only that of the displacement is used."""
 _DIGITS = 6
 _HALVINGS = 5
 """Largest number of halvings of a step to reach a hull that glides stably."""
-_HELD = 1.0
+_PRIOR_WEIGHT = 1.0
 """Weight of the prior's noise in the pooled factor, as an equivalent number of resolved values."""
-_NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
+_NO_OTHER_ERRORS = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
 """Error terms of a current without those of the hull and the compass, which are estimated as unknowns of the sum."""
 
 
@@ -157,7 +157,7 @@ def _current(
     record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], by_hull: Array
 ) -> DiveCurrent | None:
     """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
-    between = smoothed_current(record, series.time, *displacement, _NOTHING)
+    between = smoothed_current(record, series.time, *displacement, _NO_OTHER_ERRORS)
     if between is None:
         return None
     return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)
@@ -215,12 +215,12 @@ def errors_in_units(found: HullRounds) -> CalibrationErrors:
     correlation = errors.covariance / np.outer(errors.std, errors.std)
     return CalibrationErrors(
         parameters=tuple(p.key for p in found.parameters),
-        deviation=tuple(rounded(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
-        correlation=tuple(tuple(rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
+        deviation=tuple(round_number(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
+        correlation=tuple(tuple(round_number(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
     )
 
 
-def rounded(value: float) -> float:
+def round_number(value: float) -> float:
     """Round to the digits of a platform file."""
     return float(f"{value:.{_DIGITS}g}")
 
@@ -283,11 +283,11 @@ class DiveRounds:
         moves: list[float] = []
         while True:
             platform = moved_platform(self._base, self._parameters, eta)
-            dives = self._smoothed(platform, noise_factor)
+            dives = self._smooth_dives(platform, noise_factor)
             known = {each.number: each for each in dives if each.information is not None}
             divisor = 1.0 + self._settings.misfit * sum(number in known for number in self._fitted)
             terms = {number: self._term(each, platform, eta, divisor) for number, each in known.items()}
-            mission = self._sum(terms, dives)
+            mission = self._combine(terms, dives)
             noise_factor = noise_factor * pooled_factor([each for each in dives if each.number in self._fitted])
             wanted = mission.overall.mean - eta
             following = bounded_step(self._base, self._parameters, eta, eta + wanted)
@@ -316,7 +316,7 @@ class DiveRounds:
             mission.log_evidence,
         )  # fmt: skip
 
-    def _smoothed(self, platform: Platform, noise_factor: Array) -> list[SmoothedDive]:
+    def _smooth_dives(self, platform: Platform, noise_factor: Array) -> list[SmoothedDive]:
         keys, file = tuple(p.key for p in self._parameters), self._observations
         jobs = [
             DiveJob(file.path, file.survey, platform, number, keys, self._estimation, noise_factor)
@@ -346,7 +346,7 @@ class DiveRounds:
         score, information = dive.score / ratio / divisor, dive.information / np.outer(ratio, ratio) / divisor
         return DiveTerm(dive.number, dive.time, eta, score, information, current=current)
 
-    def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
+    def _combine(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
         fitted = [terms[number] for number in self._fitted if number in terms]
         if not fitted:
             raise CalibrationError(
@@ -366,7 +366,7 @@ def pooled_factor(dives: Sequence[SmoothedDive]) -> Array:
     more.
     """
     spent, resolved = np.sum([dive.noise for dive in dives if dive.noise is not None], axis=0)
-    return np.asarray((spent + _HELD) / (resolved + _HELD))
+    return np.asarray((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT))
 
 
 def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
@@ -390,7 +390,7 @@ def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array
         The next ``eta``; unchanged if none of the fractions of the step that are tried leads to a stable glide.
     """
     step = wanted - eta
-    step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), _LONGEST_STEP))
+    step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), _MAX_STEP))
     for _ in range(_HALVINGS):
         if glides_stably(Glider(moved_platform(base, parameters, eta + step))):
             return np.asarray(eta + step)

@@ -24,7 +24,7 @@ from typing import Any
 import cloudpickle
 
 from gliderhpc.errors import RunStoppedError
-from gliderhpc.garbage import seldom_collected
+from gliderhpc.garbage import infrequent_collection
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 
 log = logging.getLogger(__name__)
@@ -255,7 +255,7 @@ def _serve(pipe: "connection.Connection[Any, Any]") -> None:
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Lazy arrays are computed in this process: there are as many workers as cores already.
-    with dask.config.set(scheduler="synchronous"), seldom_collected():
+    with dask.config.set(scheduler="synchronous"), infrequent_collection():
         try:
             pipe.send_bytes(pickle.dumps((Kind.READY, None)))
             while True:

@@ -64,7 +64,7 @@ def derive_and_write(
     row : dict
         The profile's row of the table.
     extra : dict
-        Content to store with the commit, from which other fixes give new currents (`with_other_fixes`).
+        Content to store with the commit, from which other fixes give new currents (`recompute_currents`).
     """
     series, platform = estimate.series, estimate.profile.glider.platform
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
@@ -102,7 +102,7 @@ def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
     return {"status": "failed", "message": "; ".join([*phases, message])}
 
 
-def with_other_fixes(
+def recompute_currents(
     record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
 ) -> tuple[Row, Row]:
     """Recompute the currents of a committed profile from other fixes.

@@ -48,7 +48,7 @@ from gliderhpc.studies.library.turbulence.series import (
 )
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
-from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.request import Request, study_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.vocabulary import CHANNELS
 
@@ -324,7 +324,7 @@ def null_settings(request: Request) -> NullSettings:
         base["statistics"] = of_measured.model_dump()
     elif request.quick:
         base["statistics"] = {"surrogates": QUICK_SURROGATES}
-    return own_settings(request, NAME, NullSettings, base)
+    return study_settings(request, NAME, NullSettings, base)
 
 
 def missing(request: Request) -> str | None:

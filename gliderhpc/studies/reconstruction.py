@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, goes_by_density, wrap
+from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, uses_measured_density, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -267,7 +267,7 @@ def _source(
         return None, ("the inversion with k_z = 0 is compared with the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
         return None, ("the hull's k_z is zero already, so there is no second inversion",)
-    by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
+    by_slope = tuple(number for number in numbers if not uses_measured_density(archive, number))
     remarks: tuple[str, ...] = ()
     if by_slope != numbers:
         why = "because k_z has no effect there"

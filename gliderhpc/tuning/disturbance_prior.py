@@ -143,11 +143,11 @@ def tune_prior(
     before = default_prior(platform)
     search = _Search(likelihood, _logarithms(before), settings, report)
     search.climb([_logarithms(prior) for prior in _starts(platform)])
-    search.hold_the_undetermined()
+    search.hold_undetermined()
     after = _rounded(search.point, search.free, before)
     judgement_before, judgement_after = likelihood.judge([before, after])
 
-    def tested(judgement: Judgement) -> dict[str, Whiteness]:
+    def whiteness_by_sensor(judgement: Judgement) -> dict[str, Whiteness]:
         return _whiteness(judgement, likelihood.lengths, settings)
 
     return TunedPrior(
@@ -158,8 +158,8 @@ def tune_prior(
         search.errors(),
         search.verdicts,
         search.settled,
-        tested(judgement_before),
-        tested(judgement_after),
+        whiteness_by_sensor(judgement_before),
+        whiteness_by_sensor(judgement_after),
         any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
     )
 
@@ -204,12 +204,12 @@ class _Search:
         highest = max(maxima, key=lambda maximum: maximum.expansion.value)
         self._maximum = self._maximised(highest.point, self.free)
 
-    def hold_the_undetermined(self) -> None:
+    def hold_undetermined(self) -> None:
         """Reset the numbers that the records do not determine to the platform's values, and fit the others again."""
         while (weakest := self._weakest()) is not None:
             free = self.free.copy()
             free[weakest] = False
-            without = self._maximised(self._followed(weakest, free), free)
+            without = self._maximised(self._expected_maximum(weakest, free), free)
             if self._maximum.expansion.value - without.expansion.value > LIKELY_LOSS:
                 self._one_sided[weakest] = True
             else:
@@ -244,7 +244,7 @@ class _Search:
         weakest = int(np.argmax(errors))
         return weakest if errors[weakest] > self._worst_error else None
 
-    def _followed(self, held: int, free: Mask) -> Array:
+    def _expected_maximum(self, held: int, free: Mask) -> Array:
         """Expected point of the maximum when one number is reset to the platform's value."""
         information = self._maximum.expansion.information
         among = np.flatnonzero(self.free) == held

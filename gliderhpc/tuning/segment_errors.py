@@ -73,9 +73,9 @@ class SegmentErrors:
 
     def __call__(self, steps: Array) -> Array:
         """Return the errors used, SI, as a vector (m,)."""
-        return np.asarray(self.everywhere(steps)[self.counted])
+        return np.asarray(self.all_errors(steps)[self.counted])
 
-    def everywhere(self, steps: Array) -> Array:
+    def all_errors(self, steps: Array) -> Array:
         """All errors (n, 4), SI."""
         return self._balance(steps).errors
 

@@ -113,7 +113,7 @@ def steady_segments(
     settings: EstimationSettings,
     steady: SegmentSettings,
     *,
-    may_be_flatter: bool = False,
+    allow_flatter: bool = False,
 ) -> SteadySegments:
     """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
 
@@ -125,7 +125,7 @@ def steady_segments(
         Profiles to read.
     settings, steady : EstimationSettings, SegmentSettings
         Settings of the records' preparation, and criteria of steady flight.
-    may_be_flatter : bool
+    allow_flatter : bool
         Whether the segments are selected with more lift and less drag if the platform gives none. A hull that cannot
         glide as flat as the records show gives none, and that is the very error that a calibration has to correct.
 
@@ -135,8 +135,8 @@ def steady_segments(
         No profile has a steady segment.
     """
     found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
-    if may_be_flatter and not found:
-        found, other_reasons = _segments_of_all(observations, _flatter(platform), numbers, settings, steady)
+    if allow_flatter and not found:
+        found, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
         if found:
             reasons = other_reasons
             log.warning("%s finds no steady flight; it is chosen with more lift and less drag", platform.name)
@@ -169,7 +169,7 @@ _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
 """Changes of a hull, in plausible deviations, with which it glides about as flat as is plausible."""
 
 
-def _flatter(platform: Platform) -> Platform:
+def _flatter_hull(platform: Platform) -> Platform:
     parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
     return moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
 

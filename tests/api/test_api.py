@@ -22,7 +22,7 @@ from gliderhpc.api import missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
 from gliderhpc.api.records import RecordsInspected
 from gliderhpc.api.studies import StudyFindings
-from gliderhpc.mission.cluster import UnseenFileError
+from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
@@ -302,7 +302,7 @@ def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp
     def blind(workers, cluster=None, needed=(), *rest):
         @contextmanager
         def opened():
-            raise UnseenFileError(needed[0].resolve(), "worker tcp://b:2 on b")
+            raise FileNotSharedError(needed[0].resolve(), "worker tcp://b:2 on b")
             yield
 
         return opened

@@ -490,7 +490,7 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp
         workers = 3
 
         def streamed(self, function, jobs):
-            yield from super().streamed(function, jobs[:1])
+            yield from super().stream(function, jobs[:1])
             raise KeyboardInterrupt
 
     @contextmanager

@@ -299,7 +299,7 @@ def judged(measured=(), nulls=None, profiles=4):
 def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
     found = judged()
     assert [feature.outcome for feature in found.features] == [PASSED] * 3
-    assert found.stands
+    assert found.is_supported
     # One of eleven nulls lies within 0.05 of 1.778: two of twelve, one added to either.
     assert found.inside == pytest.approx(2.0 / 12.0)
     assert found.joint == pytest.approx((2.0 / 12.0) ** 4)
@@ -312,7 +312,7 @@ def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
 def test_what_cannot_be_tested_does_not_pass():
     without = judged(nulls=pd.DataFrame())
     assert [feature.outcome for feature in without.features] == [PASSED, NOT_TESTED, PASSED]
-    assert not without.stands
+    assert not without.is_supported
     assert np.isnan(without.joint)
     unresolved = judged({"zeta_ratio": np.nan, "p_value": np.nan})
     assert [feature.outcome for feature in unresolved.features] == [NOT_TESTED, PASSED, NOT_TESTED]

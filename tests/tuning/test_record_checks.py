@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 from support.missions import program
 
-from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
+from benchmarks.record_checks import SETTINGS, expected, inspect_open, spoilt, twin_records, twin_scenario
 from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
@@ -340,7 +340,7 @@ def flown():
 
 @pytest.fixture(scope="module")
 def clean_twin(flown):
-    return inspected(flown)
+    return inspect_open(flown)
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +350,7 @@ def spoilt_errors():
 
 @pytest.fixture(scope="module")
 def spoilt_twin(flown, spoilt_errors):
-    return inspected(flown, spoilt_errors)
+    return inspect_open(flown, spoilt_errors)
 
 
 def test_a_clean_twin_raises_no_alarm(clean_twin):

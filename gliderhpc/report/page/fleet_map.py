@@ -17,10 +17,10 @@ from gliderhpc.findings.drawing import (
     MODEL,
     SMALL,
     TRUTH,
-    dress,
     footnote,
     label,
     new_figure,
+    style_axes,
 )
 from gliderhpc.report.currents_map import CIRCLE, covariance_factors
 from gliderhpc.report.page.mission_figures import DEGREE, MIN_EXTENT, frame_map, round_speed
@@ -97,7 +97,7 @@ def fleet_map(tracks: Sequence[Track]) -> Figure | None:
     width, height = _SIZE
     figure = new_figure((width, height + _LEGEND_ROW * max(0, len(shown) // 2 - 2)))
     axes = figure.subplots()
-    dress(axes)
+    style_axes(axes)
     for track, (fixes, _) in zip(shown, placed, strict=True):
         _draw_track(axes, track, fixes)
     tips = _draw_currents(axes, shown, placed, every, shrink)

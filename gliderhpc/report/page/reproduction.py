@@ -18,7 +18,7 @@ from gliderhpc.report.facts import flattened
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
 from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
-from gliderhpc.studies.archived import own_platform
+from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
@@ -85,7 +85,7 @@ def _models(made: Mapping[Any, Any]) -> list[str]:
 
 def platform_option(archive: Archive) -> str:
     """Return the value of ``--platform``: the name of a shipped platform, or the file that the report writes."""
-    platform = own_platform(archive)
+    platform = platform_or_none(archive)
     if platform is None:
         return PLATFORM_FILE
     shipped = platform.name in shipped_platforms() and read_platform(platform.name) == platform

@@ -21,7 +21,7 @@ from gliderhpc.findings.drawing import (
     footnote,
     label,
     legend,
-    nothing_here,
+    mark_empty,
     panels,
 )
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
@@ -38,7 +38,7 @@ from gliderhpc.studies.archived import (
     study_table,
 )
 from gliderhpc.studies.currents import NAME
-from gliderhpc.studies.library.passband import Passband, passband, unseen, unseen_in_bins
+from gliderhpc.studies.library.passband import Passband, describe_bin_averaging, describe_unresolved, passband
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
@@ -68,13 +68,13 @@ def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSetting
     label(middle, "shear-sensitive part, limits to scale", "mm/s", "m")
     if not np.isfinite(study["both_shear_north"]).any():
         for axes in (left, middle):
-            nothing_here(axes, nothing_retrieved(study))
+            mark_empty(axes, nothing_retrieved(study))
         return figure
     _draw_profile(left, study)
     _draw_shear(middle, data, study)
     band = _passband(data, platform_of(archive), settings)
     _draw_limits(middle, band)
-    footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
+    footnote(figure, f"{describe_unresolved(band)}\n{describe_bin_averaging(band)}")
     return figure
 
 
@@ -206,12 +206,13 @@ def captions(
 ) -> dict[str, str]:
     """Return the captions of the table and of the figures, by stem."""
     figures = {
-        stem: _of_figure(made, table[table["profile"] == profile].iloc[0], settings) for stem, profile in drawn.items()
+        stem: _figure_caption(made, table[table["profile"] == profile].iloc[0], settings)
+        for stem, profile in drawn.items()
     }
-    return {"currents": _of_table(made, table)} | figures
+    return {"currents": _table_caption(made, table)} | figures
 
 
-def _of_table(made: Provenance, table: pd.DataFrame) -> str:
+def _table_caption(made: Provenance, table: pd.DataFrame) -> str:
     known = int(table["current_north"].notna().sum())
     text = (
         f"Depth-averaged current from the fixes and the self-motion of {estimate_label(made)}, with every term of its "
@@ -228,7 +229,7 @@ def _of_table(made: Provenance, table: pd.DataFrame) -> str:
     )
 
 
-def _of_figure(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
+def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
     noise = bool(np.isfinite(row["significant_fraction"]))
     hull = f"moment coefficients in error by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"

@@ -11,7 +11,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
+from gliderhpc.findings.drawing import (
+    FILTER,
+    GLIDE_ANGLE,
+    LANDSCAPE,
+    MEASURED,
+    MODEL,
+    label,
+    legend,
+    panels,
+    style_axes,
+)
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, number
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, median_of
 from gliderhpc.studies.archived import (
@@ -99,7 +109,7 @@ def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, A
     axes.set_yticks([tick for tick in axes.get_yticks() if 0.0 <= tick <= deepest])
     legend(axes, "lower right")
     pitch = axes.twinx()
-    dress(pitch)
+    style_axes(pitch)
     pitch.spines["right"].set_visible(True)
     pitch.grid(False)
     pitch.plot(hours, measured["pitch"], color=MEASURED, linewidth=1.6)

@@ -76,7 +76,11 @@ def lag_finding(
     the depth cannot be distinguished from an error of these times. With a threshold above the largest lag that has
     neighbours on both sides, no lag would be found; it is then not determined.
     """
-    series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
+    series = [
+        one
+        for one in series
+        if _rows_inside(one)[1] - _rows_inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step
+    ]
     if len(series) < MIN_PROFILES:
         return undetermined(*_LAG, f"{len(series)} profiles, but at least {MIN_PROFILES} are needed")
     interval = float(np.median([one.sample_interval for one in series]))
@@ -128,7 +132,7 @@ def _log_likelihood(
     glider = Glider(platform)
     profiles = []
     for one in series:
-        first, last = _inside(one)
+        first, last = _rows_inside(one)
         whole = prepare_profile(glider, one)
         bodies, vibrating = whole.bodies[first:last], whole.vibrating[first : last + 1]
         profiles += [PreparedProfile(glider, _with_depth_earlier(one, lag), bodies, vibrating) for lag in lags]
@@ -148,7 +152,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         depth = scipy.ndimage.uniform_filter1d(depth, width, mode="nearest")
     measurements = series.measurements.copy()
     measurements[:, 3] = np.interp(series.time + lag, series.time, depth)
-    first, last = _inside(series)
+    first, last = _rows_inside(series)
     index = series.sample_index[(series.sample_index >= first) & (series.sample_index <= last)]
     return replace(
         series,
@@ -162,7 +166,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
     )
 
 
-def _inside(series: ProfileSeries) -> tuple[int, int]:
+def _rows_inside(series: ProfileSeries) -> tuple[int, int]:
     """First and last row of a series that stay inside the record for all lags tried and for the smoothing."""
     off = round((REACH + 2) * series.sample_interval / series.step)
     return off, len(series.time) - 1 - off

@@ -123,14 +123,14 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
         found = found + step[line.shape[1] :]
     covariance = left_out_covariance(design, weights, left, profile, prior, biweight_stiffness(left, _MIN_SCALE))
     covariance = covariance[line.shape[1] :, line.shape[1] :]
-    information, known = np.zeros((5, 5)), _part_known(len(np.unique(profile)))
+    information, known = np.zeros((5, 5)), _hartlap_factor(len(np.unique(profile)))
     information[1:, 1:] = known * _without_prior(covariance, plausible)
     # The prior draws the estimate towards zero; the information vector must not contain this effect.
     vector = np.append(0.0, known * np.linalg.solve(covariance, found))
     return TurnInformation(information, vector, turning)
 
 
-def _part_known(profiles: int) -> float:
+def _hartlap_factor(profiles: int) -> float:
     """Factor on the inverse of a covariance estimated from few profiles that makes it unbiased (Hartlap 2007)."""
     return (profiles - _HARMONICS - 2) / (profiles - 1)
 

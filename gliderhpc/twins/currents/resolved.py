@@ -215,7 +215,7 @@ def transfer_lines(rows: Sequence[Row]) -> list[Row]:
     return [{**dict(zip(GROUP, key, strict=True)), **line} for key, total in sums.items() for line in _by_scale(total)]
 
 
-def seen_band(lines: Sequence[Row]) -> tuple[float, float]:
+def resolved_band(lines: Sequence[Row]) -> tuple[float, float]:
     """Vertical scales (m) around the largest gain on the current over which at least half of it remains.
 
     Raises

@@ -60,7 +60,7 @@ class Size:
     high: float
 
     @property
-    def leaves_out_zero(self) -> bool:
+    def excludes_zero(self) -> bool:
         """Return whether the interval lies on one side of zero."""
         return self.low > 0.0 or self.high < 0.0
 
@@ -117,7 +117,7 @@ class Change:
             return Size(float("nan"), float("nan"), float("nan"))
         return Size(own[0].value, min(one.low for one in own), max(one.high for one in own))
 
-    def holds(self, numbers: Array) -> Mask:
+    def contains(self, numbers: Array) -> Mask:
         """Mask of the profile numbers that belong to the change."""
         return np.asarray((numbers >= self.first) & (numbers <= self.last), dtype=np.bool_)
 
@@ -145,16 +145,16 @@ class Changes:
 
     def outside(self, numbers: Array) -> Mask:
         """Mask of the profile numbers outside every episode."""
-        inside = [one.holds(numbers) for one in self.episodes]
+        inside = [one.contains(numbers) for one in self.episodes]
         return ~np.any(inside, axis=0) if inside else np.ones(len(numbers), dtype=np.bool_)
 
     @property
-    def leave_a_line(self) -> bool:
+    def allow_line(self) -> bool:
         """Return whether a line may still describe the series outside the episodes: no step and no ramp was found."""
         return len(self.episodes) == len(self.found)
 
     @property
-    def leave_an_onset(self) -> bool:
+    def allow_onset(self) -> bool:
         """Return whether at most one ramp, which continues to the end of the record, was found outside the episodes."""
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
@@ -387,7 +387,7 @@ def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ..
     for quantity in (DRAG, AXIAL):
         own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
         largest = max((abs(size.value) for size in own.values() if np.isfinite(size.value)), default=0.0)
-        shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= PHASE_SHARE * largest]
+        shown = [key for key, size in own.items() if size.excludes_zero and abs(size.value) >= PHASE_SHARE * largest]
         if shown:
             phases = tuple(phase for phase in PHASES if any(key[1] == phase for key in shown))
             return phases, tuple(name for name in estimates if any(key[2] == name for key in shown))

@@ -183,8 +183,8 @@ class DragDrift:
     @property
     def cause(self) -> str:
         """Key of `CAUSES`; a change is significant if the robust test and its full interval both show it."""
-        together = self.shared.shown and _leaves_out_zero(self.change_interval)
-        apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
+        together = self.shared.shown and _excludes_zero(self.change_interval)
+        apart = self.apart.shown and _excludes_zero(self.weight_interval)
         if not together:
             return "weight" if apart else "none"
         name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
@@ -310,7 +310,7 @@ def combined(slope: float, sampling: Interval, scale: Interval, unresolved: floa
     return float(slope - below), float(slope + above)
 
 
-def _leaves_out_zero(ends: Interval) -> bool:
+def _excludes_zero(ends: Interval) -> bool:
     return ends[0] > 0.0 or ends[1] < 0.0
 
 

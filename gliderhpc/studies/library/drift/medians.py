@@ -70,7 +70,7 @@ class CoefficientSettings(Settings):
     pitch_offset: float = Field(1.0, gt=0, le=10, description="constant error of the pitch that is tested, degree")
 
     @model_validator(mode="after")
-    def _leaves_something(self) -> Self:
+    def _longer_than_settling(self) -> Self:
         if self.settling >= self.length:
             raise ValueError(f"a segment of {self.length:g} s must be longer than its settling of {self.settling:g} s")
         return self
@@ -118,7 +118,7 @@ class DepthBand:
     high: float
     remark: str = ""
 
-    def holds(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Mask of the depths inside the band."""
         return np.asarray((depth >= self.low) & (depth <= self.high), dtype=np.bool_)
 
@@ -187,7 +187,7 @@ def counted(data: ProfileData, band: DepthBand, phase: str) -> Mask:
     if turning[data.steady].sum() <= ROTATED_SHARE * data.steady.sum():
         samples &= ~turning
     known = np.isfinite(data.measured).all(axis=1)
-    return data.on_records(samples) & known & band.holds(data.measured[:, 3])
+    return data.on_records(samples) & known & band.contains(data.measured[:, 3])
 
 
 def medians_of(forces: Array, velocity: Array) -> dict[str, float]:

@@ -139,7 +139,7 @@ class DriftVerdict:
     @property
     def has_onset(self) -> bool:
         """Return whether the drag grows like a level that turns into a line."""
-        return self.grows and self.changes.leave_an_onset
+        return self.grows and self.changes.allow_onset
 
     @property
     def extrapolates(self) -> bool:
@@ -341,7 +341,7 @@ def find_drift(
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
-        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
+        changes.allow_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
         counted,
     )
 

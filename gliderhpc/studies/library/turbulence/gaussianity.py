@@ -46,7 +46,7 @@ less, and the test then rejects Gaussian gusts too often (docs/turbulence.md).""
 MIN_INDEPENDENT, MIN_LOCAL = 100.0, 10.0
 """Least numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
 
-_FEWEST_PAIRS = 0.05
+_MIN_PAIR_FRACTION = 0.05
 """Least number of pairs of values with a correlation, relative to the number of values."""
 
 _SAME_ROLL = 1e-4
@@ -214,7 +214,7 @@ def _correlation(values: Array, counted: NDArray[np.bool_], width: int) -> tuple
         for x in (values, counted.astype(np.float64))
     )
     pairs = np.rint(pairs)
-    known = pairs >= _FEWEST_PAIRS * pairs[0]
+    known = pairs >= _MIN_PAIR_FRACTION * pairs[0]
     correlation = np.divide(own, pairs, out=np.zeros_like(own), where=known) * pairs[0] / own[0]
     return np.concatenate([pairs[:0:-1], pairs]), np.concatenate([correlation[:0:-1], correlation])
 
