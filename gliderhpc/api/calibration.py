@@ -39,7 +39,7 @@ Roll and rate of turn also respond to moments exerted by the moving water. The d
 hull's own moments; the steady balance does not."""
 
 _MIN_PROBABILITY = 0.01
-"""Smallest prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
+"""Minimum prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
 
 
 @contextmanager

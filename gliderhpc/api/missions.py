@@ -37,7 +37,7 @@ from gliderhpc.wording import python_words, speaks_python
 log = logging.getLogger("gliderhpc.run")
 
 CHECKED_PROFILES, LAG_PROFILES = 24, 4
-"""Largest numbers of profiles examined before a run: for all checks of the records but the lag, and for the lag."""
+"""Maximum numbers of profiles examined before a run: for all record checks except the lag, and for the lag."""
 
 
 @speaks_python
@@ -114,7 +114,7 @@ def run_mission(
     profiles : int, iterable of int, or str, optional
         Profiles to invert, such as ``[18, 19]`` or ``"18:20,68"``; all by default.
     workers : int, optional
-        Number of worker processes, 0 to compute in this process; by default one per core, as far as memory allows.
+        Number of worker processes, 0 to compute in this process; by default one per core, if memory allows.
     scheduler : str or Path, optional
         Address of a running Dask cluster's scheduler, or the file that it wrote.
     overwrite, resume, append : bool
@@ -145,7 +145,7 @@ def run_mission(
     ``if __name__ == "__main__":``, or with ``workers=0``.
     """
     if sum((resume, append, overwrite)) > 1:
-        raise InputError("overwrite, resume and append exclude each other; give one of them")
+        raise InputError("overwrite, resume and append are mutually exclusive; give one of them")
     chosen = settings_of(MissionSettings, settings, named)
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
@@ -244,7 +244,7 @@ def prepare_mission(
     profiles : str, optional
         Choice of profiles, such as ``18:20,68``; all by default.
     workers : int, optional
-        Number of local worker processes; by default one per core, as far as memory allows.
+        Number of local worker processes; by default one per core, if memory allows.
     on_cluster : bool
         Whether the run is on a cluster, whose memory is not checked.
     warn : callable

@@ -151,7 +151,7 @@ class Watch:
         self._import()
         if self.records.exists():
             for records in truncated_missions(self.records, self.watched.out):
-                # A cut whose dives were all reported is skipped: the archive already contains more.
+                # Skip a truncated mission whose dives were all reported: the archive already contains more.
                 self._invert_and_report(records, only_news=records != self.records)
             (self.watched.out / "replayed.nc").unlink(missing_ok=True)
         self._complete()
@@ -257,7 +257,7 @@ class Watch:
         numbers = prepared.plan.profiles
         grows = continues_archive(watched.store, numbers)
         if not grows:
-            log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
+            log.warning("%s: a dive arrived after later ones; the archive is rebuilt", watched.store)
         prepared.run(
             watched.store,
             lambda: nullcontext(self._executor(prepared.workers)),

@@ -1,4 +1,4 @@
-"""Interruption of a command by Ctrl-C or SIGTERM, raised only where it is neither lost nor leaves a lock held."""
+"""Interrupt a command on Ctrl-C or SIGTERM, only where the exception is not lost and leaves no lock held."""
 
 import _thread
 import signal
@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from types import FrameType
 
 _PAUSE = 0.02
-"""Seconds after which an interruption that came at a bad moment is raised again, repeatedly if need be."""
+"""Seconds until an interruption that came at a bad moment is raised again."""
 
 _MAX_PAUSES = 250
-"""Largest number of pauses; an interruption that is still at a bad moment then (after about 5 s) is raised there."""
+"""Maximum number of pauses; after them (about 5 s) the interruption is raised regardless."""
 
 _LOCKING = ("xarray.backends.locks", "xarray.backends.file_manager")
 """Modules that take locks of files in Python code. An exception between taking a lock and entering the block that
@@ -30,7 +30,7 @@ def interruptible() -> Iterator[None]:
     An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
     releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
     Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs. The context has no effect
-    outside the main thread, which alone receives signals.
+    outside the main thread, the only one that receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

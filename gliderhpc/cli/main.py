@@ -255,7 +255,7 @@ def _flushed(status: int) -> int:
 
 
 def _discard_unwritable_output() -> None:
-    """Discard what is left of the output if it cannot be written: its error is reported already."""
+    """Discard the remaining output if it cannot be written; the error has been reported."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -263,7 +263,7 @@ def _discard_unwritable_output() -> None:
 
 
 def _discard(name: str) -> None:
-    """Replace a closed stream by the null device, to avoid an error when it is closed."""
+    """Replace a broken stream with the null device, so that closing it raises no error."""
     setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - it stays open
 
 

@@ -84,7 +84,7 @@ def run_mission(
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if sum((resume, append, overwrite)) > 1:
-        raise click.UsageError("--resume, --append and --overwrite exclude each other; give one of them")
+        raise click.UsageError("--resume, --append and --overwrite are mutually exclusive; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     check_engine(settings)

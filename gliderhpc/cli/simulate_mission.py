@@ -30,7 +30,7 @@ from gliderhpc.simulator import (
 log = logging.getLogger("gliderhpc.simulate")
 
 MAX_TABLE_ROWS = 24
-"""Largest number of rows of the table; for a longer mission, every second, third, ... profile is listed."""
+"""Maximum number of rows of the table; for a longer mission, every second, third, ... profile is listed."""
 
 MAX_SERIAL_PROFILES = 8
 """Largest mission that is simulated in this process by default."""

@@ -121,7 +121,7 @@ def watch(
       gliderhpc watch sg249/ --platform sg249.yaml --store again.zarr --replay
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if once and replay:
-        raise click.UsageError("--once and --replay exclude each other; give one of them")
+        raise click.UsageError("--once and --replay are mutually exclusive; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "start": start}, values)
     check_engine(settings)

@@ -205,7 +205,7 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
             # Not the default client: other dask computations of this process stay in this process.
             client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
-        # Other servers may answer with anything, which is then interpreted as message sizes.
+        # Another kind of server may answer with bytes that are then read as message sizes.
         raise InputError(
             f"{cluster}: no Dask scheduler answers there ({first_line(error)}); check the address, or start one"
         ) from None
@@ -237,7 +237,7 @@ def _check_answer(address: str) -> None:
 
 
 def _read_address(file: Path) -> str:
-    """Read the address that a scheduler wrote, waiting for a scheduler that was started at the same time."""
+    """Read the address that a scheduler wrote, and wait for it if the scheduler has just been started."""
     began = time.monotonic()
     while not file.exists():
         if time.monotonic() - began > _CONNECT_TIMEOUT:
@@ -277,7 +277,7 @@ def _check_shared_files(client: Any, needed: tuple[Path, ...]) -> None:
 def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:
     """Compile on one worker of every host; the others load the kernels from its cache.
 
-    A worker that is lost meanwhile is not waited for: the first job of its host compiles instead.
+    A worker lost in the meantime is skipped: the first job on its host compiles instead.
     """
     tasks = {
         client.submit(_warm_worker, warm, workers=[worker], pure=False): worker

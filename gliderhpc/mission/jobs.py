@@ -1,4 +1,4 @@
-"""Jobs of a mission: profiles are assigned to workers, estimated and committed; after a failed job, one by one.
+"""Jobs of a mission: workers estimate and commit profiles in batches; a failed batch is retried profile by profile.
 
 A job gets paths and numbers, never arrays; it writes each profile's chunks and, last, its commit marker. It is
 idempotent, and skips the profiles that are committed already.
@@ -41,7 +41,7 @@ from gliderhpc.version import __version__
 log = logging.getLogger(__name__)
 
 FIXES = "fixes"
-"""Kind of input on which only the currents depend."""
+"""Kind of input that affects only the currents."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class BatchJob:
     token : str, optional
         Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
     amendable : mapping of int to Commit
-        Earlier commits, by position, of profiles of which only the fixes differ.
+        Earlier commits, by position, of profiles that differ only in their fixes.
     """
 
     profiles: tuple[tuple[int, int], ...]
@@ -238,7 +238,7 @@ def earliest_start(observations: Observations) -> np.datetime64:
 
 
 def is_made_from(place: Place, observations: Observations, profiles: Mapping[int, int]) -> bool:
-    """Return whether profiles of an archive were made from these observations, however a file stores them.
+    """Return whether an archive's profiles were made from these observations, regardless of how a file stores them.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Worker processes on this machine, each connected by its own pipe.
 
 There is no port that another user could reach, no file, and no lock that a killed worker could hold. A process that
-dies is replaced, and its job is assigned again.
+dies is replaced, and its job is reassigned.
 """
 
 import logging
@@ -30,7 +30,7 @@ from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 log = logging.getLogger(__name__)
 
 ALLOWED_DEATHS = 3
-"""Largest number of worker deaths after which a job is still assigned again."""
+"""Maximum number of worker deaths after which a job is still reassigned."""
 
 _GRACE_PERIOD = 1.0
 """Seconds between terminating workers and killing them."""
@@ -284,7 +284,7 @@ def _parts(result: Iterable[Any]) -> Iterator[bytes]:
 
 
 def _portable(error: Exception) -> Exception:
-    """Add the traceback to an error as a note; replace an error that cannot be pickled by its text."""
+    """Add the traceback to an error as a note; return only the text of an error that cannot be pickled."""
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(cloudpickle.dumps(error))

@@ -36,7 +36,7 @@ STALE_AGE = 180.0
 SUFFIX = ".lock"
 
 _MAX_BYTES = 4096
-"""Largest number of bytes read from a lock."""
+"""Maximum number of bytes read from a lock."""
 
 
 class LockPlace(Protocol):
@@ -55,7 +55,7 @@ class LockPlace(Protocol):
         """Return the seconds since the last refresh."""
 
     def release(self, content: bytes) -> None:
-        """Remove the lock if it has that content, and keep one that another run has taken meanwhile."""
+        """Remove the lock if it still has that content; leave one that another run has acquired."""
 
     def remove(self) -> None:
         """Remove the lock."""
@@ -121,9 +121,9 @@ class FileLock:
             aside.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
-        """Rename the file first, which succeeds for one of several runs; restore it if it is another run's.
+        """Rename the file, which only one of several runs can do; restore it if it belongs to another run.
 
-        A third run may have taken the lock in between; then there is nothing to restore.
+        If a third run has acquired the lock in between, there is nothing to restore.
         """
         aside = self._temporary_path()
         try:

@@ -270,7 +270,7 @@ def _track_from_json(plain: Mapping[str, Any]) -> Track:
 
 
 def _numbers(values: ArrayLike) -> Any:
-    """Return numbers as lists, with None in place of NaN, which JSON does not have."""
+    """Return numbers as lists, with None instead of NaN, which JSON lacks."""
     array = np.asarray(values)
     return np.where(np.isfinite(array), array.astype(object), None).tolist()  # type: ignore[call-overload]
 

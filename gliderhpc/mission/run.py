@@ -207,7 +207,7 @@ def _execute(
     result: MissionResult,
     report: Callable[[ProfileResult], None],
 ) -> None:
-    """Estimate the profiles, updating the archive's table during the run and at its end, however it ends."""
+    """Estimate the profiles, updating the archive's table during the run and, even after an error, at its end."""
     written = time.monotonic()
     try:
         for done in profile_results(opened, work, token, profiles):
@@ -225,7 +225,7 @@ def _execute(
 def _resumed(
     work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Prepare an existing archive, which remains in place however the run ends."""
+    """Prepare an existing archive, which remains in place even if the run fails."""
     prepare_archive(work, attributes, plan, validity, append)
     yield lambda: None
 

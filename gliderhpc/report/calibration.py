@@ -96,8 +96,8 @@ def notes(found: Calibration) -> list[str]:
     missed = np.degrees(found.fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:
         lines.append(
-            f"WARNING: the platform given misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
-            "check its name, since quantities that the glides do not determine are still those of the platform given"
+            f"WARNING: the given platform misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
+            "check its name, since quantities that the glides do not determine are still those of the given platform"
         )
     if not found.held_out.segments:
         lines.append("no profile was held out, so the errors after calibration are those of the fit itself")

@@ -286,7 +286,7 @@ def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
 PERCENTILES = (0.1, 99.9)
 MAX_EXTREMES_RATIO = 2.5
 MIN_SPAN = 0.02
-"""Smallest span of an axis, N or N m; it keeps rounding and noise from looking like a signal."""
+"""Minimum span of an axis, N or N m; it keeps rounding and noise from looking like a signal."""
 
 
 def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:

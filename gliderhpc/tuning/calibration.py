@@ -1,4 +1,4 @@
-"""Calibration of a hull's trim, drag and lateral terms, as far as its own steady glides determine them."""
+"""Calibration of the trim, drag and lateral terms that a hull's own steady glides determine."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,12 +34,12 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MIN_PROFILES = 3
-"""Fewer profiles do not determine the uncertainty of an estimate."""
+"""Minimum number of profiles from which the uncertainty of an estimate can be determined."""
 
 LEVEL = 0.95
 
 MAX_START_SEGMENTS = 200
-"""Largest number of segments, spread over all, that are used to find the starting point."""
+"""Maximum number of segments, spread over the mission, used to find the starting point."""
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""

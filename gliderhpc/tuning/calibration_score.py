@@ -29,8 +29,9 @@ CHANCE_FACTOR = 1.2
 """Factor by which chance may raise an error: a few tens of independent segments determine it to about a tenth."""
 
 TRIMMED_FRACTION = 0.95
-"""Fraction of the errors, the smallest ones, by which a calibration is judged. In a segment where a hull's yaw hardly
-balances, a small change of its coefficients can predict any rate of turn, and one such segment must not decide."""
+"""Fraction of the errors, the smallest ones, in the trimmed root mean square by which a calibration is judged. In a
+segment where a hull's yaw hardly balances, a small change of its coefficients can predict any rate of turn, and one
+such segment must not decide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
     fitted, held_out : Score
         Errors on the profiles fitted and on those held out.
     quantities : int
-        Number of `QUANTITIES` to judge, from the first on.
+        Number of `QUANTITIES` to judge, starting with the first.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Maximum-likelihood disturbance prior of some records, as far as they determine its numbers."""
+"""Maximum-likelihood disturbance prior: those of its numbers that the records determine."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ TOLERANCE = 0.2
 """Gain of log-likelihood below which the rounds end."""
 
 COARSE_TOLERANCE = 5.0
-"""Likewise for the first, rough fits from all starts."""
+"""The same for the first, rough fits from all starts."""
 
 HELD_ERROR = 2.0
 """Standard error of the logarithm of a held number, assumed for the errors of the others: a factor of seven."""
@@ -120,8 +120,8 @@ def tune_prior(
 
     The method is Fisher scoring on the logarithms. It starts from each prior that the filter would use for the
     platform, and from the platform's deviations with the correlation times `START_TIMES`; the highest maximum is taken.
-    Numbers that the records do not determine are then held at the platform's value, one after another from the least
-    certain on, and the others are fitted again. A number stays free if holding it costs more than `LIKELY_LOSS`.
+    Numbers that the records do not determine are then held at the platform's value, one by one, the least certain
+    first, and the others are fitted again. A number stays free if holding it costs more than `LIKELY_LOSS`.
 
     Parameters
     ----------

@@ -24,9 +24,9 @@ _UNCHANGED = 0.5
 """Prior probability that nothing changes."""
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
-"""Probability from which on a change counts as found."""
+"""Minimum probability of a change that counts as found."""
 _MIN_DIVES = 4
-"""Smallest number of dives; with fewer, a change cannot be distinguished from their scatter."""
+"""Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def find_changes(
     size : float
         Prior standard deviation of a whole change, in plausible deviations.
     companions : mapping of int to int, optional
-        Index of an error that may change at the same time as a suspect, with the same course and a size of its own. It
+        Index of an error that may change at the same time as a suspect, with the same course but another size. It
         is considered in the size and onset of the change, but not in its probability.
 
     Returns
@@ -215,7 +215,7 @@ def size_likelihood(
     terms : sequence of Information
         Information of the dives.
     parameters : sequence of int
-        Indices of the k unknowns that change, each by a size of its own.
+        Indices of the k unknowns that change, each by a different size.
     shapes : (m, n)
         Course of the change over the dives.
     """

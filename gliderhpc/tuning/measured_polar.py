@@ -27,11 +27,11 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 Array = NDArray[np.float64]
 
 MIN_SEGMENTS, MIN_PROFILES = 5, 3
-"""Smallest number of segments on dives, and on climbs, and smallest number of profiles."""
+"""Minimum numbers of segments, on dives and on climbs, and of profiles."""
 MIN_RELATIVE_ERROR = 0.01
-"""Smallest relative error of drag and lift: that of the velocity's scale."""
+"""Minimum relative error of drag and lift: that of the velocity's scale."""
 _MIN_SPEED = 0.05
-"""Smallest forward velocity of a glide, m/s."""
+"""Minimum forward velocity of a glide, m/s."""
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,11 @@ _FIT_LEVEL = 0.99
 _ROUNDS = 4
 """Rounds in which inflation and weights are computed in turn."""
 _MIN_CURRENTS = 2
-"""Smallest number of currents; a single one gives no information."""
+"""Minimum number of currents; a single one gives no information."""
 _UNINFORMED = 1e-9
 """Fraction of the prior's information that is added where the dives have none."""
 MIN_COMPARED = 4
-"""Smallest number of dives from which their scatter can be estimated."""
+"""Minimum number of dives from which their scatter can be estimated."""
 
 
 @dataclass(frozen=True, eq=False)

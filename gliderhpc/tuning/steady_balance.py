@@ -22,10 +22,10 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 ITERATIONS = 12
-"""Largest number of Newton steps for the velocity."""
+"""Maximum number of Newton steps for the velocity."""
 
 LARGEST_STEP = 0.1
-"""Largest change of the velocity in a step, as a fraction of the speed."""
+"""Maximum change of the velocity in a step, as a fraction of the speed."""
 
 CONVERGED = 1e-9
 """Step length (m/s) below which the iteration ends; convergence is quadratic."""
@@ -104,7 +104,7 @@ QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
 _ROWS_AT_ONCE = 4096
-"""Largest number of stretches, over all hulls, that are solved in one go."""
+"""Maximum number of stretches, over all hulls, that are solved together."""
 
 
 def steady_balances(
@@ -206,7 +206,7 @@ class _Flight:
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
-                # NaN never counts as converged: a hull with NaN in one stretch goes on iterating for the others.
+                # NaN never counts as converged: a hull with NaN in one stretch keeps iterating for the others.
                 moving[hull] = not length[rows].max(initial=0.0) < CONVERGED
             self._evaluate()
             if not moving.any():
@@ -311,11 +311,11 @@ def _solved(matrices: Array, vectors: Array) -> Array:
 
 
 MIN_SPEED = 0.05
-"""Smallest speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
+"""Minimum speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
 
 GLIDE_ROUNDS = 6
 GLIDE_CONVERGED = 1e-7
-"""Largest number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
+"""Maximum number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,7 +139,7 @@ def steady_segments(
         found, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
         if found:
             reasons = other_reasons
-            log.warning("%s finds no steady flight; it is chosen with more lift and less drag", platform.name)
+            log.warning("%s finds no steady flight; segments are selected with more lift and less drag", platform.name)
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
     if not found:

@@ -100,7 +100,7 @@ def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
     Returns
     -------
     list
-        Inversions in the order of the cases; in place of an inversion, the reason why the twin could not be simulated
+        Inversions in the order of the cases; instead of an inversion, the reason why the twin could not be simulated
         (`InputError`) or inverted (`ProfileError`).
     """
     twins = [_simulate(case) for case in cases]

@@ -38,7 +38,7 @@ LONGITUDINAL_AND_YAW = ("B_cu", "B_cw", "B_cq", "B_cr")
 """Channels that the usual twin disturbs."""
 
 SEAM_REACH = 1.0
-"""Largest distance from a boundary of samples that belong to it, s."""
+"""Maximum distance from a boundary of samples that belong to it, s."""
 
 INTERVALS = {"68": 0.9944578832097532, "95": 1.959963984540054}
 """Half widths, in standard deviations, of the intervals whose coverage is computed: 68 % and 95 %."""
@@ -221,11 +221,11 @@ def _seam_scores(inversion: TwinInversion) -> Row:
 
 
 ISOLATION = 8.0
-"""Smallest distance of an isolated impulse, s (or `ISOLATION_WIDTHS` widths), from others and from unsteady glide."""
+"""Minimum distance of an isolated impulse, s (or `ISOLATION_WIDTHS` widths), from others and from unsteady glide."""
 
 ISOLATION_WIDTHS = 4.0
 SEARCH = 2.0
-"""Largest distance from the true time at which a peak is searched, s (or one width, if longer)."""
+"""Maximum distance from the true time at which a peak is searched, s (or one width, if longer)."""
 
 QUIET_DISTANCE = 12.0
 """Distance from every impulse, s (or six widths, if longer), beyond which a peak is a false alarm."""

@@ -112,7 +112,7 @@ def test_version():
         (("run-mission", "a.nc", "--platform", "petrel-l"), "Missing option '--store'"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--preset", "best"), "'best' is not one of"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--workers", "-1"), "-1 is not in the range"),
-        (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "exclude each other"),
+        (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "mutually exclusive"),
         (("simulate-mission", "a.nc"), "Missing option '--platform'"),
     ],
 )

@@ -155,7 +155,7 @@ def test_a_damaged_archive_costs_itself_alone(archives, tmp_path):
     page = read(tmp_path / "out" / "index.html")
     assert [one for one in page.references if one.endswith("/index.html")] == ["one/index.html"]
     text = page.sections["fleet"]
-    assert "no page of its own: " in text
+    assert "no separate page: " in text
     assert "the chunk is damaged" in text
     assert f"{broken}: not an archive of gliderhpc" in text
     assert "no such archive" in text

@@ -302,7 +302,7 @@ def test_without_tested_nulls_nothing_is_settled():
     for verdict in (judged([5.0, 6.0]), judged([5.0, 6.0], [np.nan] * 9, [np.nan] * 9)):
         found, sure, settle = conclusion(verdict)
         assert "not Gaussian in 2 of the 2 profiles" in found
-        assert "so many would be found with p = 0.00250" in sure
+        assert "as many would be found with p = 0.00250" in sure
         assert "of these nulls" not in sure
         assert "actuators that move unrecorded" not in settle
 

@@ -257,7 +257,7 @@ def test_steady_flight_is_found_for_a_hull_that_cannot_glide_as_flat(twin, caplo
         found, expected = (
             steady_segments(opened, hull, (1, 2), settings, STEADY, allow_flatter=True) for hull in (poor, PETREL)
         )
-    assert "petrel-l finds no steady flight; it is chosen with more lift" in caplog.text
+    assert "petrel-l finds no steady flight; segments are selected with more lift" in caplog.text
     np.testing.assert_array_equal(found.time, expected.time)
 
 

@@ -90,7 +90,7 @@ def export_currents(
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Replace the study's current and error ellipse by the smoother's where it is usable.
+    """Replace the study's current and error ellipse with the smoother's where that is usable.
 
     The error terms of the ellipse are those of the study, from a budget if one was used.
     """

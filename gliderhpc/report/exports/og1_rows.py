@@ -230,7 +230,7 @@ def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
 
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
-    """Add a fix as a row of its own, or to the record of the same time; skip one that is already in the file."""
+    """Add a fix as a separate row, or to the record of the same time; skip one that is already in the file."""
     time = since_1970(fix.time)
     if time <= last:
         return

@@ -21,11 +21,11 @@ from gliderhpc.tuning.hull_changes import PROBABLE
 Array = NDArray[np.float64]
 
 _MIN_TREND_DIVES = 5
-"""Smallest number of dives for a trend."""
+"""Minimum number of dives for a trend."""
 
 
 def answers_section(archive: Archive, summary: Summary) -> Section:
-    """Assemble the results of the last dive and of the mission that an operator asks for first."""
+    """Assemble what an operator asks for first: results of the last dive, and of the mission."""
     table = MissionTable.of(archive)
     odd = [*odd_profiles(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
@@ -42,7 +42,7 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
 
 def _remarks(odd: Sequence[str]) -> tuple[Remarks | Words]:
     return (
-        Remarks(tuple(odd), "Odd in this mission") if odd else Words("Every profile was estimated without remark."),
+        Remarks(tuple(odd), "Anomalies in this mission") if odd else Words("Every profile was estimated without remark."),
     )
 
 

@@ -60,7 +60,7 @@ class _Member:
         address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{self.page}"
         cells = self.state.cells
         if self.fault:
-            cells = {**cells, "odd": (f"no page of its own: {self.fault}", *self.state.odd)}
+            cells = {**cells, "odd": (f"no separate page: {self.fault}", *self.state.odd)}
         return RosterEntry(title, self.state.mission, address, cells)
 
     @property
@@ -99,7 +99,7 @@ def write_fleet(
     Returns
     -------
     Written
-        Files of the fleet's page; `failed` has a line for each archive without a page of its own.
+        Files of the fleet's page; `failed` has a line for each archive without a separate page.
 
     Raises
     ------

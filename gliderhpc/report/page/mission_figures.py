@@ -190,7 +190,7 @@ DEGREE = 111_195.0
 """Length of a degree of latitude, m."""
 
 MIN_EXTENT = 2000.0
-"""Smallest extent of a map, m."""
+"""Minimum extent of a map, m."""
 
 _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
 """Width over height of the map, and size of the map relative to its content."""

@@ -33,7 +33,7 @@ from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
 
 _MAX_COLUMNS = 14
-"""Largest number of columns of a study's table on the page, except for the publication's own tables."""
+"""Maximum number of columns of a study's table on the page, except for the publication's own tables."""
 
 
 HEADINGS = {

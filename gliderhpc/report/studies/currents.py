@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
-"""Largest number of shear vectors along the track."""
+"""Maximum number of shear vectors along the track."""
 
 _LONGEST = 0.2
 """Length of the longest shear vector, relative to the width of the panel."""

@@ -30,7 +30,7 @@ YAW = list(CHANNELS).index("B_cr")
 FAST = 0.05
 """Frequency above which the paper looks for turbulence, Hz."""
 LAG_REACH = 30.0
-"""Largest lag that is tried in either direction, s."""
+"""Maximum lag that is tried in either direction, s."""
 IMPULSE_REACH = 10.0
 """Time (s) after an impulse within which its peak is searched, from three widths before it.
 

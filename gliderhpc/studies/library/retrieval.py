@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 _BRACKET_MARGIN = 1.5
 """Half width of the initial search interval, relative to the first-order solution."""
 _MIN_BRACKET = 1e-6
-"""Least half width of the initial search interval, m/s."""
+"""Minimum half width of the initial search interval, m/s."""
 _ROOT_TOLERANCE = 1e-9
 """Tolerance of a root, m/s."""
 

@@ -62,7 +62,7 @@ NAMES = tuple(key.rpartition(".")[2] for key in KEYS)
 """Names of these parameters in the tables."""
 
 MIN_DEPTH = 5.0
-"""Least depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
+"""Minimum depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
 
 SETTLING_TIME = 20.0
 """Time after the vibration set that is left out, s: the hull is still approaching its new glide."""

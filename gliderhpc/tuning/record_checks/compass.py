@@ -25,7 +25,7 @@ from gliderhpc.tuning.record_checks.turns import TurnInformation
 Array = NDArray[np.float64]
 
 MIN_LENGTH = 1.0
-"""Smallest displacement through the water (m) of a glide; below it there are only rounding errors."""
+"""Minimum displacement through the water (m) of a glide; below it there are only rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ _PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
 _BLOCKS = 12
 """Parts of a mission, of consecutive profiles each, that are left out one by one, since errors may last for days."""
 _MIN_RESIDUAL = 1e-4
-"""Smallest scale of the residuals of the depth rate (m/s), for the detection of outliers."""
+"""Minimum scale of the residuals of the depth rate (m/s), for the detection of outliers."""
 
 
 @dataclass(frozen=True)

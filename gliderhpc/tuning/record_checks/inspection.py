@@ -38,14 +38,14 @@ _LAG = ("lag", LAG, "s")
 """Check, quantity and unit."""
 
 REACH = 4
-"""Largest lag tried, in sample intervals, in either direction."""
+"""Maximum lag tried, in sample intervals, in either direction."""
 
 _SHARE, _SHARE_OF_SLOW = 0.25, 0.6
 """Error of the lag in sample intervals, for fast and for slow sensors."""
 
 MIN_PROFILES = 3
 MIN_LENGTH = 30
-"""Smallest length of a profile, in sample intervals, without the ends that the lags cut off."""
+"""Minimum length of a profile, in sample intervals, without the ends that the lags cut off."""
 
 
 def lag_finding(

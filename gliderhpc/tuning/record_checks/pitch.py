@@ -43,7 +43,7 @@ SCALE_SEPARATED = 0.05
 """Standard error beyond which the scale of the pitch is not determined."""
 
 MAX_SEGMENTS = 60
-"""Largest number of segments of a dive or climb, spread over it; more would not reduce their common error."""
+"""Maximum number of segments of a dive or climb, spread over it; more would not reduce their common error."""
 
 _ANY_SIDES = 0.25
 """Relative difference of the drag between dives and climbs that must be allowed for before any correction."""
@@ -54,7 +54,7 @@ _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
 """Largest plausible error of the hull, in prior standard deviations."""
 _MIN_VOLUME = 0.05
-"""Smallest offset of the neutral volume that is reported, in plausible deviations."""
+"""Minimum offset of the neutral volume that is reported, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,11 @@ MIN_RATE = np.radians(0.3)
 """Rate of turn (rad/s) above which a stretch is counted as turning."""
 
 MIN_PROFILES = 8
-"""Smallest number of profiles from which the scatter of the estimate can be judged."""
+"""Minimum number of profiles from which the scatter of the estimate can be judged."""
 
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8
-"""Part of the variance of the rate that roll and rudder must explain; otherwise the water turns the glider too."""
+"""Fraction of the rate's variance that roll and rudder must explain; otherwise the water turns the glider too."""
 
 _PASSES = 3
 _MIN_SCALE = 1e-6

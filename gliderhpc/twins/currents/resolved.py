@@ -41,7 +41,7 @@ SCALES = 2.0 ** (np.arange(-1 * BINS_PER_OCTAVE, 5 * BINS_PER_OCTAVE + 1) / BINS
 """Edges of the bins of vertical scale, m: 0.5 to 32."""
 
 MIN_TERMS = 20
-"""Smallest number of terms of a spectral sum; with fewer terms the coherence would be random."""
+"""Minimum number of terms of a spectral sum; with fewer terms the coherence would be random."""
 
 MEDIANS = (
     "lateral_rms", "forcing_rms", "shear_rms", "depth_rate", "correlation_current", "correlation_shear_dive",

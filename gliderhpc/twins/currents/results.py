@@ -50,7 +50,7 @@ RESOLVING = PRESETS[1]
 """Preset that determines the limits of the transfer function; it starts the lateral channels from zero."""
 
 _MAX_EXCESS = 2.0
-"""Largest deviation of a share from its nominal value, in binomial standard errors."""
+"""Maximum deviation of a share from its nominal value, in binomial standard errors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ COEFFICIENTS = "coefficients within 15%"
 PRIOR = "drawn from the prior"
 
 EVENT_WIDTHS = 3.0
-"""Largest distance from the peak of an impulse that is inside the event, in widths of the impulse."""
+"""Maximum distance from the peak of an impulse that is inside the event, in widths of the impulse."""
 
 _COEFFICIENT_STREAM = 4_000
 _LABELS = ("kind", "arm", "seed", "outcome", "refused")

@@ -33,7 +33,7 @@ AXIAL = "B_cu"
 QUANTITIES = (AXIAL, DRAG)
 
 MIN_VALUES_SEARCHED = 4 * MIN_WINDOW
-"""Least number of values of a series that is searched."""
+"""Minimum number of values of a series that is searched."""
 
 SPIKE_DEVIATIONS = 4.0
 """Robust standard deviations from its neighbours beyond which a single profile is left out."""

@@ -60,7 +60,7 @@ def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: floa
     length : float
         Length of a segment, s.
     count : int
-        Number of segments; fewer are returned if not so many fit.
+        Maximum number of segments.
     """
     records = round(length / float(data.attributes["output_interval"]))
     fitting = [

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_VALUES_OF_SLOPE = 3
-"""Least number of values for the slope after an onset."""
+"""Minimum number of values for the slope after an onset."""
 
 _CANDIDATES, _RESAMPLES = 101, 400
 

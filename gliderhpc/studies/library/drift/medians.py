@@ -47,7 +47,7 @@ UNITS = {name: unit for name, (unit, _) in CHANNELS.items()} | {DRAG: "kg/m"}
 """Unit of every median."""
 
 MIN_RECORDS = 30
-"""Least number of records for a median."""
+"""Minimum number of records for a median."""
 
 NOT_COUNTED = ("window_not_converged", "prior_used_because_the_window_failed", "implausible_self_motion")
 """Quality bits of samples that medians exclude, in addition to vibration, gaps and a rotated battery."""
@@ -135,7 +135,7 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
         low,
         high,
         f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to {high:.0f} "
-        f"m in place of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
+        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
     )
 
 

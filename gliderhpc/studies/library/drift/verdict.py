@@ -225,7 +225,7 @@ def _apart(drag: DragDrift) -> str:
 
 def _since(drag: DragDrift) -> str:
     onset = drag.onset
-    when = "from the first day on, as far as the record shows" if onset.from_the_start else f"since day {onset.day:.1f}"
+    when = "from the first day of the record or earlier" if onset.from_the_start else f"since day {onset.day:.1f}"
     return f"{drag.estimate}: grows {when} (95 % interval: day {onset.low:.1f} to {onset.high:.1f})"
 
 

@@ -20,7 +20,7 @@ ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 
 
 ADDED_SETTINGS = {"noise_window", "most_repeated"}
-"""Settings that older studies lack; they change none of the statistics that these have."""
+"""Settings that older studies lack; none of them affects the statistics that those contain."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,10 +44,10 @@ TESTED = ("B_cv", "B_cp")
 less, and the test then rejects Gaussian gusts too often (docs/turbulence.md)."""
 
 MIN_INDEPENDENT, MIN_LOCAL = 100.0, 10.0
-"""Least numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
+"""Minimum numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
 
 _MIN_PAIR_FRACTION = 0.05
-"""Least number of pairs of values with a correlation, relative to the number of values."""
+"""Minimum number of pairs of values with a correlation, relative to the number of values."""
 
 _SAME_ROLL = 1e-4
 """Largest difference of rolls that are regarded as repeated, degree."""
@@ -79,7 +79,7 @@ class Noise:
 
     @property
     def repeated(self) -> float:
-        """Share of the rolls of the records used that equal the one before; 1 without any records."""
+        """Fraction of the used records whose roll equals the previous one; 1 without any records."""
         roll = self.roll[self.counted(TESTED[-1]) & np.isfinite(self.roll)]
         return float(np.mean(np.abs(np.diff(roll)) < _SAME_ROLL)) if len(roll) > 1 else 1.0
 

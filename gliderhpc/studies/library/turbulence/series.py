@@ -40,7 +40,7 @@ MIN_RMS = 1e-9
 """Root mean square of a fast part (N or N m) below which it is zero to rounding, as in nulls that do not turn."""
 
 MIN_DURATION = 300.0
-"""Least duration of usable samples for the statistics of a profile, s."""
+"""Minimum duration of usable samples for the statistics of a profile, s."""
 
 
 class FastSettings(Settings):

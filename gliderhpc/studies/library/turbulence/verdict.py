@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
-"""Largest distance of an exponent from She and Leveque's that the paper regards as turbulence."""
+"""Maximum distance of an exponent from She and Leveque's that the paper regards as turbulence."""
 
 _SMALL = 1e-9
 """P-value below which only this bound is given."""
@@ -198,7 +198,7 @@ def _describe_certainty(verdict: TurbulenceVerdict) -> str:
 
 def _describe_noise_certainty(found: Gaussianity) -> str:
     if found.nulls is None or found.contrast is None:
-        return f"if all of them were Gaussian, so many would be found with p = {_p_text(found.count_p_value)}"
+        return f"if all of them were Gaussian, as many would be found with p = {_p_text(found.count_p_value)}"
     allowed = (
         "as its level allows" if found.nulls.holds else "more than its level allows, so only the comparison counts"
     )
