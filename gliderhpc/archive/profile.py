@@ -164,7 +164,7 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     row = _row(archive, number)
     series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
     state = _group_row(archive, _group_of(archive, estimate), number)
-    samples, records = _filled(series), _filled(state)
+    samples, records = _filled_mask(series), _filled_mask(state)
     instants = series["time"].values[samples]
     epoch = instants[0]
     time, record_time = _seconds(instants, epoch), _seconds(state["time"].values[records], epoch)
@@ -193,7 +193,7 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
         quality=series["quality"].values[samples].astype(np.uint8),
         record_time=record_time,
         measured=measured,
-        sampled=_sampled(observed)[records],
+        sampled=_sampled_mask(observed)[records],
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
         motion_std=motion_std,
@@ -319,12 +319,12 @@ def _std_names(names: Iterable[str]) -> list[str]:
     return [f"{name}_std" for name in names]
 
 
-def _filled(dataset: xr.Dataset) -> Mask:
+def _filled_mask(dataset: xr.Dataset) -> Mask:
     """Return the mask of a row's entries that are not fill values."""
     return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
 
 
-def _sampled(observed: xr.Dataset) -> Mask:
+def _sampled_mask(observed: xr.Dataset) -> Mask:
     if "sampled" not in observed:
         return np.zeros(observed.sizes["record"], dtype=np.bool_)
     return np.asarray(observed["sampled"].values == 1, dtype=np.bool_)

@@ -13,7 +13,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.console import results
 from gliderhpc.cli.messages import echo
 from gliderhpc.errors import InputError
-from gliderhpc.report.facts import facts, flattened
+from gliderhpc.report.facts import facts, flatten_settings
 from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,
@@ -99,7 +99,7 @@ def _settings(settings: Mapping[str, Any]) -> Table:
     table = Table(title="settings", title_justify="left")
     table.add_column("setting")
     table.add_column("value", overflow="fold")
-    for key, value in flattened(settings):
+    for key, value in flatten_settings(settings):
         table.add_row(Text(key), Text(str(value)))
     return table
 

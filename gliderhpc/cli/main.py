@@ -165,7 +165,7 @@ def main(arguments: list[str] | None = None) -> None:
     _open_standard_streams()
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     status = _run(arguments, verb)
-    sys.exit(_flushed(status))
+    sys.exit(_flush_output(status))
 
 
 def _run(arguments: list[str] | None, verb: str) -> int:
@@ -240,7 +240,7 @@ def _report_end(line: str, status: int) -> int:
     return status
 
 
-def _flushed(status: int) -> int:
+def _flush_output(status: int) -> int:
     """Flush the output and return the status, which is a failure if the output cannot be written."""
     for name in ("stdout", "stderr"):
         try:

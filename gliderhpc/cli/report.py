@@ -106,7 +106,7 @@ def og1(
       gliderhpc export og1 m12.zarr m12-og1.nc --deployment deployment.yaml
       gliderhpc export og1 m12.zarr sea035_20190718T190000_delayed.nc --deployment deployment.yaml --community
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    described = ({} if deployment is None else read_deployment(deployment)) | _parsed(assignments)
+    described = ({} if deployment is None else read_deployment(deployment)) | _parse_attributes(assignments)
     _print(export_og1(archive, out, described=described, community=community, overwrite=overwrite))
     return DONE
 
@@ -133,7 +133,7 @@ def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool)
     return DONE
 
 
-def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
+def _parse_attributes(assignments: tuple[str, ...]) -> dict[str, str]:
     described: dict[str, str] = {}
     for text in assignments:
         name, value = split_assignment(text, "--attribute", "NAME=VALUE", "contributor_name=...")

@@ -73,7 +73,7 @@ def style_axes(axes: Axes) -> None:
         axes.spines[side].set_visible(False)
 
 
-def rendered(figure: Figure, form: Literal["png", "svg"]) -> bytes:
+def render_image(figure: Figure, form: Literal["png", "svg"]) -> bytes:
     """Return the image of a figure, drawn once. `Figure.savefig` would draw it twice, first for a needless layout."""
     return _svg(figure) if form == "svg" else _png(figure)
 
@@ -122,11 +122,11 @@ class Images:
 
 def images_of(figure: Figure) -> Images:
     """Draw a figure as PNG and SVG; the figure must not be drawn again, since its layout engine is removed."""
-    png = rendered(figure, "png")
+    png = render_image(figure, "png")
     # The SVG uses the layout of the PNG; a second layout would take as long as the drawing.
     figure.set_layout_engine("none")
     width, height = (float(inches) for inches in figure.get_size_inches())
-    return Images(png, rendered(figure, "svg"), (width, height))
+    return Images(png, render_image(figure, "svg"), (width, height))
 
 
 def footnote(figure: Figure, text: str) -> None:

@@ -97,7 +97,7 @@ class LocalWorkers:
                     if worker.is_idle and waiting:
                         worker.assign(waiting[0], cloudpickle.dumps((function, jobs[waiting[0]], in_parts)))
                         waiting.popleft()
-                for message in self._received():
+                for message in self._receive():
                     place, kind, _ = message
                     if kind is Kind.DIED:
                         deaths[place] += 1
@@ -119,7 +119,7 @@ class LocalWorkers:
             with _spawning(self._environment):
                 self._workers.append(_Worker())
 
-    def _received(self) -> Iterator[Message]:
+    def _receive(self) -> Iterator[Message]:
         """Wait for messages of the workers, and yield those about jobs."""
         pipes = {worker.pipe: worker for worker in self._workers}
         for pipe in connection.wait(list(pipes)):

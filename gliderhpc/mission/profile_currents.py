@@ -126,7 +126,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
         Terms of the currents' uncertainty.
     """
     adjoint = depth_averaged_current(record, tracks.adjoint, errors, tracks.covariance)
-    smoothed = _smoothed(record, tracks, errors)
+    smoothed = _current_by_smoother(record, tracks, errors)
     filtered = None if tracks.filtered is None else depth_averaged_current(record, tracks.filtered, errors)
     conventional = depth_averaged_current(record, tracks.glide_angle, errors)
     if adjoint is not None and smoothed is not None:
@@ -145,7 +145,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
     return row, _segments(() if adjoint is None else adjoint.segments)
 
 
-def _smoothed(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
+def _current_by_smoother(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
     """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
     track = tracks.smoothed
     if track is None:

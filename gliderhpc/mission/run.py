@@ -130,7 +130,7 @@ def run_mission(
         if begun and (resume or append):
             numbers, validity = examine_archive(work, plan, append, check_last)
             work = replace(work, amendable=validity.amendable)
-            open_archive = partial(_resumed, work, attributes, plan, validity, append)
+            open_archive = partial(_resume, work, attributes, plan, validity, append)
         else:
             check_place(store, overwrite or not begun)
             numbers, validity = list(plan.profiles), Validity({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
@@ -222,7 +222,7 @@ def _execute(
 
 
 @contextmanager
-def _resumed(
+def _resume(
     work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
     """Prepare an existing archive, which remains in place even if the run fails."""

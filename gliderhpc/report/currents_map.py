@@ -91,13 +91,13 @@ def _draw_tracks(axes: Axes, table: xr.Dataset) -> None:
         points = np.column_stack([table["longitude"].values, table["latitude"].values])
         tracks = [points[number == one] for one in np.unique(number)]
         axes.add_collection(
-            LineCollection([_joined(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
+            LineCollection([_continuous_track(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
         )
     for end in ("entry", "exit"):
         axes.plot(table[f"{end}_longitude"], table[f"{end}_latitude"], ".", color=SHADE, markersize=4.0, zorder=1)
 
 
-def _joined(track: Array) -> Array:
+def _continuous_track(track: Array) -> Array:
     """Return the known positions of a track, with continuous longitudes."""
     known = track[np.isfinite(track).all(axis=1)]
     known[:, 0] = np.unwrap(known[:, 0], period=360.0)

@@ -80,7 +80,7 @@ def profile_currents(
         "lateral_noise_std": noise,
         "condition": found.condition,
         **_components("shear", found.horizontal),
-        **_binned(data, found, scales, noise, settings, bins),
+        **_bin_currents(data, found, scales, noise, settings, bins),
     }
 
 
@@ -154,7 +154,7 @@ def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Ar
     }
 
 
-def _binned(
+def _bin_currents(
     data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
 ) -> Row:
     """Means, spreads, counts and standard deviations in each bin, for dive, climb and both."""

@@ -39,7 +39,7 @@ from gliderhpc.studies.library.turbulence.resolution import describe_missing_ban
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
-    bridged,
+    bridge_gaps,
     bridged_depth,
     channel_of,
     channel_of_estimate,
@@ -170,7 +170,7 @@ def gaussian_disturbances(
     for name in dict.fromkeys((statistics.channel, *TESTED)):
         series = channel_of(data, name, platform)
         counted = series.counted(actuated=False)
-        fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
+        fast = high_passed(bridge_gaps(series.values, counted), series.step, statistics.cutoff)
         spectrum = scipy.fft.rfft(fast)
         if phases is None:
             phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))

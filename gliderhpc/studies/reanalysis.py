@@ -19,7 +19,7 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
 from gliderhpc.store_schema.columns import MODEL
-from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expanded, open_models
+from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expand_source, open_models
 from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE, sigma_distance, speed, turn, vector_rmsd
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
@@ -155,7 +155,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     InputError
         A model cannot be read.
     """
-    sources = tuple(path for source in request.models for path in expanded(source))
+    sources = tuple(path for source in request.models for path in expand_source(source))
     currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
     by_study = has_currents_study(archive, request.estimate)
     with open_models(sources) as models:

@@ -312,9 +312,9 @@ def _judge_parameters(
             CalibratedParameter(
                 parameter,
                 parameter.value(errors.platform),
-                _rounded(parameter.moved(errors.platform, step), step),
+                _round_value(parameter.moved(errors.platform, step), step),
                 step,
-                _ordered(
+                _in_order(
                     parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)
                 ),
                 float(scatter[i] / variance[i]),
@@ -371,9 +371,9 @@ def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> 
     )
 
 
-def _rounded(value: float, step: float) -> float:
+def _round_value(value: float, step: float) -> float:
     return value if step == 0.0 else float(f"{value:.{_DIGITS}g}")
 
 
-def _ordered(a: float, b: float) -> tuple[float, float]:
+def _in_order(a: float, b: float) -> tuple[float, float]:
     return (a, b) if a <= b or math.isnan(a) else (b, a)

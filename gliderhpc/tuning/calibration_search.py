@@ -119,7 +119,7 @@ class CalibrationSearch:
         self.fit_everything(RESCALINGS, DEFAULT_TOLERANCE)
         self._hold_undetermined()
         self._settle()
-        while (doubtful := self._at_bound() or self._scattered()) is not None:
+        while (doubtful := self._at_bound() or self._find_scattered()) is not None:
             self._hold(doubtful)
             self._settle()
         self._fit(prior=0.0, tolerance=FINE_TOLERANCE)
@@ -201,7 +201,7 @@ class CalibrationSearch:
         beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
         return Held(int(beyond[0]), CalibrationVerdict.IMPLAUSIBLE) if len(beyond) else None
 
-    def _scattered(self) -> Held | None:
+    def _find_scattered(self) -> Held | None:
         if not self.free.any():
             return None
         scatter = np.nan_to_num(self.scatter())

@@ -144,7 +144,7 @@ def tune_prior(
     search = _Search(likelihood, _logarithms(before), settings, report)
     search.climb([_logarithms(prior) for prior in _starts(platform)])
     search.hold_undetermined()
-    after = _rounded(search.point, search.free, before)
+    after = _round_prior(search.point, search.free, before)
     judgement_before, judgement_after = likelihood.judge([before, after])
 
     def whiteness_by_sensor(judgement: Judgement) -> dict[str, Whiteness]:
@@ -200,16 +200,16 @@ class _Search:
 
     def climb(self, starts: Sequence[Array]) -> None:
         """Maximise over all numbers: roughly from several starts, then accurately from the highest of the maxima."""
-        maxima = [self._maximised(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
+        maxima = [self._maximise(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
         highest = max(maxima, key=lambda maximum: maximum.expansion.value)
-        self._maximum = self._maximised(highest.point, self.free)
+        self._maximum = self._maximise(highest.point, self.free)
 
     def hold_undetermined(self) -> None:
         """Reset the numbers that the records do not determine to the platform's values, and fit the others again."""
         while (weakest := self._weakest()) is not None:
             free = self.free.copy()
             free[weakest] = False
-            without = self._maximised(self._expected_maximum(weakest, free), free)
+            without = self._maximise(self._expected_maximum(weakest, free), free)
             if self._maximum.expansion.value - without.expansion.value > LIKELY_LOSS:
                 self._one_sided[weakest] = True
             else:
@@ -256,7 +256,7 @@ class _Search:
         point[free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
         return np.asarray(np.clip(point, *self._bounds))
 
-    def _maximised(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
+    def _maximise(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
         return maximise(
             self._function,
             start,
@@ -288,7 +288,7 @@ def _prior(logarithms: Array) -> DisturbancePrior:
     return DisturbancePrior(deviation=tuple(values[:6]), correlation_time=tuple(values[6:]))
 
 
-def _rounded(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
+def _round_prior(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
     """Prior with the held numbers unchanged and the others rounded to four digits."""
     values = [float(f"{value:.{_DIGITS}g}") for value in np.exp(logarithms)]
     fixed = [*held.deviation, *held.correlation_time]

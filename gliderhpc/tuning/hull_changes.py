@@ -119,7 +119,10 @@ def find_changes(
 
 def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
     """Dives under each assumption of the noise that all of them have."""
-    return [dives, *([dive.assuming(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives)))]
+    return [
+        dives,
+        *([dive.under_assumption(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives))),
+    ]
 
 
 class _Chain:

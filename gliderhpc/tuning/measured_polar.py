@@ -173,7 +173,7 @@ def with_measured_polar(
     ):
         if key in held or key not in known or not value > 0.0:
             continue
-        values[key], deviations[key] = _averaged(known[key], platform, value, error)
+        values[key], deviations[key] = _average_with_platform(known[key], platform, value, error)
     if not values:
         return platform
     uncertainty = platform.uncertainty or Uncertainty()
@@ -181,7 +181,9 @@ def with_measured_polar(
     return with_values(platform, values).model_copy(update={"uncertainty": narrowed})
 
 
-def _averaged(parameter: HullParameter, platform: Platform, value: float, error: float) -> tuple[float, float]:
+def _average_with_platform(
+    parameter: HullParameter, platform: Platform, value: float, error: float
+) -> tuple[float, float]:
     """Average a measured value of a relative error with the platform's; return it with its plausible deviation."""
     prior = parameter.value(platform)
     plausible = parameter.deviation(platform) / (1.0 if parameter.factor else abs(prior))

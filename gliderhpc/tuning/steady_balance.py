@@ -200,7 +200,7 @@ class _Flight:
         """
         moving = np.ones(len(self.gliders), dtype=bool)
         for _ in range(ITERATIONS):
-            step = _solved(self._by_velocity, -self.missing)
+            step = _solve(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
             shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
             for hull in np.flatnonzero(moving):
@@ -235,12 +235,12 @@ class _Flight:
             self._following(partials)
             for partials in (self._by_angle(0, self._frame.by_roll), (turning, self._missing_by(turning)))
         ]
-        return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
+        return _solve(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
     def _following(self, partials: tuple[Array, Array]) -> Array:
         """Total derivatives (n, 10) of the rates with respect to an angle; the velocity keeps `missing` unchanged."""
         rates, missing = partials
-        return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
+        return rates + _product(self._jacobian[:, :, VELOCITY], _solve(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         """Derivatives of rates and `missing` with respect to roll or pitch, at fixed rate of turn and velocity."""
@@ -306,7 +306,7 @@ def _product(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
 
 
-def _solved(matrices: Array, vectors: Array) -> Array:
+def _solve(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
 
 
@@ -356,7 +356,7 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
     found = StillWaterGlide(np.full_like(level.depth_rate, np.nan), np.full_like(level.speed, np.nan))
     flying = np.isfinite(level.depth_rate + attitude.roll + attitude.turn_rate) & (level.speed > MIN_SPEED)
     if flying.any():
-        found.depth_rate[flying], found.speed[flying] = _balanced(
+        found.depth_rate[flying], found.speed[flying] = _balance_depth_rate(
             glider, bodies[flying], attitude.of(flying), level.depth_rate[flying]
         )
     return found
@@ -373,7 +373,9 @@ def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> S
     return StillWaterGlide(-speed * path, speed)
 
 
-def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array) -> tuple[Array, Array]:
+def _balance_depth_rate(
+    glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array
+) -> tuple[Array, Array]:
     """Depth rate and speed at which no vertical force remains; NaN where the rounds do not converge."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)

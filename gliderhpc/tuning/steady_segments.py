@@ -145,7 +145,7 @@ def steady_segments(
     if not found:
         last = next(reversed(reasons.values()), "no profile was selected")
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {last}")
-    return joined(found)
+    return join_segments(found)
 
 
 def _segments_of_all(
@@ -174,7 +174,7 @@ def _flatter_hull(platform: Platform) -> Platform:
     return moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
 
 
-def joined(parts: Sequence[SteadySegments]) -> SteadySegments:
+def join_segments(parts: Sequence[SteadySegments]) -> SteadySegments:
     """Put segments one after the other."""
     names = [field.name for field in fields(SteadySegments)]
     return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
@@ -194,20 +194,20 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
         The profile has no steady segment.
     """
     vibrating = vibration_set(platform, series)
-    usable = _settled(~vibrating, series, steady.settling)
+    usable = _settled_mask(~vibrating, series, steady.settling)
     usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
     bounds = _parts(usable, series, steady)
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
     velocity = measured_velocity(platform, series, ~vibrating)
-    found = _averaged(series, bounds, steady, velocity)
+    found = _average(series, bounds, steady, velocity)
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
     return found.of(steady_mask)
 
 
-def _settled(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
+def _settled_mask(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
     """Calm samples (n+1,) without the first `settling` seconds of every calm stretch."""
     settled = np.zeros_like(calm)
     for start, stop in stretches(calm):
@@ -228,7 +228,7 @@ def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list
     return parts
 
 
-def _averaged(
+def _average(
     series: ProfileSeries, bounds: list[tuple[int, int]], steady: SegmentSettings, velocity: RelativeVelocity | None
 ) -> SteadySegments:
     means = np.array([series.measurements[a:b].mean(axis=0) for a, b in bounds])

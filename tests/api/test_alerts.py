@@ -48,11 +48,11 @@ def test_a_change_of_the_hull_raises_an_alert_once_a_second_dive_shows_it(messag
         change_std=0.5, since=message.profile, dives=9, above_20_percent=0.98,
     )  # fmt: skip
     rules = Rules(hull_changed=0.95, drag_up_fifth=0.95)
-    assert rules.broken(message.model_copy(update={"hull_changes": (change,)})) == ()
+    assert rules.violations(message.model_copy(update={"hull_changes": (change,)})) == ()
     confirmed = change.model_copy(update={"since": message.profile - 1})
-    assert len(rules.broken(message.model_copy(update={"hull_changes": (confirmed,)}))) == 2
+    assert len(rules.violations(message.model_copy(update={"hull_changes": (confirmed,)}))) == 2
     doubtful = confirmed.model_copy(update={"probability": 0.9, "above_20_percent": 0.9})
-    assert rules.broken(message.model_copy(update={"hull_changes": (doubtful,)})) == ()
+    assert rules.violations(message.model_copy(update={"hull_changes": (doubtful,)})) == ()
 
 
 def test_a_box_may_cross_the_date_line():

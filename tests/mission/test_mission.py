@@ -489,7 +489,7 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp
     class Interrupted(SerialExecutor):
         workers = 3
 
-        def streamed(self, function, jobs):
+        def stream(self, function, jobs):
             yield from super().stream(function, jobs[:1])
             raise KeyboardInterrupt
 

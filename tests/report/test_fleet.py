@@ -58,7 +58,7 @@ def fleet(archives, tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
 
 
 def rows_of(path):

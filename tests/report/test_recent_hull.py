@@ -70,8 +70,8 @@ def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
         change=2.5, change_std=0.3, since=message.profile - 1, dives=12, above_20_percent=0.96,
     )  # fmt: skip
     changed = message.model_copy(update={"hull_changes": (change,)})
-    assert Rules(hull_changed=0.98, drag_up_fifth=0.98).broken(changed) == ()
-    (one, other) = Rules(hull_changed=0.95, drag_up_fifth=0.95).broken(changed)
+    assert Rules(hull_changed=0.98, drag_up_fifth=0.98).violations(changed) == ()
+    (one, other) = Rules(hull_changed=0.95, drag_up_fifth=0.95).violations(changed)
     assert one.startswith("drag at zero angle of attack: changed since dive 1 by +2.5")
     assert other.startswith("drag up by more than 20 %")
     hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")

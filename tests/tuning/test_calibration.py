@@ -42,7 +42,7 @@ from gliderhpc.tuning.calibration_search import (
 )
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
-from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of, steady_segments
+from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of, steady_segments
 from gliderhpc.tuning.trim import TRIM, fit_trim
 
 pytestmark = pytest.mark.compiled
@@ -533,7 +533,7 @@ def test_too_few_profiles_are_refused():
 
 def test_segments_are_joined_in_order():
     one, two = glides(TRUTH, PETREL, profiles=1), glides(TRUTH, PETREL, profiles=2)
-    both = joined([one, two])
+    both = join_segments([one, two])
     assert len(both) == len(one) + len(two)
     np.testing.assert_array_equal(both.profile[len(one) :], two.profile)
 

@@ -14,7 +14,7 @@ from gliderhpc.findings.findings import write_findings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.passband import PERIODS, describe_bin_averaging, describe_unresolved, passband
-from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smoothed, without_baseline
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smooth_stretches, without_baseline
 from gliderhpc.twins.cases import TwinCase, paper_dive, world
 from gliderhpc.twins.currents import BUDGET, currents_study
 from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, resolved_band, slope, spectral_sums, transfer_lines
@@ -195,7 +195,7 @@ def test_the_formulas_of_baseline_and_smoothing_are_what_the_filters_do(band, pe
     inner = slice(len(time) // 4, 3 * len(time) // 4)
     settings = band.settings
     flattened = without_baseline(wave, round(settings.baseline / band.step))[inner]
-    smooth = smoothed(wave, round(settings.smoothing / band.step), settings.order)[inner]
+    smooth = smooth_stretches(wave, round(settings.smoothing / band.step), settings.order)[inner]
     for filtered, response in ((flattened, band.baseline_response), (smooth, band.smoothing_response)):
         amplitude = np.ptp(filtered) / 2.0
         assert amplitude == pytest.approx(float(response(np.array([period]))[0]), abs=0.01)

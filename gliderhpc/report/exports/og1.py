@@ -146,7 +146,7 @@ def _column(term: Term, rows: Rows) -> Column:
     ancillary = [f"{name}{suffix}" for suffix in ("_QC", "_STD") if f"{name}{suffix}" in rows]
     if ancillary:
         further["ancillary_variables"] = " ".join(ancillary)
-    attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
+    attributes = {key: _as_number_type(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
     return Column((AXIS,), values, attributes, fill=term.fill)
 
 
@@ -156,6 +156,6 @@ def _content_type(name: str) -> str:
     return content_type(name, coordinates=_COORDINATES)
 
 
-def _typed(value: Any, dtype: str) -> Any:
+def _as_number_type(value: Any, dtype: str) -> Any:
     """Convert flag values to the number type of their variable (CF 3.5)."""
     return np.array(value, dtype=dtype) if isinstance(value, list) else value

@@ -41,9 +41,9 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
 
 
 def _remarks(odd: Sequence[str]) -> tuple[Remarks | Words]:
-    return (
-        Remarks(tuple(odd), "Anomalies in this mission") if odd else Words("Every profile was estimated without remark."),
-    )
+    if odd:
+        return (Remarks(tuple(odd), "Anomalies in this mission"),)
+    return (Words("Every profile was estimated without remark."),)
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:

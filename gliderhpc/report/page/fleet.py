@@ -110,7 +110,7 @@ def write_fleet(
     names = folder_names(places)
     _check_apart(places, [out, *(out / name for name in names)])
     members = [
-        _reported(_Member(number, place, name, page), out, write_mission)
+        _report_member(_Member(number, place, name, page), out, write_mission)
         for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
     ]
     if all(member.state is None for member in members):
@@ -179,7 +179,7 @@ def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
             raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
 
 
-def _reported(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
+def _report_member(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
     """Read the state of a mission and write its page; record the reason if the archive cannot be used."""
     try:
         member = replace(member, state=read_state(member.place))

@@ -135,7 +135,7 @@ class MissionTable:
             np.column_stack([self.column(f"{end}_{axis}") for end in ("entry", "exit")])
             for axis in ("latitude", "longitude")
         )
-        return latitude, _unwrapped(longitude)
+        return latitude, _unwrap(longitude)
 
     @property
     def middle(self) -> tuple[Array, Array]:
@@ -174,7 +174,7 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _unwrapped(longitude: Array) -> Array:
+def _unwrap(longitude: Array) -> Array:
     """Unwrap longitudes at the antimeridian; missing values stay missing."""
     running = longitude.copy()
     known = np.isfinite(longitude)

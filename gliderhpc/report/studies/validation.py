@@ -66,7 +66,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
     numbers = [int(number) for number in table["profile"][:SHOWN]]
-    measured, modelled = _joined(archive, "observed", numbers), _joined(archive, "validation", numbers)
+    measured, modelled = _join_records(archive, "observed", numbers), _join_records(archive, "validation", numbers)
     _draw_vertical(vertical, measured, modelled, numbers)
     _draw_heading(heading, measured, modelled)
     _draw_longitudinal(longitudinal, table, trend)
@@ -74,7 +74,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     return figure
 
 
-def _joined(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
+def _join_records(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
     """Concatenate the records of some profiles, separated by NaN to interrupt the lines."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
     first, shown = _clock(archive, numbers[0])[0], 0.0

@@ -294,7 +294,7 @@ def open_model_file(source: str) -> Iterator[ModelFile]:
     except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise InputError(f"{label}: cannot be opened as netCDF ({first_line(error)})") from error
     with dataset:
-        yield _recognised(label, Path(urlsplit(source).path).stem, dataset)
+        yield _identify(label, Path(urlsplit(source).path).stem, dataset)
 
 
 def is_url(source: str) -> bool:
@@ -317,7 +317,7 @@ def product_of(attributes: dict[str, Any], stem: str) -> str:
     return next(known, stem)
 
 
-def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
+def _identify(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
     names = [_component_name(label, dataset, standard) for standard in COMPONENTS]
     dims = _dims(label, dataset, names[0])
     if sorted(map(str, dataset[names[1]].dims)) != sorted(dims):

@@ -16,7 +16,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
@@ -192,7 +192,7 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
         constant,
         error,
         threshold,
-        judged(constant, threshold),
+        judge_size(constant, threshold),
         f"--set records.heading_offset={constant:.1f}",
         f"{legs} legs; {_OPEN[fit.unknowns]}",
     )
@@ -239,7 +239,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
         amplitude,
         error,
         threshold,
-        judged(amplitude, threshold),
+        judge_size(amplitude, threshold),
         f"--set records.heading_deviation=[{parts}] (times {', '.join(HARMONICS)} of the heading)",
         remark,
     )

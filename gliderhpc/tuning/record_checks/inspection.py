@@ -23,13 +23,13 @@ from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
-from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, join_segments, segments_of
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def lag_finding(
         lag,
         error,
         threshold,
-        judged(lag, threshold),
+        judge_size(lag, threshold),
         f"--set records.depth_lag={lag:.2f}",
         f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
@@ -270,7 +270,7 @@ def inspect_profiles(
             gathered.add(platform, record, settings, current, keep=record.number in for_lag)
         except ProfileError as error:
             left_out[record.number] = str(error)
-    segments = joined(gathered.segments) if gathered.segments else None
+    segments = join_segments(gathered.segments) if gathered.segments else None
     turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),

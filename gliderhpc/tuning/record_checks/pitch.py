@@ -22,7 +22,7 @@ from gliderhpc.tuning.record_checks.finding import (
     CheckVerdict,
     Finding,
     UndeterminedError,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
@@ -196,7 +196,7 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
         size,
         error,
         threshold,
-        judged(size, threshold),
+        judge_size(size, threshold),
         glides.scale_correction(1.0 + size),
         "drag, lift and neutral volume fitted with it",
     )
@@ -229,7 +229,7 @@ def _offset_with_free_drag(glides: _Glides, fit: DepthRateFit) -> Finding:
         offset,
         error,
         threshold,
-        judged(offset, threshold),
+        judge_size(offset, threshold),
         glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
     )
@@ -281,7 +281,7 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
         volume,
         error,
         threshold,
-        judged(volume, threshold),
+        judge_size(volume, threshold),
         "calibrate the hull",
         "belongs to the hull, not to the records",
     )

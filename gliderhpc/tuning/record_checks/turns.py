@@ -10,7 +10,7 @@ from gliderhpc.estimation.preparation import harmonics, vibration_set
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solve_normal_equations
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
         weights = biweights(left, _MIN_SCALE)
         prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
         score = design.T @ (weights * left) - prior * np.append(coefficients, found)
-        step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)
+        step = solve_normal_equations(design.T @ (weights[:, None] * design) + np.diag(prior), score)
         coefficients = coefficients + step[: line.shape[1]]
         found = found + step[line.shape[1] :]
     covariance = left_out_covariance(design, weights, left, profile, prior, biweight_stiffness(left, _MIN_SCALE))

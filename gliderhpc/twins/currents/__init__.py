@@ -244,9 +244,8 @@ def draw_currents(results: CurrentsResults) -> Figure:
             axes.legend(fontsize=SMALL - 1, frameon=False, ncols=2, loc="upper left")
     footnote(
         figure,
-        describe_unresolved(results.band)
-        + "\nGrey: scales removed by moving average and smoothing; dash-dotted: scale from which "
-        "the hull follows the water more than it slips.",
+        f"{describe_unresolved(results.band)}\nGrey: scales removed by moving average and smoothing; "
+        "dash-dotted: scale from which the hull follows the water more than it slips.",
     )
     return figure
 

@@ -19,7 +19,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.studies.library.retrieval import (
     DepthResolvedSettings,
     sampled_flow,
-    smoothed,
+    smooth_stretches,
     starboard,
     without_baseline,
 )
@@ -90,7 +90,7 @@ def resolved_row(inversion: TwinInversion, platform: Platform, settings: DepthRe
     series = lateral_series(inversion, platform, settings)
     samples = round(settings.baseline / series.interval)
     forcing = without_baseline(series.rate, samples)
-    alike = smoothed(forcing, round(settings.smoothing / series.interval), settings.order)
+    alike = smooth_stretches(forcing, round(settings.smoothing / series.interval), settings.order)
     shear = np.where(np.abs(series.depth_rate) > _MIN_DEPTH_RATE, series.rate / series.depth_rate, np.nan)
     diving = series.depth_rate > 0.0
     lateral = (series.water * series.across).sum(axis=1)

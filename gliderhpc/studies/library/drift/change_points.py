@@ -309,7 +309,7 @@ def _with_shape(series: Sequence[_Series], found: Sequence[_FoundShape], new: _F
     for place, one in enumerate(found):
         if _overlap(one.shape, new.shape):
             others = [other.shape for other in found if other is not one]
-            return [*found[:place], _joined(series, one, new, others), *found[place + 1 :]]
+            return [*found[:place], _merge(series, one, new, others), *found[place + 1 :]]
     return [*found, new]
 
 
@@ -318,7 +318,7 @@ def _overlap(one: Shape, other: Shape) -> bool:
     return one.kind == other.kind == EPISODE and one.first < other.stop and other.first < one.stop
 
 
-def _joined(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
+def _merge(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
     """Combine two episodes into one, fitted in the series in which the second was found.
 
     If the two were found in different phases, the one with the larger change of drag determines the series, because the
@@ -350,7 +350,7 @@ def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_Fou
     shape, p, sizes = found[place].shape, found[place].p, _sizes(series, found, place)
     numbers, days = values_of(table, "profile"), days_of(table)
     over = shape.stop < len(numbers)
-    phases, estimates = _changed(sizes)
+    phases, estimates = _changed_phases(sizes)
     return Change(
         shape.kind,
         shape.form,
@@ -381,7 +381,7 @@ def _size(one: _Series, search: WindowSearch, shape: Shape) -> Size:
     return Size(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
 
 
-def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _changed_phases(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Phases that changed according to the drag, or else to the axial force, and the estimates that show the change."""
     estimates = [name for name in PRIMARY if any(key[2] == name for key in sizes)]
     for quantity in (DRAG, AXIAL):

@@ -160,7 +160,9 @@ class DragDrift:
     def slope_interval(self) -> Interval:
         """Return the 95 % interval of the shared slope, including errors of coefficients and heave, kg/m per day."""
         one = self.shared.trend
-        return combined(one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span)
+        return combine_errors(
+            one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span
+        )
 
     @property
     def change(self) -> float:
@@ -177,7 +179,7 @@ class DragDrift:
     def weight_interval(self) -> Interval:
         """Return the 95 % interval of the weight (N) equivalent to `apart`, including the error of heave."""
         one, span = self.apart.trend, self.apart.span
-        low, high = combined(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
+        low, high = combine_errors(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
         return low * span, high * span
 
     @property
@@ -290,7 +292,7 @@ def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> 
     return (low, high) if np.isfinite(low + high) and nominal != 0.0 else (1.0, 1.0)
 
 
-def combined(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
+def combine_errors(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
     """Combine the independent errors of a slope due to sampling, coefficients and unresolved changes into an interval.
 
     Parameters

@@ -104,7 +104,7 @@ class DriftSettings(Settings):
     changes: ChangeSettings = ChangeSettings()
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if self.depth_band is not None and not 0.0 <= self.depth_band[0] < self.depth_band[1]:
             raise ValueError("a depth_band is two depths, the shallower one first")
         return self

@@ -33,7 +33,7 @@ from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.store_schema.columns import NOISE_MOMENTS
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, NullPasses, contrast_of
-from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, padded
+from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, pad_to
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
@@ -139,7 +139,7 @@ def noise_of_estimate(estimate: ProfileEstimate, every: int) -> Noise | None:
     time, depth, step = (series.time - series.time[0])[::every], series.measurements[::every, 3], every * series.step
     noise = dict(zip(CHANNELS, estimate.smoothed.standardised_noise.T, strict=True))
     channels = {
-        name: ChannelSeries(time, padded(column, len(time)), depth, quality, step, step)
+        name: ChannelSeries(time, pad_to(column, len(time)), depth, quality, step, step)
         for name, column in noise.items()
     }
     roll = np.where(series.weights > 0.0, np.degrees(series.measurements[:, 0]), np.nan)
