@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.api.hulls import chosen_profiles, divided
+from gliderhpc.api.hulls import chosen_profiles, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.preparation import on_steps
 from gliderhpc.findings.findings import markdown
@@ -25,7 +25,7 @@ from gliderhpc.report.calibration import SCORES, figures, interval_text, remark_
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, CalibrationVerdict, calibrate
 from gliderhpc.tuning.segment_errors import choose_buoyancy
-from gliderhpc.tuning.steady_segments import SteadySegments, joined, segments_of, steady_segments
+from gliderhpc.tuning.steady_segments import SteadySegments, join_segments, segments_of, steady_segments
 
 PLATFORM = "petrel-l"
 TWINS = 60
@@ -98,7 +98,7 @@ def twin(seed: int, pitches: tuple[float, float] = PITCHES, profiles: int = PROF
     while True:
         truth = draw_hull(platform, rng)
         try:
-            flown = joined([fly(truth, platform, rng, number, pitches) for number in range(1, profiles + 1)])
+            flown = join_segments([fly(truth, platform, rng, number, pitches) for number in range(1, profiles + 1)])
         except GliderhpcError:
             # A hull that cannot fly this scenario is no twin.
             continue
@@ -171,7 +171,7 @@ def real(label: str) -> list[str]:
     platform = load_platform(hull)
     with open_observations(path) as opened:
         taken, _ = chosen_profiles(opened, None, None, SETTINGS)
-        parts = divided(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
+        parts = split_segments(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
     platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
     found = calibrate(platform, *parts, SETTINGS.calibration)
     rows = [

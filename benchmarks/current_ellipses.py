@@ -34,7 +34,7 @@ from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 from gliderhpc.tuning.calibration import calibrate
-from gliderhpc.tuning.steady_segments import joined, segments_of
+from gliderhpc.tuning.steady_segments import join_segments, segments_of
 from gliderhpc.twins.cases import paper_dive
 
 Row = dict[str, Any]
@@ -96,7 +96,7 @@ def calibrated(platform: Platform, truth: Platform, offsets: Mapping[str, float]
         )
         record, _ = simulate_profile(truth, scenario, int(rng.integers(2**31)), number=number)
         parts.append(segments_of(on_steps(record, SETTINGS), platform, SETTINGS.steady))
-    flown = joined(parts)
+    flown = join_segments(parts)
     apart = flown.profile % HELD_OUT == 0
     return calibrate(platform, flown.of(~apart), flown.of(apart), SETTINGS.calibration).platform
 

@@ -24,7 +24,7 @@ from benchmarks.readme import README
 from benchmarks.sections import with_section
 from gliderhpc import open_mission
 from gliderhpc.archive.current import AdoptedCurrent, adopted_current
-from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, dress, label, legend, new_figure
+from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, label, legend, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def front_picture(archive: xr.DataTree) -> Figure:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))
     panels = [figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])]
     for axes in panels:
-        dress(axes)
+        style_axes(axes)
     _draw_map(panels[0], table, current)
     _draw_currents(panels[1], days, current)
     _draw_drag(panels[2], days, drift)

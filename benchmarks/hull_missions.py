@@ -95,7 +95,7 @@ def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
     return DiveTerm(seed, time, np.zeros(len(found.score)), found.score, found.information, found.others)
 
 
-def sum_up(hull: Platform, dives: list[DiveTerm]) -> Values:
+def combine_dives(hull: Platform, dives: list[DiveTerm]) -> Values:
     """Sum up dives of a hull that stays; its true errors are zero."""
     parameters = hull_parameters(hull)
     found = solve_mission(dives, HullPrior.plausible(np.zeros(len(parameters)))).smoothed[-1]
@@ -108,7 +108,7 @@ def table(hull: Platform) -> str:
     for name, scenario in scenarios(hull).items():
         dives = [dive for seed in range(1, DIVES + 1) if (dive := fly_dive(hull, scenario, seed)) is not None]
         for way, terms in (("one", [replace(dive, others=()) for dive in dives]), ("all", dives)):
-            values = sum_up(hull, terms)
+            values = combine_dives(hull, terms)
             rows.append([
                 name, str(values.dives), way, f"{np.sqrt(np.mean(values.errors**2)):.2f}",
                 f"{np.mean(np.abs(values.errors) > 2.0):.2f}", values.largest, f"{np.median(values.left):.2f}",

@@ -72,7 +72,7 @@ def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
     )
 
 
-def inspected(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
+def inspect_open(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
     """Checks of a twin's records with errors put into them."""
     numbers = evenly_spaced([record.number for record in records], SETTINGS.inspect.lag_profiles)
     bad = (spoilt(record, errors) for record in records)
@@ -136,7 +136,7 @@ def twin_sections() -> dict[str, str]:
         flown = [twin_records(seed, twin_scenario(scenario)) for seed in range(SEEDS)]
         title = f"Scenario `{scenario}`, {SEEDS} missions of {PROFILES} profiles:"
         for name, errors in (("clean", CLEAN), ("spoilt", SPOILT)):
-            tables[name].append(f"{title}\n\n{twin_table(errors, [inspected(one, errors) for one in flown])}")
+            tables[name].append(f"{title}\n\n{twin_table(errors, [inspect_open(one, errors) for one in flown])}")
     return {name: "\n\n".join(parts) for name, parts in tables.items()}
 
 

@@ -28,7 +28,7 @@ from gliderhpc.simulator import load_scenario, simulate_profile
 from gliderhpc.studies.validation import fly
 from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors
-from gliderhpc.tuning.steady_segments import joined, segments_of
+from gliderhpc.tuning.steady_segments import join_segments, segments_of
 
 HULL = {"buoyancy.compressibility": "4.5e-6", "buoyancy.thermal_expansion": "6e-5", "buoyancy.depth_slope": "0"}
 SEED, TWINS, DEPTH = 1, 2, 250.0
@@ -104,8 +104,8 @@ def depth_rate_error(platform: Platform, records: Iterable[ProfileRecord], way: 
             parts.append(segments_of(on_steps(record, settings), platform, settings.steady))
         except ProfileError as error:
             print(f"left out: {error}")
-    errors = SegmentErrors(platform, (), joined(parts))
-    return 100.0 * math.sqrt(float(np.mean(errors.everywhere(np.zeros(0))[errors.counted[:, 0], 0] ** 2)))
+    errors = SegmentErrors(platform, (), join_segments(parts))
+    return 100.0 * math.sqrt(float(np.mean(errors.all_errors(np.zeros(0))[errors.counted[:, 0], 0] ** 2)))
 
 
 def _row(name: str, estimator: str, found: Heave) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
-from gliderhpc.findings.drawing import rendered
+from gliderhpc.findings.drawing import render_image
 from gliderhpc.findings.findings import as_plain, markdown, number
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
@@ -320,7 +320,7 @@ def main() -> None:
         parts |= {part: NOT_RUN if figures is None else write(figures) for part, write in texts.items()}
     found = stored_figures(options.work, "power")
     if found is not None:
-        PICTURE.write_bytes(rendered(power_figure(found), "png"))
+        PICTURE.write_bytes(render_image(power_figure(found), "png"))
     sizes = {"count": COUNT, "series": SERIES, "seeds": TWIN_SEEDS, "depth": f"{DEPTH:g}", "power_seeds": len(SEEDS)}
     PAGE.write_text(TEMPLATE.read_text("utf-8").format(**parts, **sizes), "utf-8")
 

@@ -19,7 +19,7 @@ from gliderhpc import load_platform
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import on_steps, prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.findings.drawing import dress, label, legend, new_figure
+from gliderhpc.findings.drawing import label, legend, new_figure, style_axes
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
@@ -243,7 +243,7 @@ def power_figure(figures: Figures) -> Figure:
         axes.set_xticks([1000 * rms for rms in STRENGTHS], [f"{1000 * rms:g}" for rms in STRENGTHS])
         axes.minorticks_off()
         axes.set_ylim(0.0, 1.03)
-        dress(axes)
+        style_axes(axes)
         label(axes, hull, "gust (mm/s)", "share of pairs distinguished (1)")
         if place == 0:
             legend(axes)

@@ -23,7 +23,7 @@ from gliderhpc.studies.library.turbulence.statistics import (
     power_law,
     structure_functions,
 )
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p_value, spectrum_deviation
+from gliderhpc.studies.library.turbulence.surrogates import iaaft, join_stretches, rank_p_value, spectrum_deviation
 
 COUNT, SERIES, SURROGATES = 16384, 3, 39
 LAG, SCALING = 2, (2.0, 32.0)
@@ -57,7 +57,7 @@ def whole(values: Array) -> GappySeries:
 
 def ranked(series: GappySeries, rng: np.random.Generator) -> tuple[float, Array, Array]:
     """P of the rank test at `LAG`; the surrogates' iterations and deviations (rms, largest) of power from 1/256 Hz on."""
-    source, lag = joined(series, FADE), np.array([LAG])
+    source, lag = join_stretches(series, FADE), np.array([LAG])
     own = float(structure_functions(source, lag).flatness[0])
     made = [iaaft(source.values, rng) for _ in range(SURROGATES)]
     flatness = np.array([structure_functions(source.with_values(one.values), lag).flatness[0] for one in made])

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.api.watch import Listener, Watch, Watched, watching
-from gliderhpc.api.watch_records import Importing, span_of
-from gliderhpc.api.watch_state import Reported
+from gliderhpc.api.watch import Listener, Watch, WatchInputs, open_watch
+from gliderhpc.api.watch_records import FileImport, time_span
+from gliderhpc.api.watch_state import ReportedDive
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import MissionSettings
@@ -70,15 +70,15 @@ class SilentWatch(Watch):
     """A watch that marks dives as reported without a message."""
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
-        start, end = map(str, span_of(observations, number))
-        entry = Reported(profile=number, start=start, end=end, samples=digest, revision=0, file=f"{number}.json")
+        start, end = map(str, time_span(observations, number))
+        entry = ReportedDive(profile=number, start=start, end=end, samples=digest, revision=0, file=f"{number}.json")
         self.state.reported.append(entry)
 
 
-def look_once(watched: Watched, kind: type[Watch]) -> float:
+def look_once(watched: WatchInputs, kind: type[Watch]) -> float:
     """Process what has landed; processor seconds of it."""
     heard = Listener(lambda message, path: None, lambda name, why: None)
-    with watching(watched, heard) as opened:
+    with open_watch(watched, heard) as opened:
         began = time.process_time()
         kind(watched, heard, opened.state).once(0.0)
         return time.process_time() - began
@@ -90,8 +90,8 @@ def rows_of(
     """Rows of the table: one for each number of dives before."""
     land = folder / "land"
     land.mkdir()
-    watched = Watched(
-        land, Importing(None, {}), load_platform("petrel-l"), MissionSettings(), folder / "m.zarr", folder / "watch"
+    watched = WatchInputs(
+        land, FileImport(None, {}), load_platform("petrel-l"), MissionSettings(), folder / "m.zarr", folder / "watch"
     )
     dive, landed = template(folder), 0
     for size in sorted(sizes):

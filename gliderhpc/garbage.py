@@ -10,7 +10,7 @@ report's time."""
 
 
 @contextmanager
-def seldom_collected() -> Iterator[None]:
+def infrequent_collection() -> Iterator[None]:
     """Search for cyclic garbage less often while the block runs."""
     before = gc.get_threshold()
     gc.set_threshold(ALLOCATIONS, *before[1:])

@@ -31,7 +31,7 @@ class Box(_Section):
     west: float = Field(ge=-180.0, le=360.0)
     east: float = Field(ge=-180.0, le=360.0)
 
-    def holds(self, latitude: float, longitude: float) -> bool:
+    def contains(self, latitude: float, longitude: float) -> bool:
         """Return whether a position lies in the box."""
         inside = (longitude - self.west) % 360.0 <= (self.east - self.west) % 360.0
         return self.south <= latitude <= self.north and inside
@@ -63,7 +63,7 @@ class Rules(_Section):
     hull_changed: float | None = Field(None, gt=0.0, lt=1.0)
     drag_up_fifth: float | None = Field(None, gt=0.0, lt=1.0)
 
-    def broken(self, message: SurfacingMessage) -> tuple[str, ...]:
+    def violations(self, message: SurfacingMessage) -> tuple[str, ...]:
         """Return a sentence for each rule that a message breaks."""
         return (
             *self._current(message), *self._convergence(message), *self._next_surfacing(message), *self._hull(message),
@@ -88,7 +88,7 @@ class Rules(_Section):
 
     def _next_surfacing(self, message: SurfacingMessage) -> Iterator[str]:
         following, box = message.next_surfacing, self.next_surfacing_outside
-        if box is not None and following is not None and not box.holds(following.latitude, following.longitude):
+        if box is not None and following is not None and not box.contains(following.latitude, following.longitude):
             place = f"{following.latitude:.4f}, {following.longitude:.4f}"
             yield f"next surfacing at {place} ± {following.ellipse.major:.0f} m, outside the box"
 
@@ -124,7 +124,7 @@ class Alerts(_Section):
     webhook: str | None = Field(None, pattern=r"^https?://")
     timeout: float = Field(30.0, gt=0.0, le=600.0)
 
-    def raise_for(self, message: SurfacingMessage, path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def check_and_send(self, message: SurfacingMessage, path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Check the rules, and send the alerts.
 
         Returns
@@ -132,7 +132,7 @@ class Alerts(_Section):
         alerts, failures : tuple of str
             A sentence for each broken rule, and for each failure to send the alerts.
         """
-        alerts = self.rules.broken(message)
+        alerts = self.rules.violations(message)
         if not alerts:
             return (), ()
         content = json.dumps({"alerts": alerts, "message": message.model_dump(mode="json")})
@@ -143,9 +143,13 @@ class Alerts(_Section):
             return
         try:
             done = subprocess.run(
-                [*self.command, str(path)], input=content.encode(), timeout=self.timeout, check=False,
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+                [*self.command, str(path)],
+                input=content.encode(),
+                timeout=self.timeout,
+                check=False,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
         except subprocess.TimeoutExpired:
             yield f"{self.command[0]}: did not finish within {self.timeout:g} s"
         except OSError as error:

@@ -33,13 +33,13 @@ OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
 """Function that opens a progress display for a number of dives and yields the function that advances it."""
 
-_JUDGED = 2
+_JUDGED_QUANTITIES = 2
 """Number of quantities of the steady balance by which the hull found in the rounds is judged: depth rate and pitch.
 Roll and rate of turn also respond to moments exerted by the moving water. The dives separate these from errors in the
 hull's own moments; the steady balance does not."""
 
-_PROBABLE = 0.01
-"""Smallest prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
+_MIN_PROBABILITY = 0.01
+"""Minimum prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
 
 
 @contextmanager
@@ -71,11 +71,19 @@ class DiveCalibration:
     notes: list[str]
 
 
-def calibrated_by_dives(
-    observations: Observations, platform: Platform, base: Platform, start: Platform, segments: SteadySegments,
-    apart: SteadySegments, settings: CalibrateSettings, executor: OpenExecutor, progress: Progress = no_progress, *,
+def calibrate_on_dives(
+    observations: Observations,
+    platform: Platform,
+    base: Platform,
+    start: Platform,
+    segments: SteadySegments,
+    apart: SteadySegments,
+    settings: CalibrateSettings,
+    executor: OpenExecutor,
+    progress: Progress = no_progress,
+    *,
     rounds: int,
-) -> DiveCalibration:  # fmt: skip
+) -> DiveCalibration:
     """Calibrate on the dives that have steady segments.
 
     Parameters
@@ -109,9 +117,18 @@ def calibrated_by_dives(
     fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
     with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
         found = DiveRounds(
-            observations, base, parameters, fitted, held_out, estimation=settings, settings=settings.rounds,
-            most=rounds, turn_test=settings.turn_test, executor=opened, report=advance,
-        ).run(start)  # fmt: skip
+            observations,
+            base,
+            parameters,
+            fitted,
+            held_out,
+            estimation=settings,
+            settings=settings.rounds,
+            most=rounds,
+            turn_test=settings.turn_test,
+            executor=opened,
+            report=advance,
+        ).run(start)
     _check_plausible(found)
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
@@ -126,7 +143,7 @@ def calibrated_by_dives(
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
-    check_errors(ours, others, _JUDGED)
+    check_errors(ours, others, _JUDGED_QUANTITIES)
     return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
 
 
@@ -140,7 +157,7 @@ def _check_plausible(found: HullRounds) -> None:
         impulses and gusts can be mistaken for errors of the hull.
     """
     distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
-    if probability < _PROBABLE:
+    if probability < _MIN_PROBABILITY:
         farthest = int(np.abs(found.eta).argmax())
         raise CalibrationError(
             f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
@@ -152,9 +169,12 @@ def _check_plausible(found: HullRounds) -> None:
 
 
 def _score(
-    observations: Observations, before: Platform, after: Platform, segments: SteadySegments,
+    observations: Observations,
+    before: Platform,
+    after: Platform,
+    segments: SteadySegments,
     settings: CalibrateSettings,
-) -> Score:  # fmt: skip
+) -> Score:
     """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors."""
     numbers = np.unique(segments.profile).tolist()
     if not numbers:

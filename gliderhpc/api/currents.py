@@ -149,9 +149,14 @@ def _polar(navigation: Navigation, platform: Platform | str | Path | None) -> Gl
 
 
 def _dataset(
-    navigation: Navigation, records: Sequence[ProfileRecord], tracks: Sequence[GlideTrack | None], notes: Sequence[str],
-    polar: GlidePolar, errors: GlideErrors, declination: float,
-) -> xr.Dataset:  # fmt: skip
+    navigation: Navigation,
+    records: Sequence[ProfileRecord],
+    tracks: Sequence[GlideTrack | None],
+    notes: Sequence[str],
+    polar: GlidePolar,
+    errors: GlideErrors,
+    declination: float,
+) -> xr.Dataset:
     rows = [_row(record, track, note) for record, track, note in zip(records, tracks, notes, strict=True)]
     table = {name: ("profile", [row[name] for row in rows], _attributes(name)) for name in rows[0] if name != "profile"}
     samples = [_samples(record, track) for record, track in zip(records, tracks, strict=True)]

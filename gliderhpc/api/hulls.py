@@ -16,7 +16,7 @@ from gliderhpc.api.arguments import (
     profiles_text,
     settings_of,
 )
-from gliderhpc.api.calibration import OpenExecutor, Progress, calibrated_by_dives, no_progress
+from gliderhpc.api.calibration import OpenExecutor, Progress, calibrate_on_dives, no_progress
 from gliderhpc.api.found_hulls import CalibratedHull, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
@@ -95,13 +95,18 @@ def calibrate(
     chosen, platform = settings_of(CalibrateSettings, settings, named), platform_of(hull)
     executor = executor_of(workers)
     with opened_records(records) as observations:
-        return calibrated_on(
-            observations, platform, chosen, profiles_text(profiles), profiles_text(hold_out), assignments_of(named),
+        return calibrate_open(
+            observations,
+            platform,
+            chosen,
+            profiles_text(profiles),
+            profiles_text(hold_out),
+            assignments_of(named),
             executor,
-        )  # fmt: skip
+        )
 
 
-def calibrated_on(
+def calibrate_open(
     observations: Observations,
     platform: Platform,
     settings: CalibrateSettings,
@@ -118,8 +123,8 @@ def calibrated_on(
     rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
     with threadpool_limits(limits=1):
         taken, named = chosen_profiles(observations, profiles, hold_out, settings)
-        every = steady_segments(observations, platform, taken, settings, settings.steady, may_be_flatter=True)
-        segments, apart = divided(every, named)
+        every = steady_segments(observations, platform, taken, settings, settings.steady, allow_flatter=True)
+        segments, apart = split_segments(every, named)
         platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
         log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))
     base, dives, trouble = platform, None, ""
@@ -131,7 +136,7 @@ def calibrated_on(
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
-            dives = calibrated_by_dives(
+            dives = calibrate_on_dives(
                 observations, platform, base, start, segments, apart, settings, executor, progress, rounds=rounds
             )
     except CalibrationError as error:
@@ -190,7 +195,7 @@ def _profiles_to_use(observations: Observations, profiles: str | None, count: in
     return evenly_spaced(usable or available, count)
 
 
-def divided(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
+def split_segments(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
     """Split the segments into fitted and held-out ones, the latter from the named profiles or every fourth flown."""
     if apart is None:
         flown = np.unique(segments.profile).tolist()
@@ -230,10 +235,10 @@ def tune(
     """
     chosen, platform = settings_of(TuneSettings, settings, named), platform_of(hull)
     with opened_records(records) as observations:
-        return tuned_on(observations, platform, chosen, profiles_text(profiles), assignments_of(named), log.info)
+        return tune_open(observations, platform, chosen, profiles_text(profiles), assignments_of(named), log.info)
 
 
-def tuned_on(
+def tune_open(
     observations: Observations,
     platform: Platform,
     settings: TuneSettings,

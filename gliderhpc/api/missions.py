@@ -18,7 +18,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission import run
-from gliderhpc.mission.cluster import UnseenFileError
+from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.local_workers import default_workers
@@ -36,8 +36,8 @@ from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
-LOOK, LOOK_FOR_LAG = 24, 4
-"""Largest numbers of profiles examined before a run: for all checks of the records but the lag, and for the lag."""
+CHECKED_PROFILES, LAG_PROFILES = 24, 4
+"""Maximum numbers of profiles examined before a run: for all record checks except the lag, and for the lag."""
 
 
 @speaks_python
@@ -114,7 +114,7 @@ def run_mission(
     profiles : int, iterable of int, or str, optional
         Profiles to invert, such as ``[18, 19]`` or ``"18:20,68"``; all by default.
     workers : int, optional
-        Number of worker processes, 0 to compute in this process; by default one per core, as far as memory allows.
+        Number of worker processes, 0 to compute in this process; by default one per core, if memory allows.
     scheduler : str or Path, optional
         Address of a running Dask cluster's scheduler, or the file that it wrote.
     overwrite, resume, append : bool
@@ -145,7 +145,7 @@ def run_mission(
     ``if __name__ == "__main__":``, or with ``workers=0``.
     """
     if sum((resume, append, overwrite)) > 1:
-        raise InputError("overwrite, resume and append exclude each other; give one of them")
+        raise InputError("overwrite, resume and append are mutually exclusive; give one of them")
     chosen = settings_of(MissionSettings, settings, named)
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
@@ -161,7 +161,7 @@ def run_mission(
         executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
             prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
-        except UnseenFileError as error:
+        except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
             raise InputError(
@@ -211,9 +211,18 @@ class PreparedMission:
     ) -> MissionResult:
         """Run the inversion, as `gliderhpc.mission.run.run_mission` does."""
         return run.run_mission(
-            self.observations, self.platform, self.settings, self.plan.profiles, place, executor, overwrite=overwrite,
-            resume=resume, append=append, check_last=check_last, report=report,
-        )  # fmt: skip
+            self.observations,
+            self.platform,
+            self.settings,
+            self.plan.profiles,
+            place,
+            executor,
+            overwrite=overwrite,
+            resume=resume,
+            append=append,
+            check_last=check_last,
+            report=report,
+        )
 
 
 def prepare_mission(
@@ -235,7 +244,7 @@ def prepare_mission(
     profiles : str, optional
         Choice of profiles, such as ``18:20,68``; all by default.
     workers : int, optional
-        Number of local worker processes; by default one per core, as far as memory allows.
+        Number of local worker processes; by default one per core, if memory allows.
     on_cluster : bool
         Whether the run is on a cluster, whose memory is not checked.
     warn : callable
@@ -271,7 +280,10 @@ def warn_of_records(
     """Log one line, adapted by `words`, for each error that a brief check of the records finds; correct nothing."""
     checks = settings.inspect
     brief = checks.model_copy(
-        update={"profiles": min(checks.profiles, LOOK), "lag_profiles": min(checks.lag_profiles, LOOK_FOR_LAG)}
+        update={
+            "profiles": min(checks.profiles, CHECKED_PROFILES),
+            "lag_profiles": min(checks.lag_profiles, LAG_PROFILES),
+        }
     )
     with threadpool_limits(limits=1):
         found = inspect_records(observations, platform, chosen, settings, brief, settings.current)

@@ -43,7 +43,7 @@ IMPORTERS: Mapping[str, Callable[..., ImportSummary]] = {
 }
 """Importers by kind of records."""
 
-_MOST_LOOKED_AT = 20
+_MAX_OPENED_FILES = 20
 """Number of netCDF files in a folder that are opened to detect their kind: all files of a mission are of one kind."""
 
 
@@ -176,7 +176,7 @@ def kind_of(sources: Sequence[Path]) -> str:
 
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
-    """Raise an error that names what the first netCDF file or table, which no importer reads, lacks."""
+    """Raise an error that names what is missing from the first netCDF file or table."""
     for path in (held for source in sources for held in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
@@ -213,7 +213,7 @@ def _files(source: Path) -> list[Path]:
     files = sorted(path for path in source.iterdir() if path.is_file())
     named = [path for path in files if kind_by_name(path) is not None]
     # Files of other programs are opened only if no name is conclusive.
-    return named or [path for path in files if path.suffix.lower() == ".nc"][:_MOST_LOOKED_AT]
+    return named or [path for path in files if path.suffix.lower() == ".nc"][:_MAX_OPENED_FILES]
 
 
 def kind_by_name(path: Path) -> str | None:
@@ -302,10 +302,10 @@ def inspect(
     """
     chosen, platform = settings_of(MissionSettings, settings, named), platform_of(hull)
     with opened_records(records) as observations:
-        return RecordsInspected(inspected(observations, platform, chosen, profiles_text(profiles)))
+        return RecordsInspected(inspect_open(observations, platform, chosen, profiles_text(profiles)))
 
 
-def inspected(
+def inspect_open(
     observations: Observations, platform: Platform, settings: MissionSettings, profiles: str | None
 ) -> Inspection:
     """Inspect an open file, as `inspect` does."""

@@ -181,7 +181,7 @@ def analyze(
     with archive_errors(archive), open_for_reading(archive):
         pass
     with archive_errors(archive), locked(archive):
-        return StudyFindings(study, _drawn(analyze_archive(study, request)))
+        return StudyFindings(study, _draw_figures(analyze_archive(study, request)))
 
 
 @speaks_python
@@ -237,7 +237,7 @@ def validate(
         found = validate_archive(
             observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
         )
-        return StudyFindings(GROUP, _drawn(found))
+        return StudyFindings(GROUP, _draw_figures(found))
 
 
 @speaks_python
@@ -295,7 +295,7 @@ def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 
-def _drawn(found: Findings) -> Findings:
+def _draw_figures(found: Findings) -> Findings:
     """Draw all figures while the archive is locked, since another run of the study may change it afterwards."""
     return replace(found, figures=dict(found.figures))
 

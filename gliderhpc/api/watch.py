@@ -13,8 +13,8 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_records import OBSERVATIONS, Importing, cuts, is_candidate, span_of
-from gliderhpc.api.watch_state import Reported, WatchState, read_state
+from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
+from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
@@ -39,10 +39,10 @@ log = logging.getLogger("gliderhpc.watch")
 RECORDS = "records.nc"
 """Name of the observation file from which the archive is made."""
 
-TAKEN = "files"
+COPIES = "files"
 """Name of the folder with copies of the glider's files."""
 
-READ = "read"
+CACHED_READS = "read"
 """Name of the folder with the results of reading these copies."""
 
 _CHECKED = 20
@@ -50,14 +50,14 @@ _CHECKED = 20
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchInputs:
     """Inputs and outputs of a watch.
 
     Attributes
     ----------
     source : str or Path
         Folder, file or pattern to watch.
-    importing : Importing
+    importing : FileImport
         Import of the files as records.
     platform, settings : Platform, MissionSettings
         The hull and the settings of the inversion.
@@ -70,7 +70,7 @@ class Watched:
     """
 
     source: Path | str
-    importing: Importing
+    importing: FileImport
     platform: Platform
     settings: MissionSettings
     store: Place
@@ -92,7 +92,7 @@ class Watch:
 
     Attributes
     ----------
-    watched : Watched
+    watched : WatchInputs
         Inputs and outputs of the watch.
     listener : Listener
         Callbacks for dives and faults.
@@ -102,7 +102,7 @@ class Watch:
         Number of dives and files reported as failed by this process.
     """
 
-    watched: Watched
+    watched: WatchInputs
     listener: Listener
     state: WatchState
     failed: int = field(default=0, init=False)
@@ -122,21 +122,21 @@ class Watch:
     def once(self, settle: float) -> None:
         """Process the files whose last change is at least `settle` seconds old."""
         files = look(self.watched.source)
-        self.work_up(files, older(files, settle))
+        self.process(files, older(files, settle))
         self._warn_of_nothing()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
         """List the files every `interval` seconds, and process those that are unchanged since the previous listing."""
         before: Mapping[Path, FileState] | None = None
         while True:
-            files = look(self.watched.source) if before is None else self._look_again()
-            self.work_up(files, settled(files, before or {}))
+            files = look(self.watched.source) if before is None else self._list_files()
+            self.process(files, settled(files, before or {}))
             if files != before:
                 self._warn_of_nothing()
             before = files
             sleep(interval)
 
-    def _look_again(self) -> Mapping[Path, FileState]:
+    def _list_files(self) -> Mapping[Path, FileState]:
         """List the files; return none while the folder, perhaps on another machine, is unreachable."""
         try:
             return look(self.watched.source)
@@ -147,18 +147,18 @@ class Watch:
     def replay(self) -> None:
         """Process a finished mission dive by dive, as if each had just arrived."""
         files = look(self.watched.source)
-        self._take(files, files)
+        self._copy_new_files(files, files)
         self._import()
         if self.records.exists():
-            for records in cuts(self.records, self.watched.out):
-                # A cut whose dives were all reported is skipped: the archive already contains more.
+            for records in truncated_missions(self.records, self.watched.out):
+                # Skip a truncated mission whose dives were all reported: the archive already contains more.
                 self._invert_and_report(records, only_news=records != self.records)
             (self.watched.out / "replayed.nc").unlink(missing_ok=True)
         self._complete()
 
-    def work_up(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
+    def process(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
         """Copy the files that are ready, and process new data."""
-        self._take(files, ready)
+        self._copy_new_files(files, ready)
         if self._inputs() == self.state.inputs:
             return
         self._import()
@@ -166,9 +166,9 @@ class Watch:
             self._invert_and_report(self.records)
         self._complete()
 
-    def _take(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
+    def _copy_new_files(self, files: Mapping[Path, FileState], ready: Iterable[Path]) -> None:
         """Copy the files that are new or changed."""
-        folder, kind = self.watched.out / TAKEN, self.watched.importing.kind
+        folder, kind = self.watched.out / COPIES, self.watched.importing.kind
         named = kind != OBSERVATIONS and any(kind_by_name(path) is not None for path in files)
         unread: dict[str, str] = {}
         before = self.state.taken
@@ -192,7 +192,7 @@ class Watch:
             kind = self.watched.importing.kind or "a glider"
             log.warning("%s: no complete file of %s yet", self.watched.source, kind)
 
-    def _chosen(self) -> dict[str, str]:
+    def _files_to_import(self) -> dict[str, str]:
         """Return the digests of the files to import, by name; of several with the same content only one."""
         same = duplicates(self.state.taken)
         for name, first in same.items():
@@ -202,7 +202,7 @@ class Watch:
     def _inputs(self) -> str:
         """Return a digest of everything that determines the archive."""
         watched = self.watched
-        files = watched.importing.digest(self._chosen())
+        files = watched.importing.digest(self._files_to_import())
         return sha256(
             f"{files} {watched.platform.model_dump_json()} {watched.settings.model_dump_json()}".encode()
         ).hexdigest()
@@ -210,8 +210,8 @@ class Watch:
     def _import(self) -> None:
         out = self.watched.out
         # In the order of their arrival: a new file that contradicts a reported dive must not replace it.
-        digests = {out / TAKEN / name: digest for name, digest in self._chosen().items()}
-        reads = StoredReads(out / READ, digests)
+        digests = {out / COPIES / name: digest for name, digest in self._files_to_import().items()}
+        reads = StoredReads(out / CACHED_READS, digests)
         self._report_faults(self.watched.importing.import_files(list(digests), self.records, reads))
         reads.remove_unused()
 
@@ -255,13 +255,16 @@ class Watch:
             observations, watched.platform, watched.settings, None, watched.workers, on_cluster=False, warn=log.warning
         )
         numbers = prepared.plan.profiles
-        grows = continues(watched.store, numbers)
+        grows = continues_archive(watched.store, numbers)
         if not grows:
-            log.warning("%s: a dive arrived after later ones; the archive is made again", watched.store)
+            log.warning("%s: a dive arrived after later ones; the archive is rebuilt", watched.store)
         prepared.run(
-            watched.store, lambda: nullcontext(self._executor(prepared.workers)), append=grows, overwrite=not grows,
+            watched.store,
+            lambda: nullcontext(self._executor(prepared.workers)),
+            append=grows,
+            overwrite=not grows,
             check_last=_CHECKED,
-        )  # fmt: skip
+        )
 
     def _executor(self, workers: int) -> Executor:
         """Return an executor that stays open, since starting workers for every dive would take seconds each time."""
@@ -273,7 +276,7 @@ class Watch:
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""
-        start, end = span_of(observations, number)
+        start, end = time_span(observations, number)
         place = self.state.find(start, end)
         before = None if place is None else self.state.reported[place]
         name = before.file if before is not None else _file_name(number, start)
@@ -283,7 +286,7 @@ class Watch:
         write_surfacing_page(message, self.watched.out, f"{path.stem}.html")
         self.failed += message.inversion.status != "done"
         self.listener.dive(message, path)
-        entry = Reported(
+        entry = ReportedDive(
             profile=number,
             start=str(start),
             end=str(end),
@@ -297,7 +300,7 @@ class Watch:
             self.state.reported[place] = entry
         self.state.save(self.watched.out)
 
-    def _message(self, number: int, before: Reported | None, path: Path) -> SurfacingMessage:
+    def _message(self, number: int, before: ReportedDive | None, path: Path) -> SurfacingMessage:
         store = self.watched.store
         with archive_errors(store), open_for_reading(store) as archive:
             message = surfacing_message(archive, number)
@@ -307,7 +310,7 @@ class Watch:
         return message.model_copy(update={"revision": before.revision + 1, "changes": changes})
 
 
-def continues(store: Place, numbers: Iterable[int]) -> bool:
+def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
     """Return whether profiles continue those of an archive; true if there is no archive yet.
 
     Raises
@@ -331,7 +334,7 @@ def _file_name(number: int, start: np.datetime64) -> str:
 
 
 @contextmanager
-def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
+def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
     """Open a watch, and lock its output folder against other processes.
 
     Raises
@@ -344,7 +347,7 @@ def watching(watched: Watched, listener: Listener) -> Iterator[Watch]:
         raise InputError(
             f"{watched.out}: is the folder being watched; give another one for messages and copies with --out"
         )
-    for name in (TAKEN, READ):
+    for name in (COPIES, CACHED_READS):
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out), closing(Watch(watched, listener, read_state(watched.out))) as watch:
         yield watch

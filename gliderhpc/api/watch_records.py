@@ -33,7 +33,7 @@ _OWN_OPTIONS = ("overwrite", "reads")
 
 
 @dataclass(frozen=True)
-class Importing:
+class FileImport:
     """Import of the arriving files: their kind, and the options of the importer.
 
     Attributes
@@ -104,7 +104,7 @@ class Importing:
             try:
                 summary = import_as(kind, chosen, out, {**self._options(kind), **_own_options(kind, reads)})
             except InputError as error:
-                culprit = _culprit(error, chosen)
+                culprit = _named_file(error, chosen)
                 faults[culprit.name] = str(error)
                 chosen.remove(culprit)
             else:
@@ -146,7 +146,7 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
     return found, chosen, faults
 
 
-def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
+def _named_file(error: InputError, paths: Sequence[Path]) -> Path:
     """Return the file that an error names; raise the error again if it names none."""
     named = [path for path in paths if str(error).startswith(f"{path}:")]
     if not named:
@@ -154,13 +154,13 @@ def _culprit(error: InputError, paths: Sequence[Path]) -> Path:
     return named[0]
 
 
-def span_of(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:
+def time_span(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:
     """Return the times of a profile's first and last sample."""
     span = observations.survey.spans[number]
     return span.start_time, span.end_time
 
 
-def cuts(path: Path, folder: Path) -> Iterator[Path]:
+def truncated_missions(path: Path, folder: Path) -> Iterator[Path]:
     """Yield the records of a mission as they were after each dive, in order, and finally `path` itself.
 
     Each truncated file contains all samples up to the end of the dive and the first fix after it, but nothing later.

@@ -17,8 +17,8 @@ STATE_FILE = "state.json"
 _VERSION = 1
 
 
-class Reported(BaseModel):
-    """Reported dive.
+class ReportedDive(BaseModel):
+    """ReportedDive dive.
 
     Attributes
     ----------
@@ -68,8 +68,8 @@ class WatchState(BaseModel):
         Files and pieces that could not be used, with the reason last reported.
     inputs : str
         Digest of the files, options, hull and settings that were last processed completely.
-    reported : list of Reported
-        Reported dives, in the order of their first report.
+    reported : list of ReportedDive
+        ReportedDive dives, in the order of their first report.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -78,7 +78,7 @@ class WatchState(BaseModel):
     unread: dict[str, str] = Field(default_factory=dict)
     faults: dict[str, str] = Field(default_factory=dict)
     inputs: str = ""
-    reported: list[Reported] = Field(default_factory=list)
+    reported: list[ReportedDive] = Field(default_factory=list)
 
     @property
     def taken(self) -> dict[str, Taken]:
@@ -98,12 +98,12 @@ class WatchState(BaseModel):
     def new_faults(self, found: Mapping[str, str]) -> dict[str, str]:
         """Store the faults found, and return those that are new or different from those reported."""
         before, self.faults = self.faults, dict(found)
-        return _news(found, before)
+        return _new_or_changed(found, before)
 
     def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
         """Store the files that could not be read, and return those that are new or different from those reported."""
         before, self.unread = self.unread, dict(found)
-        return _news(found, before)
+        return _new_or_changed(found, before)
 
     def save(self, folder: Path) -> None:
         """Replace the state file."""
@@ -111,7 +111,7 @@ class WatchState(BaseModel):
         write_text(folder / STATE_FILE, json.dumps(content, indent=1) + "\n", overwrite=True)
 
 
-def _news(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
+def _new_or_changed(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
     return {name: why for name, why in found.items() if before.get(name) != why}
 
 

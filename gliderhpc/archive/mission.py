@@ -100,7 +100,7 @@ class Summary:
 
 
 def check_is_path(place: Any) -> None:
-    """Refuse an object of another kind where an archive's path is expected.
+    """Refuse anything but a text or a path as the place of an archive.
 
     Raises
     ------
@@ -180,10 +180,10 @@ def _nodes(path: Place) -> dict[str, Node]:
         return metadata.nodes(store)
     root = zarr.open_group(store, mode="r", zarr_format=3)
     groups: dict[str, zarr.Group] = {"": root, **dict(root.groups())}
-    return {name: Node(name, dict(group.attrs), partial(_same, group)) for name, group in groups.items()}
+    return {name: Node(name, dict(group.attrs), partial(_itself, group)) for name, group in groups.items()}
 
 
-def _same(group: zarr.Group) -> zarr.Group:
+def _itself(group: zarr.Group) -> zarr.Group:
     return group
 
 
@@ -248,7 +248,7 @@ def archive_errors(*places: Place) -> Iterator[None]:
 
 
 def _describe_fault(place: Place, error: Exception) -> str:
-    """Describe the fault of an archive whose reading ended in an error; empty if it is intact."""
+    """Describe the fault of an archive that could not be read; empty if it is intact."""
     if isinstance(error, OSError):
         if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(place)):
             return f"cannot be read ({error.filename}: {error.strerror})"

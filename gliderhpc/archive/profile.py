@@ -164,14 +164,14 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     row = _row(archive, number)
     series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
     state = _group_row(archive, _group_of(archive, estimate), number)
-    samples, records = _known(series), _known(state)
+    samples, records = _filled_mask(series), _filled_mask(state)
     instants = series["time"].values[samples]
     epoch = instants[0]
     time, record_time = _seconds(instants, epoch), _seconds(state["time"].values[records], epoch)
     if estimate == SMOOTHED:
-        disturbances = _interpolated(time, record_time, _columns(state, CHANNELS)[records])
-        disturbances_std = _interpolated(time, record_time, _columns(state, _deviations(CHANNELS))[records])
-        motion_std = _columns(state, _deviations(MOTION))[records]
+        disturbances = _interpolate_to_samples(time, record_time, _columns(state, CHANNELS)[records])
+        disturbances_std = _interpolate_to_samples(time, record_time, _columns(state, _std_names(CHANNELS))[records])
+        motion_std = _columns(state, _std_names(MOTION))[records]
     else:
         disturbances = _columns(series, CHANNELS)[samples]
         disturbances_std = np.full_like(disturbances, np.nan)
@@ -193,16 +193,16 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
         quality=series["quality"].values[samples].astype(np.uint8),
         record_time=record_time,
         measured=measured,
-        sampled=_sampled(observed)[records],
+        sampled=_sampled_mask(observed)[records],
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
         motion_std=motion_std,
         controls=_columns(observed, CONTROLS)[records],
-        seawater=_columns(observed, SEAWATER)[records] if goes_by_density(archive, number) else None,
+        seawater=_columns(observed, SEAWATER)[records] if uses_measured_density(archive, number) else None,
     )
 
 
-def goes_by_density(archive: Archive, number: int) -> bool:
+def uses_measured_density(archive: Archive, number: int) -> bool:
     """Return whether a profile's buoyancy uses the measured density; always false in archives before version 1.3."""
     table = archive.to_dataset()
     return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
@@ -305,7 +305,7 @@ def _group_of(archive: Archive, estimate: str) -> str:
     return group
 
 
-def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
+def _interpolate_to_samples(time: Array, record_time: Array, values: Array) -> Array:
     """Interpolate columns from the records to the samples; the last row, after which no disturbance acts, is NaN."""
     known = np.isfinite(values).all(axis=1)
     if not known.any():
@@ -315,16 +315,16 @@ def _interpolated(time: Array, record_time: Array, values: Array) -> Array:
     return columns
 
 
-def _deviations(names: Iterable[str]) -> list[str]:
+def _std_names(names: Iterable[str]) -> list[str]:
     return [f"{name}_std" for name in names]
 
 
-def _known(dataset: xr.Dataset) -> Mask:
+def _filled_mask(dataset: xr.Dataset) -> Mask:
     """Return the mask of a row's entries that are not fill values."""
     return np.asarray(~np.isnat(dataset["time"].values), dtype=np.bool_)
 
 
-def _sampled(observed: xr.Dataset) -> Mask:
+def _sampled_mask(observed: xr.Dataset) -> Mask:
     if "sampled" not in observed:
         return np.zeros(observed.sizes["record"], dtype=np.bool_)
     return np.asarray(observed["sampled"].values == 1, dtype=np.bool_)

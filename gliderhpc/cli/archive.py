@@ -11,9 +11,9 @@ from rich.text import Text
 from gliderhpc.archive.mission import Summary, archive_errors, attribute_faults, describe
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.errors import InputError
-from gliderhpc.report.facts import facts, flattened
+from gliderhpc.report.facts import facts, flatten_settings
 from gliderhpc.store_schema import (
     check_archive,
     damaged_chunks,
@@ -48,9 +48,9 @@ def info(archive: Place, all_messages: bool) -> int:
         other = other_version(archive)
         missing = [] if other else missing_chunks(archive)
     if other:
-        say(f"note: {other}", err=True)
+        echo(f"note: {other}", err=True)
     for line in missing:
-        say(f"{archive}: {line}", err=True)
+        echo(f"{archive}: {line}", err=True)
     return 1 if missing else 0
 
 
@@ -99,7 +99,7 @@ def _settings(settings: Mapping[str, Any]) -> Table:
     table = Table(title="settings", title_justify="left")
     table.add_column("setting")
     table.add_column("value", overflow="fold")
-    for key, value in flattened(settings):
+    for key, value in flatten_settings(settings):
         table.add_row(Text(key), Text(str(value)))
     return table
 
@@ -139,14 +139,14 @@ def check(archive: Place, deep: bool) -> int:
         if not differences:
             differences = damaged_chunks(archive) if deep else missing_chunks(archive)
     for line in differences:
-        say(line)
+        echo(line)
     if differences:
-        say(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
+        echo(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
         return 1
     with archive_errors(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
     scope = "schema and digests" if deep else "schema, no chunk is missing"
-    say(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
+    echo(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
     return 0
 
 
@@ -171,12 +171,12 @@ def compare(first: Place, second: Place) -> int:
                 raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")
         found = compare_archives(first, second)
     for line in found.attributes:
-        say(line)
+        echo(line)
     for place, numbers in ((first, found.only_first), (second, found.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            say(f"only in {place}: {len(numbers)} profiles ({shown})")
+            echo(f"only in {place}: {len(numbers)} profiles ({shown})")
     for variable in found.variables:
-        say(variable.describe())
-    say(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+        echo(variable.describe())
+    echo(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
     return 0 if found.equal else 1

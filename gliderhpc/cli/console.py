@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.segment import Segment
 from rich.table import Table
 
-from gliderhpc.cli.messages import UnexpectedError, environment, is_expected, printable, say
+from gliderhpc.cli.messages import UnexpectedError, echo, environment, is_expected, printable
 from gliderhpc.errors import InputError
 
 _FILE_WIDTH = 160
@@ -141,7 +141,7 @@ class _FileLog(logging.FileHandler):
     def _end(self, error: OSError) -> None:
         if self.level <= logging.CRITICAL:
             self.setLevel(logging.CRITICAL + 1)
-            say(f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True)
+            echo(f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True)
 
 
 def _file_handler(log_file: Path) -> logging.Handler:

@@ -9,7 +9,7 @@ import xarray as xr
 from gliderhpc.api.currents import estimate_currents
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.cli.options import Finite, deployment, overwrite
 from gliderhpc.output_files import check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
@@ -63,9 +63,9 @@ def currents(
     title = f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}"
     results().print(table(title, _rows(found), _HEADINGS, _WORDS))
     if found.attrs["comment"] != "none":
-        say(found.attrs["comment"])
+        echo(found.attrs["comment"])
     known = int(np.isfinite(found["dac_north"]).sum())
-    say(f"{known} of {found.sizes['profile']} profiles have a current; written to {out}")
+    echo(f"{known} of {found.sizes['profile']} profiles have a current; written to {out}")
     return DONE if known else FAILED
 
 

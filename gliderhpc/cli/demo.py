@@ -13,7 +13,7 @@ from rich.table import Table
 from gliderhpc.api.currents import currents
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import logging_to, results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
@@ -21,7 +21,7 @@ from gliderhpc.mission.executors import Executor, local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import MissionResult, closing_line, run_mission, summary_table
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.warm import compiled_aside, is_compiled
+from gliderhpc.mission.warm import compile_in_background, is_compiled
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.output_files import check_folder
@@ -57,17 +57,17 @@ def demo(out: Path, full: bool) -> int:
       gliderhpc demo --full
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with logging_to(None):
-        made = run_demo(out, lambda line: say(line, err=True), results().print, full=full)
-    say(closing_line(made.mission, str(made.store)))
-    say(f"the archive: gliderhpc info {made.store}")
-    say(f"the report: {made.report.page}")
+        made = run_demo(out, lambda line: echo(line, err=True), results().print, full=full)
+    echo(closing_line(made.mission, str(made.store)))
+    echo(f"the archive: gliderhpc info {made.store}")
+    echo(f"the report: {made.report.page}")
     return 1 if made.mission.failed else 0
 
 
 PLATFORM, SCENARIO = "petrel-l", "demo"
 SEED = 1
 
-FIRST_LOOK = 6
+SHORT_DEMO_DIVES = 6
 """Number of dives of the demo without `--full`."""
 
 QUICK = ("intermittency", "nulls", "drift")
@@ -76,8 +76,8 @@ QUICK = ("intermittency", "nulls", "drift")
 _MODELS = {"model_a.nc": 11, "model_b.nc": 12}
 """Files of synthetic ocean models, and the seeds of their errors."""
 
-Say = Callable[[str], None]
-Show = Callable[[Table], None]
+Announce = Callable[[str], None]
+ShowTable = Callable[[Table], None]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class DemoResult:
 
 
 @dataclass(frozen=True)
-class _Tour:
+class _DemoRun:
     """Inputs and workers shared by all steps of the demo."""
 
     out: Path
@@ -110,18 +110,18 @@ class _Tour:
     observations: Path
     store: Path
     executor: Executor
-    say: Say
+    announce: Announce
 
     def workers(self) -> AbstractContextManager[Executor]:
         """Return the shared workers for a step; they stay open after it."""
         return nullcontext(self.executor)
 
 
-def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResult:
+def run_demo(out: Path, announce: Announce, show: ShowTable, *, full: bool = False) -> DemoResult:
     """Simulate the demo mission into a folder, invert it, run the studies and write the report.
 
-    `say` is called with a line at each step, `show` with the tables of the inverted mission. Outputs of an earlier demo
-    are replaced.
+    `announce` is called with a line at each step, `show` with the tables of the inverted mission. Outputs of an earlier
+    demo are replaced.
 
     Raises
     ------
@@ -133,21 +133,21 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
     platform, scenario, observations = load_platform(PLATFORM), _scenario(full), out / "mission.nc"
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
     if not is_compiled():
-        say("compiling the kernels, once for this machine: about half a minute")
-    with compiled_aside("kernels"):
-        say(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
+        announce("compiling the kernels, once for this machine: about half a minute")
+    with compile_in_background("kernels"):
+        announce(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
         simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
-        say(_light_currents(observations))
-    say("inverting the dives")
+        announce(_describe_light_currents(observations))
+    announce("inverting the dives")
     with local_executor(default_workers()) as executor:
-        tour = _Tour(out, platform, observations, out / "mission.zarr", executor, say)
+        tour = _DemoRun(out, platform, observations, out / "mission.zarr", executor, announce)
         mission = _invert(tour)
         show(summary_table(mission))
         show(render(accuracy_table(open_mission(tour.store), truth_path(observations))))
         _validate(tour)
         _study(tour)
         twins = _twins(tour) if full else None
-        say("drawing the report")
+        announce("drawing the report")
         page = write_mission_page(tour.store, out / "report", twins, executor=executor)
     return DemoResult(observations, truth_path(observations), tour.store, page, mission)
 
@@ -155,7 +155,7 @@ def run_demo(out: Path, say: Say, show: Show, *, full: bool = False) -> DemoResu
 def _scenario(full: bool) -> Scenario:
     """Return the scenario of the demo, complete or with its first dives only."""
     scenario = load_scenario(SCENARIO)
-    return scenario if full else scenario.replaced({"profiles": min(scenario.profiles, FIRST_LOOK)})
+    return scenario if full else scenario.replaced({"profiles": min(scenario.profiles, SHORT_DEMO_DIVES)})
 
 
 def _days(scenario: Scenario) -> float:
@@ -163,7 +163,7 @@ def _days(scenario: Scenario) -> float:
     return float(scenario.profiles * 2 * np.mean(scenario.surface.half_interval) / 86_400.0)
 
 
-def _light_currents(observations: Path) -> str:
+def _describe_light_currents(observations: Path) -> str:
     """Describe the currents estimated without a flight model, the first results of the demo."""
     found = currents(observations)
     north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
@@ -190,7 +190,7 @@ def _check_folder(observations: Path, mission: str) -> None:
         raise InputError(f"{observations}: was not made by the demo, so it is not replaced; give another --out")
 
 
-def _invert(tour: _Tour) -> MissionResult:
+def _invert(tour: _DemoRun) -> MissionResult:
     with open_observations(tour.observations) as opened:
         return run_mission(
             opened,
@@ -203,13 +203,13 @@ def _invert(tour: _Tour) -> MissionResult:
         )
 
 
-def _validate(tour: _Tour) -> None:
-    tour.say("comparing the fixed-coefficient model with the records")
+def _validate(tour: _DemoRun) -> None:
+    tour.announce("comparing the fixed-coefficient model with the records")
     with open_observations(tour.observations) as opened:
         validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
 
 
-def _study(tour: _Tour) -> None:
+def _study(tour: _DemoRun) -> None:
     """Run every study on the mission and on synthetic ocean models; studies with ensembles run at their quick sizes.
 
     The report reads the findings from the archive, so no files are written here.
@@ -218,14 +218,14 @@ def _study(tour: _Tour) -> None:
     models = tuple(str(write_ocean_model(truth, tour.out / name, seed)) for name, seed in _MODELS.items())
     for name in STUDIES:
         quick = name in QUICK
-        tour.say(f"study {name}{', at its quick size' if quick else ''}")
+        tour.announce(f"study {name}{', at its quick size' if quick else ''}")
         request = Request(tour.store, tour.workers, quick=quick, truth=truth, models=models)
         analyze_archive(name, request)
 
 
-def _twins(tour: _Tour) -> Path:
+def _twins(tour: _DemoRun) -> Path:
     """Run the twin experiment on windows, which is independent of the mission, at its quick size."""
-    tour.say("twin experiment on windows, at its quick size")
+    tour.announce("twin experiment on windows, at its quick size")
     folder = tour.out / "twins"
     plan = WINDOWS.plan([tour.platform], quick=True)
     write_findings(WINDOWS.run(plan, tour.executor, lambda: None), WINDOWS.name, folder)

@@ -7,7 +7,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.mission.doctor import Check, State, examine
 from gliderhpc.store_schema.place import Place
 
@@ -33,14 +33,14 @@ def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> 
       gliderhpc doctor --store /scratch/missions --scheduler-file scheduler.json
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     checks = list(examine(store, options.cluster_address(scheduler, scheduler_file)))
-    for line in lines_of(checks):
-        say(line)
+    for line in format_checks(checks):
+        echo(line)
     lacking = [check.name for check in checks if check.state is State.MISSING]
-    say(f"missing: {', '.join(lacking)}" if lacking else "everything that a run needs is available")
+    echo(f"missing: {', '.join(lacking)}" if lacking else "everything that a run needs is available")
     return FAILED if lacking else DONE
 
 
-def lines_of(checks: Sequence[Check]) -> list[str]:
+def format_checks(checks: Sequence[Check]) -> list[str]:
     """Return aligned lines: name, state, finding and remedy."""
     name = max(len(check.name) for check in checks)
     state = max(len(check.state.value) for check in checks)

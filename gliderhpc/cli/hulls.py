@@ -7,11 +7,11 @@ import click
 from rich.table import Table
 
 from gliderhpc.api.found_hulls import CalibratedHull, write_history, write_platform
-from gliderhpc.api.hulls import calibrated_on, tuned_on
+from gliderhpc.api.hulls import calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -52,17 +52,27 @@ _out = click.option(
     help="Profiles held out of the fit and used only for the score; by default every fourth.",
 )
 @click.option(
-    "--history", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.csv",
+    "--history",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.csv",
     help="With rounds over the dives: also write the parameters of each dive, from all dives and from those up to it.",
-)  # fmt: skip
+)
 @options.workers
 @options.assignments
 @options.overwrite
 @options.log_file
 def calibrate(
-    observations: Path, platform_name: str, out: Path, profiles: str | None, hold_out: str | None,
-    history: Path | None, workers: int | None, assignments: tuple[str, ...], overwrite: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    out: Path,
+    profiles: str | None,
+    hold_out: str | None,
+    history: Path | None,
+    workers: int | None,
+    assignments: tuple[str, ...],
+    overwrite: bool,
+    log_file: Path | None,
+) -> int:
     """Estimate the hull from the steady glides or the whole dives of OBSERVATIONS, and write the platform.
 
     The fit of the steady glides estimates neutral volume, depth slope (or compressibility and thermal expansion, where
@@ -94,15 +104,21 @@ def calibrate(
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = calibrated_on(
-            opened, platform, settings, profiles, hold_out, assignments, options.executor_for(workers),
+        found = calibrate_open(
+            opened,
+            platform,
+            settings,
+            profiles,
+            hold_out,
+            assignments,
+            options.executor_for(workers),
             lambda total: progress(total, "dives"),
-        )  # fmt: skip
+        )
     if history is not None:
         write_history(history, found, overwrite)
     write_platform(out, found.platform, overwrite)
     _print_calibration(found)
-    say(f"written to {out}")
+    echo(f"written to {out}")
     return DONE
 
 
@@ -110,11 +126,12 @@ def _print_calibration(found: CalibratedHull) -> None:
     for each in _steady_tables(found) if found.dives is None else _dive_tables(found.dives.rounds):
         results().print(each)
     results().print(
-        table("root mean square errors of the balance", score_rows(found.fitted, found.held_out), SCORES,
-              ("profiles",)),
-    )  # fmt: skip
+        table(
+            "root mean square errors of the balance", score_rows(found.fitted, found.held_out), SCORES, ("profiles",)
+        ),
+    )
     for line in found.notes:
-        say(line)
+        echo(line)
 
 
 def _steady_tables(found: CalibratedHull) -> list[Table]:
@@ -132,16 +149,28 @@ def _steady_tables(found: CalibratedHull) -> list[Table]:
 
 def _dive_tables(found: HullRounds) -> list[Table]:
     made = [
-        table("parameters, with 95 % intervals", rounds_report.parameter_rows(found), rounds_report.PARAMETERS,
-              ("parameter", "unit", "remark")),
-        table("directions that the dives determine", rounds_report.direction_rows(found), rounds_report.DIRECTIONS,
-              rounds_report.DIRECTIONS[1:]),
-    ]  # fmt: skip
+        table(
+            "parameters, with 95 % intervals",
+            rounds_report.parameter_rows(found),
+            rounds_report.PARAMETERS,
+            ("parameter", "unit", "remark"),
+        ),
+        table(
+            "directions that the dives determine",
+            rounds_report.direction_rows(found),
+            rounds_report.DIRECTIONS,
+            rounds_report.DIRECTIONS[1:],
+        ),
+    ]
     if found.held_out:
         made.append(
-            table("held-out dives compared with the sum of the others", rounds_report.held_out_rows(found),
-                  rounds_report.HELD_OUT, ())
-        )  # fmt: skip
+            table(
+                "held-out dives compared with the sum of the others",
+                rounds_report.held_out_rows(found),
+                rounds_report.HELD_OUT,
+                (),
+            )
+        )
     return made
 
 
@@ -186,10 +215,10 @@ def tune(
     platform = load_platform(platform_name, platform_values)
     check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = tuned_on(opened, platform, settings, profiles, assignments, log.info)
+        found = tune_open(opened, platform, settings, profiles, assignments, log.info)
     write_platform(out, found.platform, overwrite)
     _print_prior(found.tuned, list(found.profiles), settings)
-    say(f"written to {out}")
+    echo(f"written to {out}")
     return DONE
 
 
@@ -204,9 +233,9 @@ def _print_prior(tuned: TunedPrior, used: list[int], settings: TuneSettings) -> 
             _WORDS,
         ),
     )
-    say(closing_text(tuned, settings))
+    echo(closing_text(tuned, settings))
     if tuned.interpolated:
-        say(f"note: {INTERPOLATED}")
+        echo(f"note: {INTERPOLATED}")
 
 
 _PRIOR = ("channel", "quantity", "unit", "before", "after", "known to\na factor of", "remark")

@@ -1,4 +1,4 @@
-"""Interruption of a command by Ctrl-C or SIGTERM, raised only where it is neither lost nor leaves a lock held."""
+"""Interrupt a command on Ctrl-C or SIGTERM, only where the exception is not lost and leaves no lock held."""
 
 import _thread
 import signal
@@ -10,16 +10,16 @@ from contextlib import contextmanager
 from types import FrameType
 
 _PAUSE = 0.02
-"""Seconds after which an interruption that came at a bad moment is raised again, repeatedly if need be."""
+"""Seconds until an interruption that came at a bad moment is raised again."""
 
-_LONGEST = 250
-"""Largest number of pauses; an interruption that is still at a bad moment then (after about 5 s) is raised there."""
+_MAX_PAUSES = 250
+"""Maximum number of pauses; after them (about 5 s) the interruption is raised regardless."""
 
 _LOCKING = ("xarray.backends.locks", "xarray.backends.file_manager")
 """Modules that take locks of files in Python code. An exception between taking a lock and entering the block that
 releases it leaves the lock held, and the process hangs when it closes the file."""
 
-_NEAR = 4
+_SEARCHED_FRAMES = 4
 """Number of innermost frames searched for those modules: their context managers are called through `contextlib`."""
 
 
@@ -30,16 +30,16 @@ def interruptible() -> Iterator[None]:
     An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
     releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
     Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs. The context has no effect
-    outside the main thread, which alone receives signals.
+    outside the main thread, the only one that receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    later, pauses = _Later(), 0
+    later, pauses = _RepeatedSignal(), 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal pauses
-        if pauses < _LONGEST and _handles_lock(frame):
+        if pauses < _MAX_PAUSES and _handles_lock(frame):
             pauses += 1
             later.begin()
         else:
@@ -67,7 +67,7 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class _Later:
+class _RepeatedSignal:
     """Thread that signals the main thread until an interruption has been raised there.
 
     It is begun in signal handlers, so it takes no lock of the module `threading`, which the main thread may hold.
@@ -114,7 +114,7 @@ def _signal_main_thread() -> None:
 
 def _handles_lock(frame: FrameType | None) -> bool:
     """Return whether one of the innermost frames takes or releases a lock in Python code."""
-    for _ in range(_NEAR):
+    for _ in range(_SEARCHED_FRAMES):
         if frame is None:
             return False
         module = frame.f_globals.get("__name__")

@@ -12,7 +12,7 @@ from click.shell_completion import get_completion_class
 from gliderhpc.cli.interruption import interruptible
 from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
-from gliderhpc.garbage import seldom_collected
+from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -165,14 +165,14 @@ def main(arguments: list[str] | None = None) -> None:
     _open_standard_streams()
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     status = _run(arguments, verb)
-    sys.exit(_flushed(status))
+    sys.exit(_flush_output(status))
 
 
 def _run(arguments: list[str] | None, verb: str) -> int:
     """Run a verb, report its error if any, and return the exit status."""
     remedy = "finish it with --resume" if verb in RESUMABLE else "run it again"
     try:
-        with interruptible(), seldom_collected(), warnings.catch_warnings():
+        with interruptible(), infrequent_collection(), warnings.catch_warnings():
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
@@ -183,30 +183,30 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         click.echo(printable(shown.getvalue()), err=True, nl=False)
         return UNUSABLE
     except RunStoppedError as error:
-        return _say(f"{error}; the results so far are saved; {remedy}", FAILED)
+        return _report_end(f"{error}; the results so far are saved; {remedy}", FAILED)
     except CalibrationError as error:
-        return _say(str(error), FAILED)
+        return _report_end(str(error), FAILED)
     except GliderhpcError as error:
-        return _say(str(error), UNUSABLE)
+        return _report_end(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
-        return _say_interrupted(verb, remedy)
+        return _report_interruption(verb, remedy)
     except BrokenPipeError:
         _discard("stdout")
         return FAILED  # the reader of the output, such as `head`, has ended, so no message can be shown
     except MemoryError:
-        return _say(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
+        return _report_end(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
         _discard_unwritable_output()
         return _report_system_error(error, remedy)
     except Exception as error:  # noqa: BLE001 - the last handler
         if _follows_interruption(error):
-            return _say_interrupted(verb, remedy)
-        return _say(describe_unexpected(error), FAILED)
+            return _report_interruption(verb, remedy)
+        return _report_end(describe_unexpected(error), FAILED)
 
 
-def _say_interrupted(verb: str, remedy: str) -> int:
+def _report_interruption(verb: str, remedy: str) -> int:
     left = ", ".join([*filter(None, [INTERRUPTED_STATE.get(verb)]), remedy])
-    return _say(f"interrupted; {left}", INTERRUPTED)
+    return _report_end(f"interrupted; {left}", INTERRUPTED)
 
 
 def _follows_interruption(error: BaseException | None) -> bool:
@@ -223,13 +223,15 @@ def _follows_interruption(error: BaseException | None) -> bool:
 
 def _report_system_error(error: OSError, remedy: str) -> int:
     if error.errno in FULL:
-        return _say(f"no space left to write {error.filename or 'the results'}; free some space and {remedy}", FAILED)
+        return _report_end(
+            f"no space left to write {error.filename or 'the results'}; free some space and {remedy}", FAILED
+        )
     if is_of_a_file(error):
-        return _say(f"{error.filename}: {error.strerror}", UNUSABLE if is_unusable(error) else FAILED)
-    return _say(describe_unexpected(error), FAILED)
+        return _report_end(f"{error.filename}: {error.strerror}", UNUSABLE if is_unusable(error) else FAILED)
+    return _report_end(describe_unexpected(error), FAILED)
 
 
-def _say(line: str, status: int) -> int:
+def _report_end(line: str, status: int) -> int:
     """Report the end of a command in one line on stderr, if it is open, and return the status."""
     try:
         click.echo(f"gliderhpc: {printable(line, lines=False)}", err=True)
@@ -238,7 +240,7 @@ def _say(line: str, status: int) -> int:
     return status
 
 
-def _flushed(status: int) -> int:
+def _flush_output(status: int) -> int:
     """Flush the output and return the status, which is a failure if the output cannot be written."""
     for name in ("stdout", "stderr"):
         try:
@@ -248,12 +250,12 @@ def _flushed(status: int) -> int:
             status = max(status, FAILED)
         except OSError as error:
             _discard(name)
-            status = _say(f"the output cannot be written ({error.strerror})", max(status, FAILED))
+            status = _report_end(f"the output cannot be written ({error.strerror})", max(status, FAILED))
     return status
 
 
 def _discard_unwritable_output() -> None:
-    """Discard what is left of the output if it cannot be written: its error is reported already."""
+    """Discard the remaining output if it cannot be written; the error has been reported."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -261,7 +263,7 @@ def _discard_unwritable_output() -> None:
 
 
 def _discard(name: str) -> None:
-    """Replace a closed stream by the null device, to avoid an error when it is closed."""
+    """Replace a broken stream with the null device, so that closing it raises no error."""
     setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - it stays open
 
 

@@ -32,21 +32,21 @@ def printable(text: str, *, lines: bool = True) -> str:
     return shown if lines else shown.replace("\n", " ")
 
 
-def say(text: object = "", *, err: bool = False, nl: bool = True) -> None:
+def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to stdout or stderr."""
     click.echo(printable(str(text)), err=err, nl=nl)
 
 
 _SHOWN_LEFT_OUT = 10
-"""Largest number of profiles that are listed with the reason for leaving them out."""
+"""Maximum number of profiles that are listed with the reason for leaving them out."""
 
 
-def say_left_out(reasons: Mapping[int, str]) -> None:
-    """Print the profiles that were left out, each with its reason, and how many more there are than are listed."""
+def print_left_out(reasons: Mapping[int, str]) -> None:
+    """Print the profiles left out with their reasons, and the number of those not listed."""
     for number in list(reasons)[:_SHOWN_LEFT_OUT]:
-        say(f"profile {number} left out: {reasons[number]}")
+        echo(f"profile {number} left out: {reasons[number]}")
     if len(reasons) > _SHOWN_LEFT_OUT:
-        say(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
+        echo(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -65,7 +65,7 @@ _UNUSABLE = (
     errno.ENXIO,
     errno.EINVAL,
 )
-"""Error numbers of the file system that another name or other permissions would avoid."""
+"""File-system errors that another name or other permissions would fix."""
 
 
 class UnexpectedError(Exception):
@@ -87,7 +87,7 @@ _EXPECTED = (
 
 
 def is_expected(error: BaseException) -> bool:
-    """Return whether an error is due to the user or the machine, not to a bug, and has a message of its own."""
+    """Return whether an error is the user's or the machine's rather than a bug, and explains itself."""
     if isinstance(error, OSError):
         return error.errno in FULL or is_of_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
@@ -99,7 +99,7 @@ def is_of_a_file(error: OSError) -> bool:
 
 
 def is_unusable(error: OSError) -> bool:
-    """Return whether another name or other permissions would avoid an error of a file."""
+    """Return whether another file name or other permissions would fix an error."""
     return error.errno in _UNUSABLE
 
 

@@ -42,7 +42,7 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 PLACE = _Place()
 
 MAX_WORKERS = 4096
-"""Largest number of local worker processes."""
+"""Maximum number of local worker processes."""
 
 PROFILE_NUMBER = click.IntRange(min=1, max=2**31 - 1)
 PROFILE_COUNT = click.IntRange(min=1, max=100_000)
@@ -131,7 +131,7 @@ def cluster(command: Command) -> Command:
 def cluster_address(scheduler: str | None, file: Path | None, patience: float = PATIENCE) -> ClusterAddress | None:
     """Return the cluster of either option, None if neither is set."""
     if scheduler is not None and file is not None:
-        raise click.UsageError("--scheduler and --scheduler-file exclude each other; give one of them")
+        raise click.UsageError("--scheduler and --scheduler-file are mutually exclusive; give one of them")
     return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
     glide_table,
@@ -33,7 +33,7 @@ NET_MASSES = (0.2, 0.3, 0.4, 0.5)
 PITCHES = (20.0, 25.0, 30.0, 35.0)
 
 MAX_SIGN_DOUBT = 0.05
-"""Largest fraction of 15 % coefficient draws with the opposite sign for which the yaw moment determines a current."""
+"""Maximum fraction of 15 % coefficient draws with the opposite sign for which the yaw moment determines a current."""
 
 
 @click.command("platforms")
@@ -72,7 +72,7 @@ def platforms(
     if name_or_file is None:
         console.print(hull_list())
     elif as_yaml:
-        say(platform_text(name_or_file), nl=False)
+        echo(platform_text(name_or_file), nl=False)
     else:
         show(read_platform(name_or_file), console, net_masses or NET_MASSES, pitches or PITCHES, depth)
 
@@ -82,7 +82,7 @@ def hull_list() -> Table:
     table = Table(title="hulls", title_justify="left")
     table.add_column("name", no_wrap=True)
     table.add_column("mass kg", justify="right")
-    table.add_column("least glide angle deg", justify="right")
+    table.add_column("minimum glide angle deg", justify="right")
     table.add_column("source", overflow="fold")
     for name in shipped_platforms():
         platform = read_platform(name)
@@ -129,11 +129,11 @@ def _facts(glider: Glider, net_masses: tuple[float, ...]) -> Table:
         "source": platform.source,
         "mass": f"{platform.mass.total:g} kg, including the moving battery of {platform.mass.battery:g} kg",
         "neutral volume": f"{platform.buoyancy.neutral_volume:g} cm3",
-        "least glide angle": f"{math.degrees(least_glide_angle(platform)):.1f} deg diving, "
+        "minimum glide angle": f"{math.degrees(least_glide_angle(platform)):.1f} deg diving, "
         f"{math.degrees(least_glide_angle(platform, heavy=False)):.1f} deg climbing",
         "stable": "yes, it has stable steady dives and climbs"
         if stable
-        else "NO, it lacks a stable steady dive or climb: run-mission refuses it",
+        else "NO: no stable steady dive or climb, so run-mission refuses it",
         "stall depth": _stall_depths(platform, net_masses),
     }.items():
         table.add_row(what, Text(value))
@@ -178,7 +178,9 @@ def _glide_rows(glider: Glider, glides: list[SteadyGlide], depth: float) -> Tabl
         )
     table.caption = "trim: battery position of the glide; mode: e-folding time of the slowest perturbation"
     if not glides:
-        table.caption = "none: these paths are flatter than the least glide angle, or no net mass is left at this depth"
+        table.caption = (
+            "none: these paths are flatter than the minimum glide angle, or no net mass remains at this depth"
+        )
     return table
 
 
@@ -204,11 +206,11 @@ def _yaw_rows(platform: Platform, glides: list[SteadyGlide]) -> Table:
         if max(doubts) <= MAX_SIGN_DOUBT
         else "its sign is too uncertain"
     )
-    table.caption = f"{_remainder(platform, angles)} of the Munk term remains; {verdict}"
+    table.caption = f"{_munk_remainder(platform, angles)} of the Munk term remains; {verdict}"
     return table
 
 
-def _remainder(platform: Platform, angles: list[float]) -> str:
+def _munk_remainder(platform: Platform, angles: list[float]) -> str:
     munk = munk_moment(platform)
     if munk == 0.0:
         return "all"

@@ -8,11 +8,11 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from gliderhpc.api.records import IMPORTERS, inspected, kind_of
+from gliderhpc.api.records import IMPORTERS, inspect_open, kind_of
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import say, say_left_out
+from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
@@ -57,7 +57,7 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
       gliderhpc import any sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     kind = kind_of(sources)
-    say(f"records of kind {kind}; for its options see gliderhpc import {kind} --help")
+    echo(f"records of kind {kind}; for its options see gliderhpc import {kind} --help")
     return _print_summary(IMPORTERS[kind](sources, out, overwrite=overwrite), results())
 
 
@@ -297,19 +297,19 @@ def inspect(
     if out is not None:
         check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = inspected(opened, platform, settings, profiles)
+        found = inspect_open(opened, platform, settings, profiles)
     _print_findings(found)
     if out is not None:
         write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)
-        say(f"written to {out}")
+        echo(f"written to {out}")
     return DONE
 
 
 def _print_findings(found: Inspection) -> None:
-    say_left_out(found.left_out)
+    print_left_out(found.left_out)
     rows = [finding_row(finding)[:7] for finding in found.findings]
     results().print(table(f"records of {counted(len(found.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
     for finding in found.findings:
-        say(f"{finding.quantity}: {finding.remark}")
+        echo(f"{finding.quantity}: {finding.remark}")
     for finding in found.found:
-        say(f"suggested for {finding.quantity}: {finding.suggestion}")
+        echo(f"suggested for {finding.quantity}: {finding.suggestion}")

@@ -6,7 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import say, say_left_out
+from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
 from gliderhpc.report.exports.deployment import read_deployment
@@ -57,9 +57,9 @@ def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: P
         )
     written = write_report(archives, out, profile=profile, twins=twins, truth=truth)
     for line in written.failed:
-        say(f"no page: {line}", err=True)
-    say(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
-    say(f"written to {written.page}")
+        echo(f"no page: {line}", err=True)
+    echo(f"{len(written.figures)} figures and {len(written.tables)} tables in the folder of the page")
+    echo(f"written to {written.page}")
     return FAILED if written.failed else DONE
 
 
@@ -107,7 +107,7 @@ def og1(
       gliderhpc export og1 m12.zarr m12-og1.nc --deployment deployment.yaml
       gliderhpc export og1 m12.zarr sea035_20190718T190000_delayed.nc --deployment deployment.yaml --community
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    described = ({} if deployment is None else read_deployment(deployment)) | _parsed(assignments)
+    described = ({} if deployment is None else read_deployment(deployment)) | _parse_attributes(assignments)
     _print(export_og1(archive, out, described=described, community=community, overwrite=overwrite))
     return DONE
 
@@ -128,13 +128,13 @@ def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool)
       gliderhpc export currents mission.zarr currents.nc --deployment deployment.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     described = {} if deployment is None else read_deployment(deployment)
-    summary = export_currents(archive, out, described=described, overwrite=overwrite)
-    say_left_out(summary.left_out)
-    say(f"currents of {len(summary.profiles)} profiles, written to {summary.path}")
+    profiles, left_out = export_currents(archive, out, described=described, overwrite=overwrite)
+    print_left_out(left_out)
+    echo(f"currents of {len(profiles)} profiles, written to {out}")
     return DONE
 
 
-def _parsed(assignments: tuple[str, ...]) -> dict[str, str]:
+def _parse_attributes(assignments: tuple[str, ...]) -> dict[str, str]:
     described: dict[str, str] = {}
     for text in assignments:
         name, value = split_assignment(text, "--attribute", "NAME=VALUE", "contributor_name=...")
@@ -150,8 +150,8 @@ _TEXTS = tuple(name for name in SINGLE if not name.startswith("DEPLOYMENT_"))
 
 
 def _print(summary: ExportSummary) -> None:
-    say_left_out(summary.left_out)
+    print_left_out(summary.left_out)
     if summary.unknown:
-        say(f"note: OG1 requires {', '.join(summary.unknown)}; give each as --attribute NAME=VALUE")
+        echo(f"note: OG1 requires {', '.join(summary.unknown)}; give each as --attribute NAME=VALUE")
     counts = (counted(len(summary.profiles), "profile"), counted(summary.rows, "row"))
-    say(f"{', '.join(counts)}, {counted(summary.fixes, 'fix', 'fixes')}, written to {summary.path}")
+    echo(f"{', '.join(counts)}, {counted(summary.fixes, 'fix', 'fixes')}, written to {summary.path}")

@@ -10,7 +10,7 @@ import click
 from gliderhpc.api.missions import prepare_mission, warn_of_records
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.cli.options import executor_for
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
@@ -55,10 +55,22 @@ _SHOWN_FAULTS = 10
 )
 @options.log_file
 def run_mission(
-    observations: Path, platform_name: str, store: Place, profiles: str | None, workers: int | None,
-    cluster: ClusterAddress | None, preset: str, engine: str, start: str | None,
-    assignments: tuple[str, ...], resume: bool, append: bool, overwrite: bool, dry_run: bool, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    store: Place,
+    profiles: str | None,
+    workers: int | None,
+    cluster: ClusterAddress | None,
+    preset: str,
+    engine: str,
+    start: str | None,
+    assignments: tuple[str, ...],
+    resume: bool,
+    append: bool,
+    overwrite: bool,
+    dry_run: bool,
+    log_file: Path | None,
+) -> int:
     """Invert every profile of OBSERVATIONS and write the results into an archive.
 
     Exit status 0: done; 1: some or all profiles failed (the archive says why), or the run had to stop (a full disk, no
@@ -72,7 +84,7 @@ def run_mission(
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if sum((resume, append, overwrite)) > 1:
-        raise click.UsageError("--resume, --append and --overwrite exclude each other; give one of them")
+        raise click.UsageError("--resume, --append and --overwrite are mutually exclusive; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     check_engine(settings)
@@ -84,8 +96,8 @@ def run_mission(
         chosen = prepared.plan.profiles
         if dry_run:
             check_place(store, resume or append or overwrite or not is_begun(store))
-            say(prepared.plan.describe(settings, prepared.workers))
-            _say_faults(opened, chosen)
+            echo(prepared.plan.describe(settings, prepared.workers))
+            _print_faults(opened, chosen)
             return 0
         if not (resume or append):
             warn_of_records(opened, platform, settings, chosen)
@@ -101,19 +113,19 @@ def run_mission(
                 store, executor, overwrite=overwrite, resume=resume, append=append, report=lambda _: advance()
             )
     results().print(summary_table(result))
-    say(closing_line(result, str(store)))
+    echo(closing_line(result, str(store)))
     return 1 if result.failed else 0
 
 
 def _warn(warning: str) -> None:
     log.warning(warning)
-    say(f"warning: {warning}", err=True)
+    echo(f"warning: {warning}", err=True)
 
 
-def _say_faults(observations: Observations, chosen: Sequence[int]) -> None:
+def _print_faults(observations: Observations, chosen: Sequence[int]) -> None:
     """Print the profiles that would fail at once, with the reason."""
     faulty = [number for number in chosen if number in observations.faults]
     for number in faulty[:_SHOWN_FAULTS]:
-        say(f"will fail: {observations.faults[number]}")
+        echo(f"will fail: {observations.faults[number]}")
     if len(faulty) > _SHOWN_FAULTS:
-        say(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")
+        echo(f"will fail: {len(faulty) - _SHOWN_FAULTS} more")

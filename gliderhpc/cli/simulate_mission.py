@@ -30,7 +30,7 @@ from gliderhpc.simulator import (
 log = logging.getLogger("gliderhpc.simulate")
 
 MAX_TABLE_ROWS = 24
-"""Largest number of rows of the table; for a longer mission, every second, third, ... profile is listed."""
+"""Maximum number of rows of the table; for a longer mission, every second, third, ... profile is listed."""
 
 MAX_SERIAL_PROFILES = 8
 """Largest mission that is simulated in this process by default."""
@@ -108,8 +108,10 @@ def _note_ocean(platform: Platform, scenario: Scenario) -> None:
     log.info(
         "the platform %s states no buoyancy.compressibility; it is simulated with the usual %.2g 1/dbar and a thermal "
         "expansion of %.2g 1/K",
-        platform.name, found.compressibility, found.thermal_expansion,
-    )  # fmt: skip
+        platform.name,
+        found.compressibility,
+        found.thermal_expansion,
+    )
 
 
 def _log(profile: ProfileSummary) -> None:

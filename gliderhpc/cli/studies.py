@@ -9,7 +9,7 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import say, say_left_out
+from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, comparison_table, write_findings
@@ -69,11 +69,22 @@ ALL = "all"
 @options.study_folder
 @options.log_file
 def analyze(
-    archive: Place, study: str, profiles: str | None, quick: bool, estimate: str, observations: Path | None,
-    truth: Path | None, budget: Path | None, models: tuple[str, ...], reference: Path | None,
-    assignments: tuple[str, ...], workers: int | None, cluster: ClusterAddress | None, out: Path | None,
+    archive: Place,
+    study: str,
+    profiles: str | None,
+    quick: bool,
+    estimate: str,
+    observations: Path | None,
+    truth: Path | None,
+    budget: Path | None,
+    models: tuple[str, ...],
+    reference: Path | None,
+    assignments: tuple[str, ...],
+    workers: int | None,
+    cluster: ClusterAddress | None,
+    out: Path | None,
     log_file: Path | None,
-) -> int:  # fmt: skip
+) -> int:
     """Run STUDY on a finished mission, or with `all` every study whose inputs are available.
 
     The results go into the archive's group with the name of the study, and into CSV, PNG and JSON files. The paper's
@@ -101,23 +112,33 @@ def analyze(
     with logging_to(log_file), archive_errors(archive), locked(archive), progress(count, study) as advance:
         executor = executor_for(workers, cluster, (archive,))
         request = Request(
-            archive, executor, profiles, quick, estimate, observations, truth, budget, models,
-            reference, _of_studies(assignments), lambda _: advance(),
-        )  # fmt: skip
+            archive,
+            executor,
+            profiles,
+            quick,
+            estimate,
+            observations,
+            truth,
+            budget,
+            models,
+            reference,
+            _check_study_names(assignments),
+            lambda _: advance(),
+        )
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
             check_folder(folder)
             try:
-                status = max(status, conclude(analyze_archive(name, request), name, folder))
+                status = max(status, write_and_print(analyze_archive(name, request), name, folder))
             except InputError as error:
                 if study != ALL:
                     raise
-                say(f"{name} failed: {error}", err=True)
+                echo(f"{name} failed: {error}", err=True)
                 status = 1
     return status
 
 
-def _of_studies(assignments: tuple[str, ...]) -> tuple[str, ...]:
+def _check_study_names(assignments: tuple[str, ...]) -> tuple[str, ...]:
     """Check that each assignment names its study, and return the assignments."""
     for text in assignments:
         if text.partition(".")[0] not in STUDIES:
@@ -142,7 +163,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
         if lack is None:
             yield name
         else:
-            say(f"{name} left out: {lack}", err=True)
+            echo(f"{name} left out: {lack}", err=True)
 
 
 @click.command("validate")
@@ -156,9 +177,16 @@ def _names(study: str, request: Request) -> Iterator[str]:
 @options.study_folder
 @options.log_file
 def validate(
-    observations: Path, platform_name: str, store: Place, profiles: str | None, quick: bool, workers: int | None,
-    assignments: tuple[str, ...], out: Path | None, log_file: Path | None,
-) -> int:  # fmt: skip
+    observations: Path,
+    platform_name: str,
+    store: Place,
+    profiles: str | None,
+    quick: bool,
+    workers: int | None,
+    assignments: tuple[str, ...],
+    out: Path | None,
+    log_file: Path | None,
+) -> int:
     """Simulate every profile of OBSERVATIONS open loop with its recorded controls, and compare it with the record.
 
     The archive is the one that run-mission made from OBSERVATIONS; the comparison goes into its group `validation`.
@@ -194,10 +222,10 @@ def validate(
             quick=quick,
             report=lambda _: advance(),
         )
-    return conclude(findings, GROUP, out)
+    return write_and_print(findings, GROUP, out)
 
 
-def conclude(findings: Findings, study: str, folder: Path) -> int:
+def write_and_print(findings: Findings, study: str, folder: Path) -> int:
     """Write and print a study's findings, and return the exit status."""
     written = write_findings(findings, study, folder)
     console = results()
@@ -205,8 +233,8 @@ def conclude(findings: Findings, study: str, folder: Path) -> int:
         if rows:
             console.print(comparison_table(rows, title))
     for remark in findings.remarks:
-        say(f"note: {remark}")
-    say_left_out(findings.failed)
+        echo(f"note: {remark}")
+    print_left_out(findings.failed)
     for path in written:
-        say(f"written to {path}")
+        echo(f"written to {path}")
     return 1 if findings.failed else 0

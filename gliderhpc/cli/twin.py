@@ -9,7 +9,7 @@ import click
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress
 from gliderhpc.cli.options import executor_for
-from gliderhpc.cli.studies import conclude
+from gliderhpc.cli.studies import write_and_print
 from gliderhpc.estimation.current_errors import read_budget
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.output_files import check_folder
@@ -151,4 +151,4 @@ def _run(
     total = len(study.runs(plan))
     with logging_to(log_file), executor_for(workers)() as executor, progress(total, "twins") as advance:
         findings = study.run(plan, executor, advance)
-    return conclude(findings, study.name, out)
+    return write_and_print(findings, study.name, out)

@@ -8,11 +8,11 @@ from typing import Any
 import click
 
 from gliderhpc.api.alerts import Alerts, read_alerts
-from gliderhpc.api.watch import Listener, Watch, Watched, watching
-from gliderhpc.api.watch_records import KINDS, Importing
+from gliderhpc.api.watch import Listener, Watch, WatchInputs, open_watch
+from gliderhpc.api.watch_records import KINDS, FileImport
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to
-from gliderhpc.cli.messages import say
+from gliderhpc.cli.messages import echo
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
@@ -26,7 +26,7 @@ _DAY = 86_400.0
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        say(json.dumps(SurfacingMessage.model_json_schema(), indent=1))
+        echo(json.dumps(SurfacingMessage.model_json_schema(), indent=1))
         ctx.exit()
 
 
@@ -59,8 +59,13 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @click.option(
     "--import", "import_options", multiple=True, metavar="KEY=VALUE", help="Option of the importer; repeatable."
 )
-@click.option("--workers", type=click.IntRange(0, options.MAX_WORKERS), default=0, show_default=True,
-              help="Worker processes; 0 to compute in this process.")  # fmt: skip
+@click.option(
+    "--workers",
+    type=click.IntRange(0, options.MAX_WORKERS),
+    default=0,
+    show_default=True,
+    help="Worker processes; 0 to compute in this process.",
+)
 @options.preset
 @options.start
 @options.assignments
@@ -71,14 +76,33 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     metavar="FILE.yaml",
     help="Rules, and the command or address to notify when a dive breaks one.",
 )
-@click.option("--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
-              help="Print the JSON schema of the messages and exit.")  # fmt: skip
+@click.option(
+    "--schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON schema of the messages and exit.",
+)
 @options.log_file
 def watch(
-    source: str, platform_name: str, store: Place, out: Path | None, once: bool, replay: bool, settle: float,
-    interval: float, kind: str | None, import_options: tuple[str, ...], workers: int, preset: str, start: str | None,
-    assignments: tuple[str, ...], alerts_file: Path | None, log_file: Path | None,
-) -> int:  # fmt: skip
+    source: str,
+    platform_name: str,
+    store: Place,
+    out: Path | None,
+    once: bool,
+    replay: bool,
+    settle: float,
+    interval: float,
+    kind: str | None,
+    import_options: tuple[str, ...],
+    workers: int,
+    preset: str,
+    start: str | None,
+    assignments: tuple[str, ...],
+    alerts_file: Path | None,
+    log_file: Path | None,
+) -> int:
     """Invert every new dive whose files arrive in SOURCE, and report each once.
 
     SOURCE is a folder, a file, or a quoted pattern: files of the observation format, or the glider's own (Seaglider,
@@ -97,21 +121,21 @@ def watch(
       gliderhpc watch sg249/ --platform sg249.yaml --store again.zarr --replay
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if once and replay:
-        raise click.UsageError("--once and --replay exclude each other; give one of them")
+        raise click.UsageError("--once and --replay are mutually exclusive; give one of them")
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "start": start}, values)
     check_engine(settings)
-    watched = Watched(
+    watched = WatchInputs(
         source=source,
-        importing=Importing(kind, dict(_option(text) for text in import_options), folder_of(source)),
+        importing=FileImport(kind, dict(_option(text) for text in import_options), folder_of(source)),
         platform=load_platform(platform_name, platform_values),
         settings=settings,
         store=store,
         out=_folder(store) if out is None else out,
         workers=workers,
     )
-    speaker = _Speaker(None if alerts_file is None else read_alerts(alerts_file))
-    with logging_to(log_file), watching(watched, Listener(speaker.say_dive, _say_fault)) as opened:
+    speaker = _WatchPrinter(None if alerts_file is None else read_alerts(alerts_file))
+    with logging_to(log_file), open_watch(watched, Listener(speaker.print_dive, _print_fault)) as opened:
         _run(opened, once, replay, settle, interval)
     return 1 if opened.failed or speaker.failed else 0
 
@@ -138,23 +162,23 @@ def _folder(store: Place) -> Path:
 
 
 @dataclass
-class _Speaker:
+class _WatchPrinter:
     """Printer of dives and their alerts, which also sends the alerts."""
 
     alerts: Alerts | None
     failed: int = 0
 
-    def say_dive(self, message: SurfacingMessage, path: Path) -> None:
-        say(message.line.replace("\n", " "))
+    def print_dive(self, message: SurfacingMessage, path: Path) -> None:
+        echo(message.line.replace("\n", " "))
         if self.alerts is None:
             return
-        broken, failures = self.alerts.raise_for(message, path)
+        broken, failures = self.alerts.check_and_send(message, path)
         for alert in broken:
-            say(f"alert: dive {message.profile}: {alert}")
+            echo(f"alert: dive {message.profile}: {alert}")
         for failure in failures:
             self.failed += 1
-            say(f"alert not sent: {failure}", err=True)
+            echo(f"alert not sent: {failure}", err=True)
 
 
-def _say_fault(name: str, why: str) -> None:
-    say(f"{name}: not used: {why}", err=True)
+def _print_fault(name: str, why: str) -> None:
+    echo(f"{name}: not used: {why}", err=True)

@@ -35,10 +35,10 @@ _OPAQUE = 255
 _COMPRESSION = 3
 """Level of the PNG compression, 0 to 9."""
 
-_LETTERS_AN_INCH = 18.0
+_LETTERS_PER_INCH = 18.0
 """Letters of the small type per inch, a low estimate."""
 
-_LETTERS_A_PANEL = 36
+_LETTERS_PER_LINE = 36
 """Letters of the larger type per line in the narrowest panels."""
 
 
@@ -59,11 +59,11 @@ def panels(
     grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     axes = [one for row in grid for one in row]
     for one in axes:
-        dress(one)
+        style_axes(one)
     return figure, axes
 
 
-def dress(axes: Axes) -> None:
+def style_axes(axes: Axes) -> None:
     """Style a panel: small labels, a faint grid, and no frame at the top and on the right."""
     axes.tick_params(labelsize=SMALL, length=2.0, width=0.6, pad=2.0)
     axes.tick_params(which="minor", labelsize=SMALL)
@@ -73,7 +73,7 @@ def dress(axes: Axes) -> None:
         axes.spines[side].set_visible(False)
 
 
-def rendered(figure: Figure, form: Literal["png", "svg"]) -> bytes:
+def render_image(figure: Figure, form: Literal["png", "svg"]) -> bytes:
     """Return the image of a figure, drawn once. `Figure.savefig` would draw it twice, first for a needless layout."""
     return _svg(figure) if form == "svg" else _png(figure)
 
@@ -122,16 +122,16 @@ class Images:
 
 def images_of(figure: Figure) -> Images:
     """Draw a figure as PNG and SVG; the figure must not be drawn again, since its layout engine is removed."""
-    png = rendered(figure, "png")
+    png = render_image(figure, "png")
     # The SVG uses the layout of the PNG; a second layout would take as long as the drawing.
     figure.set_layout_engine("none")
     width, height = (float(inches) for inches in figure.get_size_inches())
-    return Images(png, rendered(figure, "svg"), (width, height))
+    return Images(png, render_image(figure, "svg"), (width, height))
 
 
 def footnote(figure: Figure, text: str) -> None:
     """Write a note on the reading and the limits of a figure below its panels, wrapped to its width."""
-    width = int(_LETTERS_AN_INCH * figure.get_figwidth())
+    width = int(_LETTERS_PER_INCH * figure.get_figwidth())
     lines = [line for part in text.splitlines() for line in textwrap.wrap(part, width)]
     figure.supxlabel("\n".join(lines), fontsize=SMALL)
 
@@ -149,13 +149,13 @@ def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "b
         axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
 
 
-def nothing_here(axes: Axes, text: str) -> None:
+def mark_empty(axes: Axes, text: str) -> None:
     """Write into an empty panel the reason why nothing is drawn, and remove the ticks of its axes."""
     axes.set(xticks=[], yticks=[])
     axes.text(
         0.5,
         0.5,
-        "\n".join(textwrap.wrap(text, _LETTERS_A_PANEL)),
+        "\n".join(textwrap.wrap(text, _LETTERS_PER_LINE)),
         transform=axes.transAxes,
         ha="center",
         va="center",

@@ -15,7 +15,7 @@ import pandas as pd
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.findings.drawing import rendered
+from gliderhpc.findings.drawing import render_image
 from gliderhpc.output_files import filled_aside
 
 if TYPE_CHECKING:
@@ -280,7 +280,7 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
 
 
 def _write_png(path: Path, figure: Figure) -> Path:
-    path.write_bytes(rendered(figure, "png"))
+    path.write_bytes(render_image(figure, "png"))
     return path
 
 

@@ -23,7 +23,7 @@ from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
 
-COMPARED = ("dask", "distributed", "numba", "numpy", "scipy", "zarr", "xarray")
+COMPARED_PACKAGES = ("dask", "distributed", "numba", "numpy", "scipy", "zarr", "xarray")
 """Packages whose versions must agree for workers to understand jobs and compute the same results."""
 
 _CONNECTION_LOGGERS = (
@@ -66,7 +66,7 @@ class ClusterAddress:
         return str(self.address or self.file)
 
 
-class UnseenFileError(InputError):
+class FileNotSharedError(InputError):
     """A worker of a cluster does not see a file that it needs.
 
     Attributes
@@ -104,10 +104,10 @@ def cluster_executor(
     RunStoppedError
         No worker joined within the patience.
     """
-    with _connected(cluster) as client:
+    with _connection(cluster) as client:
         _wait_for_a_worker(client, cluster)
         check_versions(client)
-        _check_sight(client, needed)
+        _check_shared_files(client, needed)
         executor = DaskExecutor(client, cluster.patience)
         _warm_hosts(client, executor, warm)
         yield executor
@@ -121,20 +121,20 @@ def examine_cluster(cluster: ClusterAddress) -> tuple[int, int]:
     InputError
         The scheduler does not answer, or a worker runs other versions.
     """
-    with _connected(cluster) as client:
+    with _connection(cluster) as client:
         workers = len(client.nthreads())
         if workers == 0:
             return 0, 0
         check_versions(client)
-        return workers, len(_one_a_host(client))
+        return workers, len(_one_worker_per_host(client))
 
 
-def own_versions() -> dict[str, str]:
+def local_versions() -> dict[str, str]:
     """Return the versions of this process: gliderhpc, Python and the compared packages."""
     return {
         "gliderhpc": __version__,
         "Python": ".".join(platform.python_version_tuple()[:2]),
-        **{name: version(name) for name in COMPARED},
+        **{name: version(name) for name in COMPARED_PACKAGES},
     }
 
 
@@ -146,8 +146,8 @@ def check_versions(client: Any) -> None:
     InputError
         A worker has another version, or no gliderhpc.
     """
-    ours = own_versions()
-    for worker, theirs in sorted(client.run(own_versions, on_error="return").items()):
+    ours = local_versions()
+    for worker, theirs in sorted(client.run(local_versions, on_error="return").items()):
         if isinstance(theirs, OSError):
             continue  # the worker died during the query
         if not isinstance(theirs, dict):
@@ -180,10 +180,10 @@ def _quiet_connections() -> Iterator[None]:
 
 
 @contextmanager
-def _connected(cluster: ClusterAddress) -> Iterator[Any]:
+def _connection(cluster: ClusterAddress) -> Iterator[Any]:
     address = cluster.address or ""
     if cluster.file is not None:
-        address = _address_in(cluster.file)
+        address = _read_address(cluster.file)
     if not address.startswith("tls://"):
         log.warning(
             "%s: without TLS, so anyone who can connect to a port of this cluster can run code as you; see "
@@ -205,7 +205,7 @@ def _client(address: str, cluster: ClusterAddress) -> Iterator[Any]:
             # Not the default client: other dask computations of this process stay in this process.
             client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, CancelledError, ValueError, OverflowError, MemoryError, ImportError) as error:
-        # Other servers may answer with anything, which is then interpreted as message sizes.
+        # Another kind of server may answer with bytes that are then read as message sizes.
         raise InputError(
             f"{cluster}: no Dask scheduler answers there ({first_line(error)}); check the address, or start one"
         ) from None
@@ -236,8 +236,8 @@ def _check_answer(address: str) -> None:
         thread.submit(asyncio.run, ask()).result()
 
 
-def _address_in(file: Path) -> str:
-    """Read the address that a scheduler wrote, waiting for a scheduler that was started at the same time."""
+def _read_address(file: Path) -> str:
+    """Read the address that a scheduler wrote, and wait for it if the scheduler has just been started."""
     began = time.monotonic()
     while not file.exists():
         if time.monotonic() - began > _CONNECT_TIMEOUT:
@@ -265,25 +265,25 @@ def _wait_for_a_worker(client: Any, cluster: ClusterAddress) -> None:
         raise RunStoppedError(f"the scheduler at {cluster} has had no worker for {cluster.patience:.0f} s") from None
 
 
-def _check_sight(client: Any, needed: tuple[Path, ...]) -> None:
+def _check_shared_files(client: Any, needed: tuple[Path, ...]) -> None:
     """Check that one worker on every host can see the files."""
     names = [str(path.resolve()) for path in needed]
-    for host, worker in _one_a_host(client).items():
-        for unseen in client.run(_unseen, names, workers=[worker], on_error="ignore").values():
+    for host, worker in _one_worker_per_host(client).items():
+        for unseen in client.run(_missing_files, names, workers=[worker], on_error="ignore").values():
             for name in unseen:
-                raise UnseenFileError(Path(name), f"worker {worker} on {host}")
+                raise FileNotSharedError(Path(name), f"worker {worker} on {host}")
 
 
 def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -> None:
     """Compile on one worker of every host; the others load the kernels from its cache.
 
-    A worker that is lost meanwhile is not waited for: the first job of its host compiles instead.
+    A worker lost in the meantime is skipped: the first job on its host compiles instead.
     """
     tasks = {
         client.submit(_warm_worker, warm, workers=[worker], pure=False): worker
-        for worker in _one_a_host(client).values()
+        for worker in _one_worker_per_host(client).values()
     }
-    for ended in executor.polls(tasks):
+    for ended in executor.poll(tasks):
         for task in ended:
             del tasks[task]
             task.result()
@@ -301,10 +301,10 @@ def _warm_worker(warm: Callable[[], None]) -> None:
     warm()
 
 
-def _unseen(names: list[str]) -> list[str]:
+def _missing_files(names: list[str]) -> list[str]:
     return [name for name in names if not Path(name).exists()]
 
 
-def _one_a_host(client: Any) -> dict[str, str]:
+def _one_worker_per_host(client: Any) -> dict[str, str]:
     """Return the address of one worker by host."""
     return {host: worker for worker, host in client.run(socket.gethostname, on_error="ignore").items()}

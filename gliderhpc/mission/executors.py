@@ -34,7 +34,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS"
 
 
 class WorkerKilledError(Exception):
-    """Error of a job whose workers all died, while running it or with it queued behind a job that kills workers."""
+    """A job's workers all died, running it or with it queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed or ran out of memory {deaths} times")
@@ -64,7 +64,7 @@ class Executor(ABC):
             No worker is left.
         """
 
-    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+    def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results as it arrives, and the error of each job that fails.
 
         A part may be yielded twice.
@@ -100,7 +100,7 @@ class SerialExecutor(Executor):
             else:
                 yield Attempt(job, result)
 
-    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+    def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results once, as it arrives, and the error of each job that fails."""
         for job in jobs:
             parts = iter(function(job))
@@ -133,7 +133,7 @@ class LocalExecutor(Executor):
         for message in self._processes.messages(function, jobs, in_parts=False):
             yield _attempt_of(message, jobs)
 
-    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+    def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results as it arrives, and the error of each job that fails."""
         for message in self._processes.messages(function, jobs, in_parts=True):
             if message[1] is not Kind.END:
@@ -171,7 +171,7 @@ class DaskExecutor(Executor):
         for ended in self._rounds(function, jobs):
             yield from ended
 
-    def streamed(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
+    def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results: when a worker announces it, and again with the job's complete result.
 
         Workers announce each part as an event of the scheduler; a lost event loses no part.
@@ -179,7 +179,7 @@ class DaskExecutor(Executor):
         topic, announced = f"gliderhpc-{uuid.uuid4().hex}", queue.SimpleQueue[tuple[int, bytes]]()
         self._client.subscribe_topic(topic, lambda event: announced.put(event[1]))
         try:
-            for ended in self._rounds(partial(_announced_parts, function, topic), list(enumerate(jobs))):
+            for ended in self._rounds(partial(_announce_parts, function, topic), list(enumerate(jobs))):
                 while not announced.empty():
                     index, part = announced.get()
                     yield Attempt(jobs[index], pickle.loads(part))
@@ -191,23 +191,23 @@ class DaskExecutor(Executor):
 
     def _rounds(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[list[Attempt]]:
         """Yield the outcomes of the jobs that ended since the previous round, at least every second."""
-        futures = self._client.map(partial(_by_itself, function), jobs, pure=False, retries=1)
+        futures = self._client.map(partial(_run_synchronously, function), jobs, pure=False, retries=1)
         waiting = dict(zip(futures, jobs, strict=True))
         del futures
         try:
             while waiting:
-                for done in self.polls(waiting):
-                    yield [_taken(future, waiting.pop(future)) for future in done]
+                for done in self.poll(waiting):
+                    yield [_outcome_of(future, waiting.pop(future)) for future in done]
                     if done:
                         break
         finally:
             if waiting and self._client.status == "running":
                 self._client.cancel(list(waiting), force=True)
 
-    def polls(self, futures: Collection[Any]) -> Iterator[set[Any]]:
+    def poll(self, futures: Collection[Any]) -> Iterator[set[Any]]:
         """Yield the futures that have ended, as soon as one has; an empty set every second until then.
 
-        Futures may be removed, not added, between polls. The scheduler must be reachable, and a worker present within
+        Futures may be removed, not added, between poll. The scheduler must be reachable, and a worker present within
         the patience.
         """
         from distributed import wait
@@ -238,7 +238,7 @@ class DaskExecutor(Executor):
         return str(self._client.scheduler.address) if self._client.scheduler is not None else "its address"
 
 
-def _taken(future: Any, job: Any) -> Attempt:
+def _outcome_of(future: Any, job: Any) -> Attempt:
     """Return the outcome of a job that has ended, and release its future."""
     from distributed.scheduler import KilledWorker
 
@@ -265,7 +265,7 @@ def _all_parts(function: Callable[[Any], Iterable[Any]], job: Any) -> list[Any]:
     return list(function(job))
 
 
-def _announced_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
+def _announce_parts(function: Callable[[Any], Iterable[Any]], topic: str, numbered: tuple[int, Any]) -> list[Any]:
     """Run a job on a worker and announce each part of its result, with the job's number, as soon as it is complete.
 
     A cancelled job ends after its current part, whereas dask itself would let it finish.
@@ -299,7 +299,7 @@ def one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {message_line(error) or 'no message'}"
 
 
-def _by_itself(function: Callable[[Job], Result], job: Job) -> Result:
+def _run_synchronously(function: Callable[[Job], Result], job: Job) -> Result:
     """Run a job with lazy arrays computed in its own process.
 
     Within a task dask would submit each array to the cluster, and the scheduler would be busier than the workers.

@@ -44,17 +44,17 @@ from gliderhpc.vocabulary import CHANNELS
 
 log = logging.getLogger("gliderhpc.calibrate")
 
-_LONGEST_STEP = 2.0
-"""Largest change of an error in a round, in plausible deviations, for which the linearisation is valid."""
+_MAX_STEP = 2.0
+"""Maximum change of an error in a round, in plausible deviations, for which the linearisation is valid."""
 _RECORD_INTERVAL = 60.0
-"""Time (s) between records of the smoothed sensitivities, of which only that of the displacement is used."""
+"""Time (s) between records of the smoothed sensitivities, from which only the displacement's is used."""
 _DIGITS = 6
 _HALVINGS = 5
-"""Largest number of halvings of a step to reach a hull that glides stably."""
-_HELD = 1.0
+"""Maximum number of halvings of a step to reach a hull that glides stably."""
+_PRIOR_WEIGHT = 1.0
 """Weight of the prior's noise in the pooled factor, as an equivalent number of resolved values."""
-_NOTHING = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
-"""Error terms of a current without those of the hull and the compass, which are estimated as unknowns of the sum."""
+_NO_OTHER_ERRORS = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
+"""Error terms of a current, except the hull's and the compass's, which are unknowns of the sum."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _current(
     record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], by_hull: Array
 ) -> DiveCurrent | None:
     """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
-    between = smoothed_current(record, series.time, *displacement, _NOTHING)
+    between = smoothed_current(record, series.time, *displacement, _NO_OTHER_ERRORS)
     if between is None:
         return None
     return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)
@@ -181,8 +181,8 @@ class HullRounds:
         Dives without information.
     moves : tuple of float
         Largest move of each round, in plausible deviations.
-    eta, wanted : (p,), (p,)
-        Errors of the hull found, relative to the base, and the whole move of the last round before it was shortened, in
+    eta, full_step : (p,), (p,)
+        Errors of the hull found, relative to the base, and the full step of the last round, before it was shortened, in
         plausible deviations.
     divisor : float
         Divisor of all information of the dives (`DiveRounds`).
@@ -196,7 +196,7 @@ class HullRounds:
     skipped: tuple[SmoothedDive, ...]
     moves: tuple[float, ...]
     eta: Array
-    wanted: Array
+    full_step: Array
     divisor: float
 
     @property
@@ -205,7 +205,7 @@ class HullRounds:
 
         As in the smoother, the last move is added to the uncertainty; it is larger if the rounds ended unconverged.
         """
-        return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.wanted, self.wanted))
+        return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.full_step, self.full_step))
 
 
 def errors_in_units(found: HullRounds) -> CalibrationErrors:
@@ -215,12 +215,12 @@ def errors_in_units(found: HullRounds) -> CalibrationErrors:
     correlation = errors.covariance / np.outer(errors.std, errors.std)
     return CalibrationErrors(
         parameters=tuple(p.key for p in found.parameters),
-        deviation=tuple(rounded(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
-        correlation=tuple(tuple(rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
+        deviation=tuple(round_number(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
+        correlation=tuple(tuple(round_number(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
     )
 
 
-def rounded(value: float) -> float:
+def round_number(value: float) -> float:
     """Round to the digits of a platform file."""
     return float(f"{value:.{_DIGITS}g}")
 
@@ -283,14 +283,14 @@ class DiveRounds:
         moves: list[float] = []
         while True:
             platform = moved_platform(self._base, self._parameters, eta)
-            dives = self._smoothed(platform, noise_factor)
+            dives = self._smooth_dives(platform, noise_factor)
             known = {each.number: each for each in dives if each.information is not None}
             divisor = 1.0 + self._settings.misfit * sum(number in known for number in self._fitted)
             terms = {number: self._term(each, platform, eta, divisor) for number, each in known.items()}
-            mission = self._sum(terms, dives)
+            mission = self._combine(terms, dives)
             noise_factor = noise_factor * pooled_factor([each for each in dives if each.number in self._fitted])
-            wanted = mission.overall.mean - eta
-            following = bounded_step(self._base, self._parameters, eta, eta + wanted)
+            full_step = mission.overall.mean - eta
+            following = bounded_step(self._base, self._parameters, eta, eta + full_step)
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
             eta = following
@@ -305,7 +305,7 @@ class DiveRounds:
         skipped = tuple(each for each in dives if each.information is None)
         found = moved_platform(self._base, self._parameters, eta)
         return HullRounds(
-            self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, wanted, divisor
+            self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, full_step, divisor
         )
 
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
@@ -316,7 +316,7 @@ class DiveRounds:
             mission.log_evidence,
         )  # fmt: skip
 
-    def _smoothed(self, platform: Platform, noise_factor: Array) -> list[SmoothedDive]:
+    def _smooth_dives(self, platform: Platform, noise_factor: Array) -> list[SmoothedDive]:
         keys, file = tuple(p.key for p in self._parameters), self._observations
         jobs = [
             DiveJob(file.path, file.survey, platform, number, keys, self._estimation, noise_factor)
@@ -337,17 +337,16 @@ class DiveRounds:
         """
         assert dive.score is not None
         assert dive.information is not None
-        ratio = np.array([
-            p.slope(platform, 0.0) / p.slope(self._base, float(x))
-            for p, x in zip(self._parameters, eta, strict=True)
-        ])  # fmt: skip
+        ratio = np.array(
+            [p.slope(platform, 0.0) / p.slope(self._base, float(x)) for p, x in zip(self._parameters, eta, strict=True)]
+        )
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
         score, information = dive.score / ratio / divisor, dive.information / np.outer(ratio, ratio) / divisor
         return DiveTerm(dive.number, dive.time, eta, score, information, current=current)
 
-    def _sum(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
+    def _combine(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:
         fitted = [terms[number] for number in self._fitted if number in terms]
         if not fitted:
             raise CalibrationError(
@@ -367,11 +366,11 @@ def pooled_factor(dives: Sequence[SmoothedDive]) -> Array:
     more.
     """
     spent, resolved = np.sum([dive.noise for dive in dives if dive.noise is not None], axis=0)
-    return np.asarray((spent + _HELD) / (resolved + _HELD))
+    return np.asarray((spent + _PRIOR_WEIGHT) / (resolved + _PRIOR_WEIGHT))
 
 
-def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, wanted: Array) -> Array:
-    """Step from ``eta`` towards the mean of the sum, as far as the linearisation is valid and the hull glides stably.
+def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array, target: Array) -> Array:
+    """Step from ``eta`` towards the mean of the sum, no farther than the linearisation and a stable glide allow.
 
     The step is shortened as a whole. Combinations of the errors are known much better than single errors, and
     shortening only some components would lead away from the combinations that the dives determine.
@@ -382,7 +381,7 @@ def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array
         Hull relative to which ``eta`` is defined.
     parameters : sequence of HullParameter
         Parameters with the errors to estimate.
-    eta, wanted : (p,), (p,)
+    eta, target : (p,), (p,)
         Errors with which the dives were smoothed, and the mean of their sum, in plausible deviations.
 
     Returns
@@ -390,8 +389,8 @@ def bounded_step(base: Platform, parameters: Sequence[HullParameter], eta: Array
     (p,) array
         The next ``eta``; unchanged if none of the fractions of the step that are tried leads to a stable glide.
     """
-    step = wanted - eta
-    step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), _LONGEST_STEP))
+    step = target - eta
+    step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), _MAX_STEP))
     for _ in range(_HALVINGS):
         if glides_stably(Glider(moved_platform(base, parameters, eta + step))):
             return np.asarray(eta + step)

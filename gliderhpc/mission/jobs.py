@@ -1,4 +1,4 @@
-"""Jobs of a mission: profiles are assigned to workers, estimated and committed; after a failed job, one by one.
+"""Jobs of a mission: workers estimate and commit profiles in batches; a failed batch is retried profile by profile.
 
 A job gets paths and numbers, never arrays; it writes each profile's chunks and, last, its commit marker. It is
 idempotent, and skips the profiles that are committed already.
@@ -28,7 +28,7 @@ from gliderhpc.mission.executors import Executor, one_line, was_killed
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_sizes
 from gliderhpc.mission.profile_currents import epoch_seconds
-from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, with_other_fixes
+from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, recompute_currents
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
 from gliderhpc.platform import Platform
@@ -41,7 +41,7 @@ from gliderhpc.version import __version__
 log = logging.getLogger(__name__)
 
 FIXES = "fixes"
-"""Kind of input on which only the currents depend."""
+"""Kind of input that affects only the currents."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class BatchJob:
     token : str, optional
         Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
     amendable : mapping of int to Commit
-        Earlier commits, by position, of profiles of which only the fixes differ.
+        Earlier commits, by position, of profiles that differ only in their fixes.
     """
 
     profiles: tuple[tuple[int, int], ...]
@@ -93,10 +93,10 @@ def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
     A profile that cannot be estimated yields status ``failed`` and its message; the others are not affected.
     """
     with open_observations(job.observations, survey=job.survey) as observations:
-        yield from results_from(observations, job)
+        yield from run_batch(observations, job)
 
 
-def results_from(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
+def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
     """Run a job as `batch_results` does, on observations that are open already."""
     # On vectors this short, threads of linear algebra cost far more than they gain.
     with threadpool_limits(limits=1):
@@ -138,7 +138,7 @@ class _Batch:
         settings, glider = self._job.settings, Glider(self._job.platform)
         for number, index in self._job.profiles:
             began = time.perf_counter()
-            inputs = inputs_of(self._observations, number, self._job.mission_start, self._job.platform, settings)
+            inputs = input_digests(self._observations, number, self._job.mission_start, self._job.platform, settings)
             commit = self._commits.get(index)
             if isinstance(commit, Commit) and commit.inputs == inputs:
                 self._results.append(ProfileResult(number, index, dict(commit.row)))
@@ -146,14 +146,14 @@ class _Batch:
             check_held(self._job.store, self._job.token)
             if (earlier := self._job.amendable.get(index)) is not None and self._amend(number, index, earlier, inputs):
                 continue
-            row = extent_of(self._observations, number, self._job.mission_start)
+            row = profile_extent(self._observations, number, self._job.mission_start)
             record = None
             try:
                 record = self._observations.profile(number)
                 series = on_steps(record, settings, self._job.platform)
             except ProfileError as error:
                 self._rows.begin(index)
-                self._close(number, index, row | failed_row(str(error), record), inputs, time.perf_counter() - began)
+                self._commit(number, index, row | failed_row(str(error), record), inputs, time.perf_counter() - began)
             else:
                 work = _Work(number, index, row, inputs, record, time.perf_counter() - began)
                 yield work, prepare_profile(glider, series)
@@ -173,7 +173,7 @@ class _Batch:
                 row["status"] = "done"
             except ProfileError as error:
                 row = failed_row(str(error), work.record)
-        self._close(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, extra)
+        self._commit(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, extra)
 
     def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
         """Recompute the currents of an earlier commit from the new fixes; return False if that is impossible."""
@@ -182,21 +182,21 @@ class _Batch:
             return False
         try:
             record = self._observations.profile(number)
-            row, segments = with_other_fixes(record, earlier, self._job.settings, self._job.platform)
+            row, segments = recompute_currents(record, earlier, self._job.settings, self._job.platform)
         except (ProfileError, *UNREADABLE) as error:
             log.warning("profile %d: its currents cannot be derived again (%s); it is computed again", number, error)
             return False
         self._rows.begin(index)
         self._rows.write(index, "drift_current", segments)
-        close_profile(self._rows, index, row, inputs, extra=earlier.extra, amended=earlier.manifest)
+        commit_profile(self._rows, index, row, inputs, extra=earlier.extra, amended=earlier.manifest)
         self._results.append(ProfileResult(number, index, row, amended=True))
         return True
 
-    def _close(
+    def _commit(
         self, number: int, index: int, row: Row, inputs: dict[str, str], seconds: float, extra: Row | None = None
     ) -> None:
         row["run_seconds"] = seconds
-        close_profile(self._rows, index, row, inputs, extra=extra)
+        commit_profile(self._rows, index, row, inputs, extra=extra)
         self._results.append(ProfileResult(number, index, row))
 
 
@@ -207,7 +207,7 @@ def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
     return same and bool(commit.extra) and commit.row.get("status") == "done"
 
 
-def inputs_of(
+def input_digests(
     observations: Observations, number: int, mission_start: np.datetime64, platform: Platform, settings: MissionSettings
 ) -> dict[str, str]:
     """Return the digests, by kind, of all inputs that determine a profile's results.
@@ -232,13 +232,13 @@ def inputs_of(
     }
 
 
-def first_start(observations: Observations) -> np.datetime64:
+def earliest_start(observations: Observations) -> np.datetime64:
     """Return the start of the earliest profile, the origin of a mission's `elapsed_days`."""
     return min(map(observations.start_time, observations.profile_numbers))
 
 
 def is_made_from(place: Place, observations: Observations, profiles: Mapping[int, int]) -> bool:
-    """Return whether profiles of an archive were made from these observations, however a file stores them.
+    """Return whether an archive's profiles were made from these observations, regardless of how a file stores them.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def is_made_from(place: Place, observations: Observations, profiles: Mapping[int
         return True
     if not set(profiles) <= set(observations.profile_numbers):
         return False
-    commits, start = read_commits(place, profiles.values()), first_start(observations)
+    commits, start = read_commits(place, profiles.values()), earliest_start(observations)
     records = {
         number: (commit.inputs.get("record"), commit.inputs.get(FIXES))
         for number, index in profiles.items()
@@ -273,7 +273,7 @@ def _digest(content: Any) -> str:
     return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=16).hexdigest()
 
 
-def extent_of(observations: Observations, number: int, mission_start: np.datetime64) -> Row:
+def profile_extent(observations: Observations, number: int, mission_start: np.datetime64) -> Row:
     """Return a profile's table entries that are known before the estimation."""
     start = observations.start_time(number)
     return {
@@ -284,7 +284,7 @@ def extent_of(observations: Observations, number: int, mission_start: np.datetim
     }
 
 
-def close_profile(
+def commit_profile(
     rows: ArchiveRows,
     index: int,
     row: Row,
@@ -312,11 +312,11 @@ class MissionWork:
     @cached_property
     def start(self) -> np.datetime64:
         """Origin of the mission's `elapsed_days`."""
-        return first_start(self.observations)
+        return earliest_start(self.observations)
 
     def inputs(self, number: int) -> dict[str, str]:
         """Return the digests of a profile's inputs."""
-        return inputs_of(self.observations, number, self.start, self.platform, self.settings)
+        return input_digests(self.observations, number, self.start, self.platform, self.settings)
 
     def job(self, profiles: tuple[tuple[int, int], ...], token: str | None) -> BatchJob:
         """Return the job of some profiles, given by number and position."""
@@ -348,26 +348,26 @@ def profile_results(
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
     finished: set[int] = set()
-    for attempt in opened.streamed(batch_results, [work.job(share, token) for share in shares]):
+    for attempt in opened.stream(batch_results, [work.job(share, token) for share in shares]):
         if attempt.error is None:
-            yield from _unseen(attempt.result, finished)
+            yield from _without_repeats(attempt.result, finished)
         else:
-            _raise_if_final(attempt.error)
+            _raise_if_permanent(attempt.error)
             unfinished = tuple(profile for profile in attempt.job.profiles if profile[0] not in finished)
             log.warning("%s: %s; each is retried alone", _describe_profiles(unfinished), one_line(attempt.error))
             single = [work.job((profile,), token) for profile in unfinished]
             (killed if was_killed(attempt.error) else raised).extend(single)
     for jobs in (raised, *([job] for job in killed)):
-        for attempt in opened.streamed(batch_results, jobs):
+        for attempt in opened.stream(batch_results, jobs):
             if attempt.error is None:
-                yield from _unseen(attempt.result, finished)
+                yield from _without_repeats(attempt.result, finished)
             elif attempt.job.profiles[0][0] not in finished:
-                _raise_if_final(attempt.error)
+                _raise_if_permanent(attempt.error)
                 log.error("%s: failed twice", _describe_profiles(attempt.job.profiles), exc_info=attempt.error)
                 yield _commit_failed(work, token, attempt.job, one_line(attempt.error))
 
 
-def _raise_if_final(error: Exception) -> None:
+def _raise_if_permanent(error: Exception) -> None:
     """Raise an error that a second attempt cannot avoid: a full or lost disk, unusable input, a run that has ended."""
     if isinstance(error, OSError | GliderhpcError):
         raise error
@@ -377,14 +377,14 @@ def _commit_failed(work: MissionWork, token: str, job: BatchJob, why: str) -> Pr
     """Commit a profile as failed, on behalf of its worker."""
     ((number, index),) = job.profiles
     check_held(work.store, token)
-    row = extent_of(work.observations, number, work.start) | failed_row(why)
+    row = profile_extent(work.observations, number, work.start) | failed_row(why)
     rows = ArchiveRows(work.store)
     rows.begin(index)
-    close_profile(rows, index, row, work.inputs(number))
+    commit_profile(rows, index, row, work.inputs(number))
     return ProfileResult(number, index, row)
 
 
-def _unseen(result: ProfileResult, finished: set[int]) -> Iterator[ProfileResult]:
+def _without_repeats(result: ProfileResult, finished: set[int]) -> Iterator[ProfileResult]:
     """Yield a result unless it was yielded before."""
     if result.number not in finished:
         finished.add(result.number)

@@ -1,7 +1,7 @@
 """Worker processes on this machine, each connected by its own pipe.
 
 There is no port that another user could reach, no file, and no lock that a killed worker could hold. A process that
-dies is replaced, and its job is assigned again.
+dies is replaced, and its job is reassigned.
 """
 
 import logging
@@ -24,13 +24,13 @@ from typing import Any
 import cloudpickle
 
 from gliderhpc.errors import RunStoppedError
-from gliderhpc.garbage import seldom_collected
+from gliderhpc.garbage import infrequent_collection
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 
 log = logging.getLogger(__name__)
 
 ALLOWED_DEATHS = 3
-"""Largest number of worker deaths after which a job is still assigned again."""
+"""Maximum number of worker deaths after which a job is still reassigned."""
 
 _GRACE_PERIOD = 1.0
 """Seconds between terminating workers and killing them."""
@@ -97,7 +97,7 @@ class LocalWorkers:
                     if worker.is_idle and waiting:
                         worker.assign(waiting[0], cloudpickle.dumps((function, jobs[waiting[0]], in_parts)))
                         waiting.popleft()
-                for message in self._received():
+                for message in self._receive():
                     place, kind, _ = message
                     if kind is Kind.DIED:
                         deaths[place] += 1
@@ -119,7 +119,7 @@ class LocalWorkers:
             with _spawning(self._environment):
                 self._workers.append(_Worker())
 
-    def _received(self) -> Iterator[Message]:
+    def _receive(self) -> Iterator[Message]:
         """Wait for messages of the workers, and yield those about jobs."""
         pipes = {worker.pipe: worker for worker in self._workers}
         for pipe in connection.wait(list(pipes)):
@@ -255,7 +255,7 @@ def _serve(pipe: "connection.Connection[Any, Any]") -> None:
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Lazy arrays are computed in this process: there are as many workers as cores already.
-    with dask.config.set(scheduler="synchronous"), seldom_collected():
+    with dask.config.set(scheduler="synchronous"), infrequent_collection():
         try:
             pipe.send_bytes(pickle.dumps((Kind.READY, None)))
             while True:
@@ -284,7 +284,7 @@ def _parts(result: Iterable[Any]) -> Iterator[bytes]:
 
 
 def _portable(error: Exception) -> Exception:
-    """Add the traceback to an error as a note; replace an error that cannot be pickled by its text."""
+    """Add the traceback to an error as a note; return only the text of an error that cannot be pickled."""
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(cloudpickle.dumps(error))

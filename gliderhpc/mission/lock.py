@@ -36,7 +36,7 @@ STALE_AGE = 180.0
 SUFFIX = ".lock"
 
 _MAX_BYTES = 4096
-"""Largest number of bytes read from a lock."""
+"""Maximum number of bytes read from a lock."""
 
 
 class LockPlace(Protocol):
@@ -55,7 +55,7 @@ class LockPlace(Protocol):
         """Return the seconds since the last refresh."""
 
     def release(self, content: bytes) -> None:
-        """Remove the lock if it has that content, and keep one that another run has taken meanwhile."""
+        """Remove the lock if it still has that content; leave one that another run has acquired."""
 
     def remove(self) -> None:
         """Remove the lock."""
@@ -78,7 +78,7 @@ class FileLock:
     def create(self, content: bytes) -> bool:
         """Write under a temporary name and link the file; the lock is thus never seen without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        aside = self._aside()
+        aside = self._temporary_path()
         # Written inside the block: a run that is interrupted at any moment must leave no file.
         try:
             aside.write_bytes(content)
@@ -111,7 +111,7 @@ class FileLock:
 
     def age(self) -> float:
         """Return the age by the file system's clock, which need not be this machine's."""
-        aside = self._aside()
+        aside = self._temporary_path()
         try:
             aside.touch()
             return aside.stat().st_mtime - self._path.stat().st_mtime
@@ -121,11 +121,11 @@ class FileLock:
             aside.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
-        """Rename the file first, which succeeds for one of several runs; restore it if it is another run's.
+        """Rename the file, which only one of several runs can do; restore it if it belongs to another run.
 
-        A third run may have taken the lock in between; then there is nothing to restore.
+        If a third run has acquired the lock in between, there is nothing to restore.
         """
-        aside = self._aside()
+        aside = self._temporary_path()
         try:
             self._path.rename(aside)
         except FileNotFoundError:
@@ -139,7 +139,7 @@ class FileLock:
         """Remove the file."""
         self._path.unlink(missing_ok=True)
 
-    def _aside(self) -> Path:
+    def _temporary_path(self) -> Path:
         return self._path.with_name(f"{self._path.name}.{os.getpid()}.{time.monotonic_ns()}")
 
 
@@ -230,20 +230,20 @@ def locked(archive: Place) -> Iterator[str]:
     place = lock_place_of(lock_name(archive))
     holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8))
     try:
-        _take(place, holder, archive)
+        _acquire(place, holder, archive)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
         raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with --store") from None
     stop = threading.Event()
-    refresher = threading.Thread(target=_refresh_until, args=(place, holder, stop), daemon=True)
+    refresher = threading.Thread(target=_keep_refreshing, args=(place, holder, stop), daemon=True)
     refresher.start()
     try:
         yield holder.token
     finally:
         stop.set()
         refresher.join()
-        if _holder_of(place) == holder:
+        if _read_holder(place) == holder:
             place.remove()
 
 
@@ -257,18 +257,18 @@ def check_held(archive: Place, token: str | None) -> None:
     """
     if token is None:
         return
-    holder = _holder_of(lock_place_of(lock_name(archive)))
+    holder = _read_holder(lock_place_of(lock_name(archive)))
     if holder is None or holder.token != token:
         raise RunStoppedError(f"{archive}: the run of this job has ended, so nothing more is written for it")
 
 
-def _take(place: LockPlace, holder: Holder, archive: Place) -> None:
+def _acquire(place: LockPlace, holder: Holder, archive: Place) -> None:
     content = json.dumps(asdict(holder)).encode()
     if place.create(content):
         return
     found = place.read()
     if found is not None:
-        other = _holder_in(found)
+        other = _parse_holder(found)
         if not _is_dead(place, other):
             raise InputError(
                 f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that "
@@ -296,12 +296,12 @@ def _is_alive(process: int) -> bool:
     return True
 
 
-def _holder_of(place: LockPlace) -> Holder | None:
+def _read_holder(place: LockPlace) -> Holder | None:
     content = place.read()
-    return None if content is None else _holder_in(content)
+    return None if content is None else _parse_holder(content)
 
 
-def _holder_in(content: bytes) -> Holder:
+def _parse_holder(content: bytes) -> Holder:
     """Return the holder that a lock names; a lock of unknown content is taken over once it is stale."""
     try:
         holder = Holder(**json.loads(content))
@@ -312,11 +312,11 @@ def _holder_in(content: bytes) -> Holder:
     return holder if is_process and all(isinstance(text, str) for text in texts) else _UNKNOWN_HOLDER
 
 
-def _refresh_until(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
+def _keep_refreshing(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
     content = json.dumps(asdict(holder)).encode()
     while not stop.wait(REFRESH_INTERVAL):
         try:
-            if _holder_of(place) != holder:
+            if _read_holder(place) != holder:
                 log.error("the lock %s was removed; the run stops at its next profile", place)
                 return
             place.refresh(content)

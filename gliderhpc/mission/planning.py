@@ -18,7 +18,7 @@ from gliderhpc.observations import Observations
 from gliderhpc.observations.profiles import describe_numbers
 
 MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
-"""Largest number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
+"""Maximum number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
 
 # Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {

@@ -126,7 +126,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
         Terms of the currents' uncertainty.
     """
     adjoint = depth_averaged_current(record, tracks.adjoint, errors, tracks.covariance)
-    smoothed = _smoothed(record, tracks, errors)
+    smoothed = _current_by_smoother(record, tracks, errors)
     filtered = None if tracks.filtered is None else depth_averaged_current(record, tracks.filtered, errors)
     conventional = depth_averaged_current(record, tracks.glide_angle, errors)
     if adjoint is not None and smoothed is not None:
@@ -145,7 +145,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
     return row, _segments(() if adjoint is None else adjoint.segments)
 
 
-def _smoothed(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
+def _current_by_smoother(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
     """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
     track = tracks.smoothed
     if track is None:
@@ -222,9 +222,9 @@ def tracks_as_json(tracks: Tracks, remarks: list[str]) -> Row:
     """Return displacements and the estimate's remarks as plain JSON."""
     smoothed = tracks.smoothed
     return {
-        "adjoint": _plain(tracks.adjoint),
+        "adjoint": _track_as_json(tracks.adjoint),
         "covariance": None if tracks.covariance is None else _numbers(tracks.covariance),
-        "glide_angle": _plain(tracks.glide_angle),
+        "glide_angle": _track_as_json(tracks.glide_angle),
         "smoothed": None
         if smoothed is None
         else {
@@ -232,7 +232,7 @@ def tracks_as_json(tracks: Tracks, remarks: list[str]) -> Row:
             "covariance": _numbers(smoothed.covariance),
             "with_hull": smoothed.with_hull,
         },
-        "filtered": None if tracks.filtered is None else _plain(tracks.filtered),
+        "filtered": None if tracks.filtered is None else _track_as_json(tracks.filtered),
         "remarks": remarks,
     }
 
@@ -241,20 +241,20 @@ def tracks_from_json(content: Mapping[str, Any]) -> tuple[Tracks, list[str]]:
     """Return displacements and remarks from `tracks_as_json`."""
     smoothed, filtered, covariance = content["smoothed"], content["filtered"], content["covariance"]
     tracks = Tracks(
-        adjoint=_track(content["adjoint"]),
+        adjoint=_track_from_json(content["adjoint"]),
         covariance=None if covariance is None else _array(covariance),
-        glide_angle=_track(content["glide_angle"]),
+        glide_angle=_track_from_json(content["glide_angle"]),
         smoothed=None
         if smoothed is None
         else SmoothedTrack(
             _array(smoothed["displacement"]), _array(smoothed["covariance"]), bool(smoothed["with_hull"])
         ),
-        filtered=None if filtered is None else _track(filtered),
+        filtered=None if filtered is None else _track_from_json(filtered),
     )
     return tracks, list(content["remarks"])
 
 
-def _plain(track: Track) -> Row:
+def _track_as_json(track: Track) -> Row:
     return {
         "samples": track.samples.tolist(),
         "clock": _numbers(track.clock),
@@ -264,13 +264,13 @@ def _plain(track: Track) -> Row:
     }
 
 
-def _track(plain: Mapping[str, Any]) -> Track:
+def _track_from_json(plain: Mapping[str, Any]) -> Track:
     clock, positions, total, bridged = (_array(plain[name]) for name in ("clock", "positions", "total", "bridged"))
     return Track(np.array(plain["samples"], dtype=np.int64), clock, positions, total, float(bridged))
 
 
 def _numbers(values: ArrayLike) -> Any:
-    """Return numbers as lists, with None in place of NaN, which JSON does not have."""
+    """Return numbers as lists, with None instead of NaN, which JSON lacks."""
     array = np.asarray(values)
     return np.where(np.isfinite(array), array.astype(object), None).tolist()  # type: ignore[call-overload]
 

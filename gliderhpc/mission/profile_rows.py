@@ -1,5 +1,6 @@
 """Rows of the archive derived from a profile's estimate: currents, flags, and the rows of every group."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
+from gliderhpc.estimation.smoother.posterior import HullPart
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
-from gliderhpc.mission.hull_rows import hull_row
+from gliderhpc.flight.hull_parameters import among_parameters
 from gliderhpc.mission.profile_currents import (
     BY_FIXES,
     current_rows,
@@ -62,7 +64,7 @@ def derive_and_write(
     row : dict
         The profile's row of the table.
     extra : dict
-        Content to store with the commit, from which other fixes give new currents (`with_other_fixes`).
+        Content to store with the commit, from which other fixes give new currents (`recompute_currents`).
     """
     series, platform = estimate.series, estimate.profile.glider.platform
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
@@ -100,7 +102,7 @@ def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
     return {"status": "failed", "message": "; ".join([*phases, message])}
 
 
-def with_other_fixes(
+def recompute_currents(
     record: ProfileRecord, commit: Commit, settings: MissionSettings, platform: Platform
 ) -> tuple[Row, Row]:
     """Recompute the currents of a committed profile from other fixes.
@@ -185,6 +187,30 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
         **{f"{name}_noise_factor": float(smoothed.noise_factor[i]) for i, name in enumerate(CHANNELS)},
     }
     return {f"smoothed/{name}": value for name, value in row.items()}
+
+
+def hull_row(hull: HullPart) -> dict[str, Array]:
+    """Return a profile's row of group ``hull``, with missing values for parameters without effect."""
+    information = hull.information
+    placed = partial(among_parameters, keys=information.names)
+    alone = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
+    if not information.is_sound:
+        alone[:] = np.nan
+    return {
+        "value": placed(information.value),
+        "plausible_deviation": placed(information.plausible_deviation),
+        "score": placed(information.score),
+        "information": placed(placed(information.information).T).T,
+        "score_other": np.array([placed(score) for score, _ in information.others]),
+        "information_other": np.array([placed(placed(matrix).T).T for _, matrix in information.others]),
+        "estimate_alone": placed(alone[0]),
+        "estimate_alone_std": placed(alone[1]),
+        "displacement_sensitivity": placed(information.displacement),
+        "median_sensitivity": placed(hull.glide.medians),
+        "speed_sensitivity": placed(hull.glide.speeds),
+        "displacement_covariance": hull.displacement_covariance,
+        "variance_share": hull.share,
+    }
 
 
 def observed_row(series: ProfileSeries, every: int) -> Row:

@@ -59,7 +59,7 @@ class Validity:
     damages : tuple of str
         Damaged chunks, one line each.
     amendable : mapping of int to Commit
-        Commits of outstanding profiles of which only the fixes differ, by position.
+        Commits, by position, of outstanding profiles that differ only in their fixes.
     """
 
     valid: Mapping[int, Row]

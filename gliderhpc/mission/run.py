@@ -21,7 +21,7 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, results_from
+from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.profile_rows import Row
@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table during a run."""
 
-Opened = AbstractContextManager[Executor]
+ExecutorContext = AbstractContextManager[Executor]
 
 
 @dataclass
@@ -75,7 +75,7 @@ def run_mission(
     settings: MissionSettings,
     profiles: tuple[int, ...],
     store: Place,
-    executor: Callable[[], Opened],
+    executor: Callable[[], ExecutorContext],
     *,
     overwrite: bool = False,
     resume: bool = False,
@@ -130,7 +130,7 @@ def run_mission(
         if begun and (resume or append):
             numbers, validity = examine_archive(work, plan, append, check_last)
             work = replace(work, amendable=validity.amendable)
-            open_archive = partial(_resumed, work, attributes, plan, validity, append)
+            open_archive = partial(_resume, work, attributes, plan, validity, append)
         else:
             check_place(store, overwrite or not begun)
             numbers, validity = list(plan.profiles), Validity({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
@@ -142,7 +142,7 @@ def run_mission(
         with ExitStack() as contexts, executor() if waiting else nullcontext() as opened:
             on_commit = contexts.enter_context(open_archive(token))
             if opened is not None:
-                _execute(opened, work, token, waiting, dict(validity.valid), result, _both(on_commit, report))
+                _execute(opened, work, token, waiting, dict(validity.valid), result, _notify_both(on_commit, report))
                 # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
@@ -207,12 +207,12 @@ def _execute(
     result: MissionResult,
     report: Callable[[ProfileResult], None],
 ) -> None:
-    """Estimate the profiles, updating the archive's table during the run and at its end, however it ends."""
+    """Estimate the profiles, updating the archive's table during the run and, even after an error, at its end."""
     written = time.monotonic()
     try:
         for done in profile_results(opened, work, token, profiles):
             result.rows[done.number] = table[done.index] = done.row
-            _log(done)
+            _log_result(done)
             report(done)
             if time.monotonic() - written > TABLE_INTERVAL:
                 write_mission_table(work.store, table)
@@ -222,15 +222,17 @@ def _execute(
 
 
 @contextmanager
-def _resumed(
+def _resume(
     work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Prepare an existing archive, which remains in place however the run ends."""
+    """Prepare an existing archive, which remains in place even if the run fails."""
     prepare_archive(work, attributes, plan, validity, append)
     yield lambda: None
 
 
-def _both(on_commit: Callable[[], None], report: Callable[[ProfileResult], None]) -> Callable[[ProfileResult], None]:
+def _notify_both(
+    on_commit: Callable[[], None], report: Callable[[ProfileResult], None]
+) -> Callable[[ProfileResult], None]:
     def reported(done: ProfileResult) -> None:
         on_commit()
         report(done)
@@ -238,7 +240,7 @@ def _both(on_commit: Callable[[], None], report: Callable[[ProfileResult], None]
     return reported
 
 
-def _log(done: ProfileResult) -> None:
+def _log_result(done: ProfileResult) -> None:
     row = done.row
     if done.amended:
         log.info("profile %d: only its fixes have changed, so only its currents were recomputed", done.number)
@@ -290,7 +292,7 @@ def invert_profile(
     with place_in_memory() as place:
         create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
         work = MissionWork(observations, platform, settings, str(place))
-        (result,) = results_from(observations, work.job(((number, 0),), token=None))
+        (result,) = run_batch(observations, work.job(((number, 0),), token=None))
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
         write_mission_table(place, {0: result.row})

@@ -69,7 +69,7 @@ def build_settings_of(
         A key is unknown (the known ones are listed) or a value is out of range.
     """
     values: dict[str, Any] = deepcopy(dict(base))
-    known = sorted(_dotted(model))
+    known = sorted(_dotted_keys(model))
     for key, text in assignments.items():
         if key not in known:
             raise InputError(
@@ -111,7 +111,7 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "settings"
         if first["type"] == "extra_forbidden":
-            known = sorted(_dotted(model))
+            known = sorted(_dotted_keys(model))
             raise InputError(
                 f"{where}: no such setting{nearest(where, known)}; the settings are {', '.join(known)}"
             ) from None
@@ -137,11 +137,11 @@ def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
             node[last] = value
 
 
-def _dotted(model: type[Settings], prefix: str = "") -> Iterable[str]:
+def _dotted_keys(model: type[Settings], prefix: str = "") -> Iterable[str]:
     """Yield every key in dotted form."""
     for name, field in model.model_fields.items():
         annotation = field.annotation
         if isinstance(annotation, type) and issubclass(annotation, Settings):
-            yield from _dotted(annotation, f"{prefix}{name}.")
+            yield from _dotted_keys(annotation, f"{prefix}{name}.")
         else:
             yield prefix + name

@@ -46,19 +46,19 @@ def warm_kernels(engine: str = "lanes") -> None:
     InputError
         The engine cannot run on this machine.
     """
-    record, settings = _brief_record(), _brief_settings(engine)
+    record, settings = _short_record(), _short_settings(engine)
     if not is_compiled():
         from_prior = settings.model_copy(update={"start": "prior"})
-        with compiled_aside("smoother"):
+        with compile_in_background("smoother"):
             # Two, since the windows of one would be solved alone.
             list(estimate_profiles([(None, record), (None, record)], from_prior))
     list(estimate_profiles([(None, record)], settings, smooth=True))
 
 
-def warm_window_alone() -> None:
+def warm_single_window() -> None:
     """Compile the kernels for a single window, which a run compiles only when it first needs them."""
-    from_prior = _brief_settings("lanes").model_copy(update={"start": "prior"})
-    list(estimate_profiles([(None, _brief_record())], from_prior))
+    from_prior = _short_settings("lanes").model_copy(update={"start": "prior"})
+    list(estimate_profiles([(None, _short_record())], from_prior))
 
 
 def warm_points() -> None:
@@ -78,14 +78,14 @@ def warm_everything() -> None:
     warm_simulator()
     for engine in ("lanes", "scipy"):
         warm_kernels(engine)
-    warm_window_alone()
+    warm_single_window()
     warm_points()
 
 
 def warm_smoother() -> None:
     """Compile the smoother's kernels by smoothing a record of four seconds about an artificial trajectory."""
-    record = _brief_record()
-    smooth_profile(record, _made_up(record), _brief_settings("lanes"))
+    record = _short_record()
+    smooth_profile(record, _artificial_trajectory(record), _short_settings("lanes"))
 
 
 def is_compiled() -> bool:
@@ -99,7 +99,7 @@ def is_compiled() -> bool:
 
 
 @contextmanager
-def compiled_aside(part: str) -> Iterator[None]:
+def compile_in_background(part: str) -> Iterator[None]:
     """Compile one of `PARTS` in another process while the block runs; the block's end waits for it.
 
     Nothing is started if all kernels are compiled, or if there is only one core. If that process fails, its kernels are
@@ -121,12 +121,12 @@ def compiled_aside(part: str) -> Iterator[None]:
         process.wait()
 
 
-def _brief_settings(engine: str) -> EstimationSettings:
+def _short_settings(engine: str) -> EstimationSettings:
     brief = {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
     return EstimationSettings.model_validate(brief)
 
 
-def _brief_record() -> PreparedProfile:
+def _short_record() -> PreparedProfile:
     """Make a record of four seconds."""
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
@@ -147,7 +147,7 @@ def _brief_record() -> PreparedProfile:
     return prepare_profile(Glider(read_platform("petrel-l")), series)
 
 
-def _made_up(record: PreparedProfile) -> FilterEstimate:
+def _artificial_trajectory(record: PreparedProfile) -> FilterEstimate:
     """Return an artificial trajectory through the measurements at 0.3 m/s, in the form of the filter's result."""
     rows = len(record.series.time)
     states, unfed = np.zeros((rows, 12)), np.zeros((0, 4))

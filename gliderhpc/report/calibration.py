@@ -24,7 +24,7 @@ IN_UNITS = np.array([100.0, *[180.0 / math.pi] * 3])
 UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
 """Errors (SI) that a calibrated hull should not exceed."""
 
-ANOTHER_VEHICLE = 45.0
+WRONG_VEHICLE_ERROR = 45.0
 """Error of the pitch before the calibration, degree, beyond which the platform is probably that of another vehicle; the
 shipped hulls miss the pitch of real missions by 18 to 34 degrees."""
 
@@ -94,10 +94,10 @@ def notes(found: Calibration) -> list[str]:
         if after > 1.0
     ]
     missed = np.degrees(found.fitted.before[QUANTITIES.index("pitch")])
-    if missed > ANOTHER_VEHICLE:
+    if missed > WRONG_VEHICLE_ERROR:
         lines.append(
-            f"WARNING: the platform given misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
-            "check its name, since quantities that the glides do not determine are still those of the platform given"
+            f"WARNING: the given platform misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
+            "check its name, since quantities that the glides do not determine are still those of the given platform"
         )
     if not found.held_out.segments:
         lines.append("no profile was held out, so the errors after calibration are those of the fit itself")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.errors import InputError
-from gliderhpc.findings.drawing import SHADE, SMALL, dress, footnote, label, new_figure
+from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
 from gliderhpc.observations.fixes import midpoint
 
 Array = NDArray[np.float64]
@@ -45,10 +45,10 @@ def currents_map(table: xr.Dataset) -> Figure:
     north, east = current.north[current.known], current.east[current.known]
     places = _middles(rows)
     narrowing = float(np.cos(np.radians(places[:, 1].mean())))
-    scale = _degrees_a_speed(places, narrowing, float(np.hypot(north, east).max()))
+    scale = _degrees_per_speed(places, narrowing, float(np.hypot(north, east).max()))
     figure = new_figure(SIZE, DPI)
     axes = figure.subplots()
-    dress(axes)
+    style_axes(axes)
     stretch = scale / np.array([narrowing, 1.0])
     tips = places + np.column_stack([east, north]) * stretch
     factors = covariance_factors(current.north_std, current.east_std, current.covariance)[current.known]
@@ -72,7 +72,7 @@ def _middles(rows: xr.Dataset) -> Array:
     return places
 
 
-def _degrees_a_speed(places: Array, narrowing: float, fastest: float) -> float:
+def _degrees_per_speed(places: Array, narrowing: float, fastest: float) -> float:
     """Return the length of the arrow of a current of 1 m/s, in degrees of latitude."""
     width, height = np.ptp(places, axis=0) * [narrowing, 1.0]
     return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
@@ -91,13 +91,13 @@ def _draw_tracks(axes: Axes, table: xr.Dataset) -> None:
         points = np.column_stack([table["longitude"].values, table["latitude"].values])
         tracks = [points[number == one] for one in np.unique(number)]
         axes.add_collection(
-            LineCollection([_joined(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
+            LineCollection([_continuous_track(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
         )
     for end in ("entry", "exit"):
         axes.plot(table[f"{end}_longitude"], table[f"{end}_latitude"], ".", color=SHADE, markersize=4.0, zorder=1)
 
 
-def _joined(track: Array) -> Array:
+def _continuous_track(track: Array) -> Array:
     """Return the known positions of a track, with continuous longitudes."""
     known = track[np.isfinite(track).all(axis=1)]
     known[:, 0] = np.unwrap(known[:, 0], period=360.0)

@@ -34,11 +34,11 @@ def facts(summary: Summary) -> dict[str, str]:
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield settings by dotted name, such as ``window.length``."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
-            yield from flattened(value, f"{prefix}{key}.")
+            yield from flatten_settings(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
 

@@ -14,10 +14,10 @@ from gliderhpc.observations.fixes import moved
 Array = NDArray[np.float64]
 
 MOST_DIVES = 60
-"""Largest number of past dives used by the nowcast."""
+"""Maximum number of past dives used by the nowcast."""
 
-_COMPARED, _USUAL_DIFFERENCES, _USUAL_SHARE = 20, 3, 0.1
-"""Largest number of differences between displacements of successive dives that are used; number of prior differences
+_COMPARED, _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 20, 3, 0.1
+"""Maximum number of differences between displacements of successive dives that are used; number of prior differences
 assumed in addition, and their size as a fraction of the displacement."""
 
 _LONGEST_STAY = 3600.0
@@ -190,9 +190,9 @@ def _displacements(dives: xr.Dataset) -> Array:
 def displacement_scatter(displacements: Array) -> Array:
     """Return the mean square (2, 2) of the latest differences of displacements ``(n, 2)`` from dive to dive (m2)."""
     differences = np.diff(displacements[-_COMPARED - 1 :], axis=0)
-    usual = (_USUAL_SHARE**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
-    total = differences.T @ differences + _USUAL_DIFFERENCES * usual
-    return np.asarray(total / (len(differences) + _USUAL_DIFFERENCES))
+    prior = (_PRIOR_FRACTION**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
+    total = differences.T @ differences + _PRIOR_DIFFERENCES * prior
+    return np.asarray(total / (len(differences) + _PRIOR_DIFFERENCES))
 
 
 def _covariance(row: xr.Dataset) -> Array:

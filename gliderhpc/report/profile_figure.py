@@ -84,7 +84,7 @@ def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> F
     data = read_profile_data(archive, number)
     accuracy = None if truth is None else profile_accuracy(data, truth)
     true = None if truth is None else truth_on_samples(data, truth)
-    smoothed = _smoothed(archive, number)
+    smoothed = _read_smoothed(archive, number)
     figure = Figure(figsize=A4, dpi=DPI)
     handles = _legend_handles(data, smoothed is not None, truth is not None)
     top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
@@ -99,7 +99,7 @@ def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> F
     return figure
 
 
-def _smoothed(archive: Archive, number: int) -> ProfileData | None:
+def _read_smoothed(archive: Archive, number: int) -> ProfileData | None:
     """Read the smoother's estimate; return None if the archive has none for the profile."""
     if SMOOTHED not in archive.children:
         return None
@@ -286,7 +286,7 @@ def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
 PERCENTILES = (0.1, 99.9)
 MAX_EXTREMES_RATIO = 2.5
 MIN_SPAN = 0.02
-"""Smallest span of an axis, N or N m; it keeps rounding and noise from looking like a signal."""
+"""Minimum span of an axis, N or N m; it keeps rounding and noise from looking like a signal."""
 
 
 def axis_limits(curves: Sequence[Array], steady: Mask) -> tuple[float, float]:

@@ -11,8 +11,8 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
-from gliderhpc.report.hull_news import HullSoFar, hull_news, hull_so_far
 from gliderhpc.report.next_surfacing import predict_surfacing
+from gliderhpc.report.recent_hull import RecentHull, hull_changes, recent_hull
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
     Current,
@@ -27,7 +27,7 @@ from gliderhpc.report.surfacing_message import (
     Water,
 )
 from gliderhpc.report.trim import trim_of
-from gliderhpc.studies.archived import own_platform
+from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
 
@@ -80,7 +80,7 @@ def surfacing_message(
     done = str(row["status"].values) == "done"
     data = read_profile_data(archive, number) if done else None
     smoothed = done and has_smoothed(archive, number)
-    hull = hull_so_far(archive, number) if done and _has_hull_information(archive) else None
+    hull = recent_hull(archive, number) if done and _has_hull_information(archive) else None
     return SurfacingMessage(
         version=MESSAGE_VERSION,
         mission=str(archive.attrs.get("mission") or ""),
@@ -240,14 +240,14 @@ def _has_hull_information(archive: Archive) -> bool:
 
     Archives of former versions have none, or a part of it.
     """
-    if "hull" not in archive.children or own_platform(archive) is None:
+    if "hull" not in archive.children or platform_or_none(archive) is None:
         return False
     return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
 
 
-def _hull_changes(hull: HullSoFar) -> tuple[HullChange, ...]:
+def _hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
     return tuple(
-        HullChange(**asdict(news), above_20_percent=news.probability_above(_FIFTH)) for news in hull_news(hull)
+        HullChange(**asdict(change), above_20_percent=change.probability_above(_FIFTH)) for change in hull_changes(hull)
     )
 
 

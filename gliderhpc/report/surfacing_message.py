@@ -159,7 +159,7 @@ class SurfacingMessage(_Part):
         pairs = {
             "samples": (before.samples, self.samples),
             "duration, s": (round(before.duration), round(self.duration)),
-            "greatest depth, m": (_rounded(before.max_depth, 0), _rounded(self.max_depth, 0)),
+            "greatest depth, m": (_round(before.max_depth, 0), _round(self.max_depth, 0)),
             "current north, m/s": (_component(before.current, "north"), _component(self.current, "north")),
             "current east, m/s": (_component(before.current, "east"), _component(self.current, "east")),
             "status": (before.inversion.status, self.inversion.status),
@@ -194,9 +194,9 @@ class SurfacingMessage(_Part):
         return "; ".join(parts)
 
 
-def _rounded(value: float | None, digits: int) -> str:
+def _round(value: float | None, digits: int) -> str:
     return "unknown" if value is None else f"{value:.{digits}f}"
 
 
 def _component(current: Current | None, name: str) -> str:
-    return _rounded(None if current is None else getattr(current, name), 3)
+    return _round(None if current is None else getattr(current, name), 3)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gliderhpc.platform import Platform
-from gliderhpc.report.hull_news import HullSoFar
+from gliderhpc.report.recent_hull import RecentHull
 
 IMPLAUSIBLE = 3.0
 """Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
@@ -72,7 +72,7 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     )
 
 
-def trim_of(hull: HullSoFar) -> Iterator[Trim]:
+def trim_of(hull: RecentHull) -> Iterator[Trim]:
     """Yield the quantities whose deviation, after a calibration and the dives, is below `UNDETERMINED`."""
     mission, last = hull.mission, hull.found.smoothed[-1]
     place = {p.key: i for i, p in enumerate(mission.parameters)}

@@ -38,9 +38,17 @@ def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
         for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
             first = " ".join(f"{value:+.2f}" for value in found.autocorrelation[:_SHOWN_LAGS])
             rows.append(
-                (sensor, prior, str(found.count), f"{found.mean:+.3f}", f"{found.variance:.3f}", first,
-                 f"{found.portmanteau:.2f}", f"{found.p:.2g}")
-            )  # fmt: skip
+                (
+                    sensor,
+                    prior,
+                    str(found.count),
+                    f"{found.mean:+.3f}",
+                    f"{found.variance:.3f}",
+                    first,
+                    f"{found.portmanteau:.2f}",
+                    f"{found.p:.2g}",
+                )
+            )
     return rows
 
 

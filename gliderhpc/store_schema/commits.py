@@ -22,7 +22,16 @@ from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
 from gliderhpc.store_schema.digests import Digests, digest_of
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.place import (
+    Place,
+    group_at,
+    is_archive,
+    is_empty,
+    store_at,
+    stored_bytes,
+    wait_for,
+    wait_for_all,
+)
 from gliderhpc.store_schema.schema import COMMITS, MISSION, Group
 
 BY_RESUME = "run-mission --resume repairs it"
@@ -254,14 +263,7 @@ def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
     """
     remaining = iter(writes)
     while at_once := list(islice(remaining, _WRITES_AT_ONCE)):
-        errors = [error for error in wait_for(_written(at_once)) if error is not None]
-        if errors:
-            raise errors[0]
-
-
-async def _written(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> list[BaseException | None]:
-    setting = (array.setitem(selection, values) for array, selection, values in writes)
-    return await asyncio.gather(*setting, return_exceptions=True)
+        wait_for_all(array.setitem(selection, values) for array, selection, values in at_once)
 
 
 def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:

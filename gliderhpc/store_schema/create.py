@@ -6,9 +6,8 @@ a finished one. Module `replacement` handles an existing archive.
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
@@ -17,12 +16,12 @@ import numpy as np
 import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.core.buffer import Buffer
-from zarr.storage import MemoryStore, StorePath
+from zarr.storage import MemoryStore
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.commits import AsyncArray, write_values
+from gliderhpc.store_schema.commits import write_values
 from gliderhpc.store_schema.consolidation import consolidate, consolidate_store
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, wait_for, write_group
+from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, wait_for_all, write_group
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
@@ -168,25 +167,18 @@ def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64],
     sizes = {**sizes, **group.label_sizes}
     # Dimensions of size 0, as in a mission without windows or segments, get size 1; otherwise no array would open.
     shapes = [tuple(max(1, int(sizes[dim])) for dim in variable.dims) for variable in group.variables]
-    created = wait_for(_created(node.store_path, group, shapes))
+    # One by one would take nearly twice as long.
+    created = wait_for_all(
+        zarr.api.asynchronous.create_array(
+            node.store_path, name=variable.name, zarr_format=3, **_form(group, variable, shape)
+        )
+        for variable, shape in zip(group.variables, shapes, strict=True)
+    )
     write_values(
         (array, ..., coordinate_values(variable, numbers, array.shape[0]))
         for variable, array in zip(group.variables, created, strict=True)
         if variable.dims == (variable.name,) and (variable.dtype != "string" or variable.labels is not None)
     )
-
-
-async def _created(path: StorePath, group: Group, shapes: Iterable[tuple[int, ...]]) -> list[AsyncArray]:
-    """Create all variables of a group concurrently; one by one would take nearly twice as long."""
-    creating = (
-        zarr.api.asynchronous.create_array(path, name=variable.name, zarr_format=3, **_form(group, variable, shape))
-        for variable, shape in zip(group.variables, shapes, strict=True)
-    )
-    found = await asyncio.gather(*creating, return_exceptions=True)
-    for array in found:
-        if isinstance(array, BaseException):
-            raise array
-    return [array for array in found if not isinstance(array, BaseException)]
 
 
 def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:

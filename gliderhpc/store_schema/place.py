@@ -13,7 +13,7 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Coroutine, Iterator, Mapping
+from collections.abc import Coroutine, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -215,6 +215,20 @@ def parsed_root(content: bytes) -> Any:
 def wait_for(answer: Coroutine[Any, Any, Value]) -> Value:
     """Run a store's coroutine to completion, in any thread."""
     return sync(answer)
+
+
+def wait_for_all(answers: Iterable[Coroutine[Any, Any, Value]]) -> list[Value]:
+    """Run coroutines concurrently; once all have ended, return their results or raise the first error."""
+
+    async def gathered() -> list[Value | BaseException]:
+        return await asyncio.gather(*answers, return_exceptions=True)
+
+    results: list[Value] = []
+    for result in wait_for(gathered()):
+        if isinstance(result, BaseException):
+            raise result
+        results.append(result)
+    return results
 
 
 async def stored_bytes(store: Store, key: str) -> bytes | None:

@@ -106,13 +106,13 @@ def platform_of(archive: Archive) -> Platform:
     InputError
         This program cannot read the archive's platform.
     """
-    platform = own_platform(archive)
+    platform = platform_or_none(archive)
     if platform is None:
         raise InputError("the archive holds no platform that this program can read; run the mission again")
     return platform
 
 
-def own_platform(archive: Archive) -> Platform | None:
+def platform_or_none(archive: Archive) -> Platform | None:
     """Return the hull that an archive's profiles were estimated with, None if this program cannot read it."""
     try:
         return Platform.model_validate(archive.attrs.get("platform"))

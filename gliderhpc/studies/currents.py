@@ -1,7 +1,6 @@
 """Study ``currents``: depth-averaged and depth-resolved currents with their uncertainty (sections 5.4 and 5.5)."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,7 +80,7 @@ def profile_currents(
         "lateral_noise_std": noise,
         "condition": found.condition,
         **_components("shear", found.horizontal),
-        **_binned(data, found, scales, noise, settings, bins),
+        **_bin_currents(data, found, scales, noise, settings, bins),
     }
 
 
@@ -155,7 +154,7 @@ def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Ar
     }
 
 
-def _binned(
+def _bin_currents(
     data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
 ) -> Row:
     """Means, spreads, counts and standard deviations in each bin, for dive, climb and both."""
@@ -186,23 +185,13 @@ def _components(name: str, values: Array) -> dict[str, Array]:
     return {component_column(name, along): values[:, i] for i, along in enumerate(COMPONENTS)}
 
 
-@dataclass(frozen=True)
-class CurrentsInputs:
-    """Inputs that the profiles share: errors, number of depth bins, and path of a reference."""
-
-    errors: UncertaintyModel
-    bins: int
-    reference: Path | None
-
-
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     """Compute the currents of one profile, and compare them with a reference if there is one."""
-    settings, inputs = context.settings, context.inputs
-    row = profile_currents(context.archive, data, settings, inputs.errors, inputs.bins)
-    if inputs.reference is None:
+    settings, (errors, bins, reference) = context.settings, context.inputs
+    row = profile_currents(context.archive, data, settings, errors, bins)
+    if reference is None:
         return row
-    reference = open_reference(inputs.reference)
-    return row | compare_with_reference(data, reference, row, settings, inputs.bins)
+    return row | compare_with_reference(data, open_reference(reference), row, settings, bins)
 
 
 def prepare(
@@ -220,7 +209,7 @@ def prepare(
     errors, remarks = _uncertainty_model(request, archive, platform_of(archive))
     bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
     return Preparation(
-        inputs=CurrentsInputs(errors, bins, request.reference),
+        inputs=(errors, bins, request.reference),
         sizes={"bin": bins},
         attributes={"errors": errors.current.model_dump(), "by_hull": errors.by_hull},
         remarks=remarks,

@@ -41,7 +41,7 @@ from gliderhpc.studies.library.drift.medians import (
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
 from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES
-from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.request import Request, study_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
 
 NAME = "drift"
@@ -213,7 +213,7 @@ def missing_input(request: Request) -> str | None:
 
 def drift_settings(request: Request) -> DriftSettings:
     """Return the requested settings; a first look uses few epochs and draws, and does not search for change points."""
-    settings = own_settings(request, NAME, DriftSettings)
+    settings = study_settings(request, NAME, DriftSettings)
     if not request.quick:
         return settings
     coefficients = settings.coefficients

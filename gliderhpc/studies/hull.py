@@ -173,7 +173,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     """Sum up the dives, and search for changes of the parameters that can change."""
     mission: MissionDives = plan.prepared.inputs
     settings: HullSettings = plan.settings
-    found, changes = sum_up(mission, settings)
+    found, changes = combine_dives(mission, settings)
     rows: dict[int, Row] = {
         number: {"message": "the smoother has no estimate of this profile, or no information on the hull from it"}
         for number in mission.without
@@ -188,7 +188,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     )
 
 
-def sum_up(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
+def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
     """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters.
 
     Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the

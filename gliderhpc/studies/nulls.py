@@ -5,8 +5,9 @@ inverted like the mission, and the statistics of the measured profiles are compu
 batches, whose members are inverted side by side in the lanes.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from gliderhpc.studies.library.turbulence.resolution import describe_missing_ban
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
-    bridged,
+    bridge_gaps,
     bridged_depth,
     channel_of,
     channel_of_estimate,
@@ -47,7 +48,7 @@ from gliderhpc.studies.library.turbulence.series import (
 )
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
-from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.request import Request, study_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.vocabulary import CHANNELS
 
@@ -89,15 +90,6 @@ class Realisation:
         return {"family": self.family, "source_profile": self.profile, "realisation_seed": self.seed}
 
 
-@dataclass(frozen=True, eq=False)
-class FlownNull:
-    """A simulated null: prepared profile to invert, row so far, and factors of the coefficients."""
-
-    task: PreparedProfile
-    row: dict[str, Any]
-    factors: Array
-
-
 def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Realisation]:
     """Plan all nulls; each family uses the profiles in turn, evenly spread if there are fewer nulls than profiles."""
     planned: list[Realisation] = []
@@ -116,8 +108,17 @@ def fly_null(
     mission: MissionSettings,
     settings: NullSettings,
     estimate: str,
-) -> FlownNull:
+) -> tuple[PreparedProfile, Row, Array]:
     """Simulate the flight and the records of one null.
+
+    Returns
+    -------
+    task : PreparedProfile
+        Prepared profile to invert.
+    row : dict
+        Row of the group's table so far.
+    factors : (k,) array
+        Factors of the coefficients in the simulation.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def fly_null(
     record = record_of(flight, actuation, platform, rng)
     series = _with_seawater(on_steps(record, without_corrections(mission)), data)
     row = null.row | {"duration": flight.duration, "max_depth": float(flight.states[:, 5].max())}
-    return FlownNull(prepare_profile(Glider(platform), series), row, factors_of(hull, platform))
+    return prepare_profile(Glider(platform), series), row, factors_of(hull, platform)
 
 
 def without_corrections(mission: MissionSettings) -> MissionSettings:
@@ -169,7 +170,7 @@ def gaussian_disturbances(
     for name in dict.fromkeys((statistics.channel, *TESTED)):
         series = channel_of(data, name, platform)
         counted = series.counted(actuated=False)
-        fast = high_passed(bridged(series.values, counted), series.step, statistics.cutoff)
+        fast = high_passed(bridge_gaps(series.values, counted), series.step, statistics.cutoff)
         spectrum = scipy.fft.rfft(fast)
         if phases is None:
             phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
@@ -210,60 +211,45 @@ def _with_seawater(series: ProfileSeries, data: ProfileData) -> ProfileSeries:
 # A batch of nulls
 
 
-@dataclass(frozen=True)
-class NullJob:
-    """Nulls of an archive that are inverted side by side in the lanes of the engine."""
-
-    nulls: tuple[Realisation, ...]
-    archive: str
-    estimate: str
-    settings: NullSettings
+NullResult = tuple[Realisation, Row, Array | None]
+"""A null, its row, and the factors of the coefficients in its simulation; None if it could not be simulated."""
 
 
-@dataclass(frozen=True, eq=False)
-class NullResult:
-    """Result of a null: its row, and the factors of the coefficients in its simulation."""
-
-    null: Realisation
-    row: Row
-    factors: Array | None = None
-
-
-def run_nulls(job: NullJob) -> list[NullResult]:
-    """Simulate and invert some nulls in a worker, and compute their statistics.
+def run_nulls(archive: str, estimate: str, settings: NullSettings, nulls: Sequence[Realisation]) -> list[NullResult]:
+    """Simulate some nulls in a worker, invert them side by side in the engine's lanes, and compute their statistics.
 
     The inversion is that of the mission, with the same settings, engine and platform. Only the corrections of records
     are left out.
     """
-    results = []
-    with threadpool_limits(limits=1), open_for_job(job.archive) as archive:
-        platform, mission = platform_of(archive), settings_of(archive)
+    results: list[NullResult] = []
+    with threadpool_limits(limits=1), open_for_job(archive) as opened:
+        platform, mission = platform_of(opened), settings_of(opened)
 
-        def tasks() -> Iterator[tuple[tuple[Realisation, FlownNull], PreparedProfile]]:
-            for null in job.nulls:
+        def tasks() -> Iterator[tuple[tuple[Realisation, Row, Array], PreparedProfile]]:
+            for null in nulls:
                 try:
-                    flown = fly_null(archive, null, platform, mission, job.settings, job.estimate)
+                    task, row, factors = fly_null(opened, null, platform, mission, settings, estimate)
                 except (ProfileError, InputError) as error:
-                    results.append(NullResult(null, null.row | {"message": str(error)}))
+                    results.append((null, null.row | {"message": str(error)}, None))
                 else:
-                    yield (null, flown), flown.task
+                    yield (null, row, factors), task
 
-        smooth = job.estimate == SMOOTHED
-        for (null, flown), estimate in estimate_profiles(tasks(), without_corrections(mission), smooth=smooth):
-            row = flown.row | _inverted_row(job, null, estimate, mission.steps_per_record)
-            results.append(NullResult(null, row, flown.factors))
+        smooth = estimate == SMOOTHED
+        inverted = estimate_profiles(tasks(), without_corrections(mission), smooth=smooth)
+        for (null, row, factors), inversion in inverted:
+            found = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
+            results.append((null, {**row, **found}, factors))
     return results
 
 
 def _inverted_row(
-    job: NullJob, null: Realisation, estimate: ProfileEstimate | ProfileError, every: int
+    inversion: ProfileEstimate | ProfileError, estimate: str, settings: IntermittencySettings, seed: int, every: int
 ) -> dict[str, Any]:
     """Statistics of a null, and its rank test against surrogates; a null found intermittent is a false positive."""
-    if isinstance(estimate, ProfileError):
-        return {"message": str(estimate)}
-    settings = job.settings.statistics
-    channel = channel_of_estimate(estimate, settings.channel, job.estimate, every)
-    windows = estimate.solution.windows
+    if isinstance(inversion, ProfileError):
+        return {"message": str(inversion)}
+    channel = channel_of_estimate(inversion, settings.channel, estimate, every)
+    windows = inversion.solution.windows
     row: dict[str, Any] = {
         "converged_fraction": float(np.mean([window.outcome == Outcome.CONVERGED for window in windows]))
     }
@@ -273,10 +259,10 @@ def _inverted_row(
     fast = averaged_over(part.series, settings.interval)
     found = resolved_structure_functions(fast, settings, channel.sample_interval)
     row |= statistics_row(part.series, found, channel, settings)
-    row |= gaussianity_row(noise_of_estimate(estimate, every), settings)
+    row |= gaussianity_row(noise_of_estimate(inversion, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}
-    return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([null.seed, 2])).p_value}
+    return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([seed, 2])).p_value}
 
 
 # The mission
@@ -298,19 +284,19 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     mission, names = plan.prepared.inputs
     planned = realisations(plan.settings, plan.numbers)
     if not planned:
-        raise InputError("--set nulls: no realisation of any kind is requested; give one kind a number above zero")
+        raise InputError("--set nulls: no realisation is requested; set the number of at least one family above zero")
     results = _run_batches(plan, planned, mission)
     variables: dict[str, Any] = {
-        variable.name: [result.row.get(variable.name, variable.fill_value) for result in results]
+        variable.name: [row.get(variable.name, variable.fill_value) for _, row, _ in results]
         for variable in REALISATIONS
     }
     unknown = np.full(len(names), np.nan)
-    variables["factor"] = np.array([unknown if result.factors is None else result.factors for result in results])
+    variables["factor"] = np.array([unknown if factors is None else factors for _, _, factors in results])
     return GroupContent(
         sizes={NULL: len(planned)},
         labels={COEFFICIENT: names},
         variables=variables,
-        columns=tuple(dict.fromkeys(name for result in results for name in result.row)),
+        columns=tuple(dict.fromkeys(name for _, row, _ in results for name in row)),
     )
 
 
@@ -320,16 +306,13 @@ def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSetting
     with request.executor() as executor:
         batches = -(-len(planned) // batch_size(mission, len(planned), executor.workers))
         # Families in every batch, as those with a disturbance take longer.
-        jobs = [
-            NullJob(tuple(planned[first::batches]), request.path, request.estimate, plan.settings)
-            for first in range(batches)
-        ]
-        for batch in executor.run(run_nulls, jobs):
+        jobs = [planned[first::batches] for first in range(batches)]
+        for batch in executor.run(partial(run_nulls, request.path, request.estimate, plan.settings), jobs):
             results += batch
-            for profile in {result.null.profile for result in batch} - seen:
+            for profile in {null.profile for null, _, _ in batch} - seen:
                 seen.add(profile)
                 request.report(profile)
-    return sorted(results, key=lambda result: result.null.index)
+    return sorted(results, key=lambda result: result[0].index)
 
 
 def null_settings(request: Request) -> NullSettings:
@@ -341,7 +324,7 @@ def null_settings(request: Request) -> NullSettings:
         base["statistics"] = of_measured.model_dump()
     elif request.quick:
         base["statistics"] = {"surrogates": QUICK_SURROGATES}
-    return own_settings(request, NAME, NullSettings, base)
+    return study_settings(request, NAME, NullSettings, base)
 
 
 def missing(request: Request) -> str | None:

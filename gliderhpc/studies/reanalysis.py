@@ -19,7 +19,7 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
 from gliderhpc.store_schema.columns import MODEL
-from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expanded, open_models
+from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expand_source, open_models
 from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE, sigma_distance, speed, turn, vector_rmsd
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
@@ -155,7 +155,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     InputError
         A model cannot be read.
     """
-    sources = tuple(path for source in request.models for path in expanded(source))
+    sources = tuple(path for source in request.models for path in expand_source(source))
     currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
     by_study = has_currents_study(archive, request.estimate)
     with open_models(sources) as models:
@@ -343,8 +343,8 @@ def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str,
 def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
     """Agreements and distances, compared with section 5.5 of the paper."""
     return (
-        *(row for one in found for row in _of_agreement(one)),
-        *(row for index in range(len(compared.names)) for row in _of_distance(compared, index)),
+        *(row for one in found for row in _compare_agreement(one)),
+        *(row for index in range(len(compared.names)) for row in _compare_distance(compared, index)),
     )
 
 
@@ -355,7 +355,7 @@ def _shares(compared: Compared, one: Agreement) -> dict[str, float]:
     return {name: share_within(distance, sigmas) for sigmas, name in WITHIN_COLUMNS.items()}
 
 
-def _of_agreement(one: Agreement) -> Iterator[Comparison]:
+def _compare_agreement(one: Agreement) -> Iterator[Comparison]:
     pair, count = f"{one.of} against {one.against}", f"{one.profiles} profiles"
     published = {one.of, one.against} == {"HYCOM", "GLORYS12"}
     yield Comparison(f"vector RMSD, {pair}", "m/s", one.vector_rmsd, MUTUAL_RMSD if published else None, remark=count)
@@ -371,7 +371,7 @@ def _of_agreement(one: Agreement) -> Iterator[Comparison]:
     )
 
 
-def _of_distance(compared: Compared, index: int) -> Iterator[Comparison]:
+def _compare_distance(compared: Compared, index: int) -> Iterator[Comparison]:
     name, distance = compared.names[index], compared.distance[:, index]
     known = distance[np.isfinite(distance)]
     median = float(np.median(known)) if known.size else float("nan")

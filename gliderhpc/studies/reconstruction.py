@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, goes_by_density, wrap
+from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, uses_measured_density, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -208,27 +207,14 @@ def _filter_seconds(estimate: ProfileEstimate, settings: MissionSettings) -> flo
     return time.perf_counter() - began
 
 
-@dataclass(frozen=True)
-class Source:
-    """Observation file, and the profiles to invert with ``k_z = 0``."""
-
-    path: str
-    survey: Survey
-    numbers: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class ReconstructionInputs:
-    """Inputs that the profiles share: observations, file of the truth, and most impulses in any of its profiles."""
-
-    source: Source | None
-    truth: str | None
-    impulses: int
+Source = tuple[str, Survey, tuple[int, ...]]
+"""Observation file, its survey, and the profiles to invert with ``k_z = 0``."""
 
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     """Study one profile: tracking, open loop, self-motion, cost, regimes, and errors if there is a truth."""
-    archive, platform, inputs = context.archive, context.platform, context.inputs
+    archive, platform = context.archive, context.platform
+    source, truth_file, impulses = context.inputs
     motions = motions_of(data, platform)
     row: dict[str, Any] = {
         **tracking_row(data),
@@ -238,17 +224,18 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         **cost_row(archive, data),
         **regime_row(data),
     }
-    if inputs.source is not None and data.number in inputs.source.numbers:
-        with open_observations(inputs.source.path, survey=inputs.source.survey.only([data.number])) as observations:
+    if source is not None and data.number in source[2]:
+        path, survey, _ = source
+        with open_observations(path, survey=survey.only([data.number])) as observations:
             try:
                 record = observations.profile(data.number)
                 row |= without_depth_slope_row(data, motions.estimate, record, platform, settings_of(archive))
             except ProfileError as error:
                 row["message"] = f"not inverted with k_z = 0: {error}"
-    if inputs.truth is None:
+    if truth_file is None:
         return row
-    truth = read_profile_truth(inputs.truth, data.number)
-    return {**row, **truth_columns(data, truth, inputs.impulses), TRUE_YAW: true_yaw(data, truth)}
+    truth = read_profile_truth(truth_file, data.number)
+    return {**row, **truth_columns(data, truth, impulses), TRUE_YAW: true_yaw(data, truth)}
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:
@@ -264,7 +251,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     # The axis needs at least one element, even without any impulse.
     impulses = 1 if truth is None else max(1, most_impulses(truth))
     return Preparation(
-        inputs=ReconstructionInputs(source, truth, impulses),
+        inputs=(source, truth, impulses),
         sizes={"impulse": impulses},
         labels={"channel": list(CHANNELS), "estimator": estimators(request.estimate)},
         attributes={"with_truth": truth is not None},
@@ -280,7 +267,7 @@ def _source(
         return None, ("the inversion with k_z = 0 is compared with the adjoint, so there is none here",)
     if platform.buoyancy.depth_slope == 0.0:
         return None, ("the hull's k_z is zero already, so there is no second inversion",)
-    by_slope = tuple(number for number in numbers if not goes_by_density(archive, number))
+    by_slope = tuple(number for number in numbers if not uses_measured_density(archive, number))
     remarks: tuple[str, ...] = ()
     if by_slope != numbers:
         why = "because k_z has no effect there"
@@ -298,7 +285,7 @@ def _source(
             )
         path = str(Path(request.observations).resolve())
         chosen = by_slope[:1] if request.quick else by_slope
-        return Source(path, opened.survey.only(list(chosen)), chosen), remarks
+        return (path, opened.survey.only(list(chosen)), chosen), remarks
 
 
 STUDY = Study(

@@ -3,7 +3,7 @@
 import importlib
 
 from gliderhpc.errors import InputError
-from gliderhpc.studies.request import Request, own_assignments
+from gliderhpc.studies.request import Request, study_assignments
 from gliderhpc.studies.study import Study
 
 STUDIES = (
@@ -46,7 +46,7 @@ def run_study(name: str, request: Request) -> None:
     missing = missing_input(name, request)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    study, given = load_study(name), own_assignments(request, name)
+    study, given = load_study(name), study_assignments(request, name)
     if given and study.settings is None:
         raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
     study.run(request)

@@ -88,13 +88,13 @@ def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> 
     return path.with_name(f"{path.stem}-studies") / (study if estimate == ADJOINT else f"{study}-{estimate}")
 
 
-def own_assignments(request: Request, name: str) -> dict[str, str]:
+def study_assignments(request: Request, name: str) -> dict[str, str]:
     """Return the settings given for a study, without its name: ``currents.bin=5`` is ``bin`` of study ``currents``."""
     values, _ = parse_assignments(request.assignments)
     return {key.removeprefix(f"{name}."): text for key, text in values.items() if key.startswith(f"{name}.")}
 
 
-def own_settings(
+def study_settings(
     request: Request, name: str, model: type[SettingsModel], base: Mapping[str, Any] | None = None
 ) -> SettingsModel:
     """Build the settings of a study from defaults and the request's assignments, which take precedence.
@@ -104,4 +104,4 @@ def own_settings(
     InputError
         A setting is wrong.
     """
-    return build_settings_of(model, base or {}, own_assignments(request, name))
+    return build_settings_of(model, base or {}, study_assignments(request, name))

@@ -34,7 +34,7 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.schema import PROFILE, study_called
 from gliderhpc.studies.archived import Provenance, chosen_profiles, estimate_remarks, platform_of, positions
 from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
-from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.request import Request, study_settings
 
 Row = Mapping[str, Any]
 """Values by name of the group's variables."""
@@ -208,7 +208,7 @@ class Study:
         """
         if not isinstance(self.settings, type):
             return None if self.settings is None else self.settings(request)
-        return own_settings(request, self.name, self.settings, self.quick_settings if request.quick else {})
+        return study_settings(request, self.name, self.settings, self.quick_settings if request.quick else {})
 
     def run(self, request: Request) -> None:
         """Study the chosen profiles and the mission, and fill the study's group in the archive.

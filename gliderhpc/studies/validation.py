@@ -154,24 +154,6 @@ def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
 
 
-@dataclass(frozen=True)
-class ValidationJob:
-    """One profile to simulate: number, position in the archive, and part of the observations."""
-
-    number: int
-    index: int
-    survey: Survey
-
-
-@dataclass(frozen=True)
-class ValidationInputs:
-    """Inputs that the profiles share: the observation file, and the hull and settings of the simulation."""
-
-    observations: str
-    platform: Platform
-    settings: MissionSettings
-
-
 def validated_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
     """Choose among all profiles of an archive; those without an estimate can be simulated too.
 
@@ -225,10 +207,10 @@ def validate(
         where = positions(archive)
         chosen = {number: where[number] for number in validated_profiles(archive, profiles, quick)}
         _check_belongs(archive, observations, chosen, settings, store)
-    jobs = [ValidationJob(number, index, observations.survey.only([number])) for number, index in chosen.items()]
+    jobs = [(number, index, observations.survey.only([number])) for number, index in chosen.items()]
     create_study(store, GROUP)
     request = Request(Path(store), executor, report=report)
-    inputs = ValidationInputs(str(Path(observations.path).resolve()), platform, settings)
+    inputs = (str(Path(observations.path).resolve()), platform, settings)
     results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
     write_table_rows(store, {result.index: result.row for result in results}, GROUP)
     if all("message" in result.row for result in results):
@@ -246,20 +228,34 @@ def validate(
     finish_study(store, GROUP, as_plain({**made.attributes(), "platform": platform.model_dump(mode="json")}))
 
 
-def fly_profile(archive: Archive, job: ValidationJob, inputs: ValidationInputs) -> StudiedProfile:
-    """Simulate one profile in a worker."""
-    with open_observations(inputs.observations, survey=job.survey) as observations:
+def fly_profile(
+    archive: Archive, job: tuple[int, int, Survey], inputs: tuple[str, Platform, MissionSettings]
+) -> StudiedProfile:
+    """Simulate one profile in a worker.
+
+    Parameters
+    ----------
+    archive : Archive
+        The archive, which is not read.
+    job : (int, int, Survey)
+        Number of the profile, its position in the archive, and its part of the observations' survey.
+    inputs : (str, Platform, MissionSettings)
+        Observation file, and hull and settings of the simulation.
+    """
+    (number, index, survey), (path, platform, settings) = job, inputs
+    with open_observations(path, survey=survey) as observations:
         try:
-            row, rows = _fly(observations.profile(job.number), inputs)
+            row, rows = _fly(observations.profile(number), platform, settings)
         except ProfileError as error:
-            return StudiedProfile(job.number, job.index, {"message": str(error)})
-    return StudiedProfile(job.number, job.index, row, rows=rows)
+            return StudiedProfile(number, index, {"message": str(error)})
+    return StudiedProfile(number, index, row, rows=rows)
 
 
-def _fly(record: ProfileRecord, inputs: ValidationInputs) -> tuple[dict[str, float], dict[str, Array]]:
+def _fly(
+    record: ProfileRecord, platform: Platform, settings: MissionSettings
+) -> tuple[dict[str, float], dict[str, Array]]:
     """Row of the group's table, and the track on the records."""
-    platform = inputs.platform
-    series = on_steps(record, inputs.settings, platform)
+    series = on_steps(record, settings, platform)
     vibrating = vibration_set(platform, series)
     flight = fly(Glider(platform), series)
     conventional = glide_angle_motion(platform, series, vibrating)
@@ -268,7 +264,7 @@ def _fly(record: ProfileRecord, inputs: ValidationInputs) -> tuple[dict[str, flo
         **horizontal_errors(flight, series, record, conventional),
         "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
     }
-    every = inputs.settings.steps_per_record
+    every = settings.steps_per_record
     states = flight.states[::every]
     reckoned = np.concatenate([np.zeros((1, 2)), np.cumsum(conventional.steps, axis=0)])[::every]
     return row, {

@@ -1,4 +1,4 @@
-"""Calibration of a hull's trim, drag and lateral terms, as far as its own steady glides determine them."""
+"""Calibration of the trim, drag and lateral terms that a hull's own steady glides determine."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from gliderhpc.flight.hull_parameters import (
     hull_parameters,
     with_covariance,
     with_values,
-)  # fmt: skip
+)
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
@@ -35,17 +35,17 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MIN_PROFILES = 3
-"""Fewer profiles do not determine the uncertainty of an estimate."""
+"""Minimum number of profiles from which the uncertainty of an estimate can be determined."""
 
 LEVEL = 0.95
 
-EXPLORED = 200
-"""Largest number of segments, spread over all, that are used to find the starting point."""
+MAX_START_SEGMENTS = 200
+"""Maximum number of segments, spread over the mission, used to find the starting point."""
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
 
-_ROSE_COST = 1.02
+_MAX_COST_INCREASE = 1.02
 _DIGITS = 6
 
 
@@ -137,9 +137,12 @@ class Calibration:
 
 
 def calibrate(
-    platform: Platform, segments: SteadySegments, held_out: SteadySegments, settings: CalibrationSettings,
+    platform: Platform,
+    segments: SteadySegments,
+    held_out: SteadySegments,
+    settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """Fit a hull's parameters to the balance of its steady glides.
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
@@ -177,39 +180,43 @@ def calibrate(
     free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, known))
     errors = SegmentErrors(platform, candidates, segments)
     lateral = np.isin([p.key for p in candidates], LATERAL)
-    search, wanted = _searched(errors, free, settings, report), free
+    search, wanted = _search_from_best_start(errors, free, settings, report), free
     if not is_stable(errors, search):
         report("the hull has no stable steady dive and climb: fitting again with the lateral terms held")
-        search, wanted = _searched(errors, free & ~lateral, settings, report), free & ~lateral
+        search, wanted = _search_from_best_start(errors, free & ~lateral, settings, report), free & ~lateral
     covariance = _covariance(errors, search)
-    parameters, found = _judged(errors, search, covariance, _reasons(search, free, wanted))
+    parameters, found = _judge_parameters(errors, search, covariance, _reasons(search, free, wanted))
     hull = with_values(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     steps = np.array([p.steps for p in parameters])
     hull = with_covariance(hull, _errors_in_units(errors, steps, covariance))
     answer = Calibration(
-        hull, parameters, found, search.scales,
-        score(errors, steps), score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
+        hull,
+        parameters,
+        found,
+        search.scales,
+        score(errors, steps),
+        score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
-    )  # fmt: skip
-    _check_it_glides(hull)
-    _check_it_is_better(answer, search)
+    )
+    _check_glides(hull)
+    _check_improved(answer, search)
     return answer
 
 
-def explored(errors: SegmentErrors) -> SegmentErrors:
+def start_subset(errors: SegmentErrors) -> SegmentErrors:
     """Errors over a subset of the segments, spread over all, for the search of a starting point."""
-    every = -(-len(errors.segments) // EXPLORED)
+    every = -(-len(errors.segments) // MAX_START_SEGMENTS)
     part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
     return SegmentErrors(errors.platform, errors.parameters, part, errors.reference)
 
 
-def _searched(
+def _search_from_best_start(
     errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
 ) -> CalibrationSearch:
     """Fit from the best starting point, which is found on a subset of the segments."""
-    start = best_start(explored(errors), free, report)
+    start = best_start(start_subset(errors), free, report)
     search = CalibrationSearch(errors, free, settings.undetermined, report)
     search.run(start)
     return search
@@ -256,7 +263,7 @@ def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[s
     return keys
 
 
-def _check_it_glides(hull: Platform) -> None:
+def _check_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
         raise CalibrationError(
             "calibration: the hull that fits best has no stable dive and climb, even with the lateral terms held, "
@@ -264,10 +271,10 @@ def _check_it_glides(hull: Platform) -> None:
         )
 
 
-def _check_it_is_better(found: Calibration, search: CalibrationSearch) -> None:
+def _check_improved(found: Calibration, search: CalibrationSearch) -> None:
     """Refuse a fit whose cost rose, or whose errors are clearly larger than those of the original platform."""
     before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
-    if after > _ROSE_COST * before + 1.0:
+    if after > _MAX_COST_INCREASE * before + 1.0:
         raise CalibrationError(
             f"calibration: the fit is worse than its start (cost {after:.1f}, at the start {before:.1f}): nothing is "
             f"written; {REMEDY}"
@@ -286,26 +293,36 @@ def _reasons(
     return reasons | {held.index: (held.verdict, held.alike) for held in search.held}
 
 
-def _judged(
-    errors: SegmentErrors, search: CalibrationSearch, covariance: Array,
+def _judge_parameters(
+    errors: SegmentErrors,
+    search: CalibrationSearch,
+    covariance: Array,
     reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]],
-) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:  # fmt: skip
+) -> tuple[tuple[CalibratedParameter, ...], tuple[Direction, ...]]:
     """Return all parameters with their intervals or the reasons for holding them, and the estimated directions."""
     jacobian = search.weighted()[0][:, search.free]
     scatter = np.full(len(search.free), np.nan)
-    scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles(errors)
+    scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles_factor(errors)
     variance = np.where(search.free, np.diag(covariance), np.nan)
     quantile = float(scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL))
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
         verdict, alike = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
-        parameters.append(CalibratedParameter(
-            parameter, parameter.value(errors.platform), _rounded(parameter.moved(errors.platform, step), step), step,
-            _ordered(parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)),
-            float(scatter[i] / variance[i]), verdict,
-            tuple(errors.parameters[j].key for j in alike),
-        ))  # fmt: skip
+        parameters.append(
+            CalibratedParameter(
+                parameter,
+                parameter.value(errors.platform),
+                _round_value(parameter.moved(errors.platform, step), step),
+                step,
+                _in_order(
+                    parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)
+                ),
+                float(scatter[i] / variance[i]),
+                verdict,
+                tuple(errors.parameters[j].key for j in alike),
+            )
+        )
     return tuple(parameters), directions(jacobian)
 
 
@@ -327,12 +344,12 @@ def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
     covariance[np.ix_(free, held)] = by_held * wrong
     covariance[np.ix_(held, free)] = (by_held * wrong).T
     covariance[np.ix_(free, free)] = (
-        search.scatter_covariance() * _few_profiles(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
+        search.scatter_covariance() * _few_profiles_factor(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
     )
     return covariance
 
 
-def _few_profiles(errors: SegmentErrors) -> float:
+def _few_profiles_factor(errors: SegmentErrors) -> float:
     """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
     level = 0.5 + 0.5 * LEVEL
     return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
@@ -355,9 +372,9 @@ def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> 
     )
 
 
-def _rounded(value: float, step: float) -> float:
+def _round_value(value: float, step: float) -> float:
     return value if step == 0.0 else float(f"{value:.{_DIGITS}g}")
 
 
-def _ordered(a: float, b: float) -> tuple[float, float]:
+def _in_order(a: float, b: float) -> tuple[float, float]:
     return (a, b) if a <= b or math.isnan(a) else (b, a)

@@ -15,7 +15,7 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
 
-ROSE = 0.5 * np.array(FIRST_SCALES)
+MAX_INCREASE = 0.5 * np.array(FIRST_SCALES)
 """Largest errors (m/s, rad, rad, rad/s) that a calibration may add in quadrature to the root mean square."""
 
 REMEDY = (
@@ -25,12 +25,13 @@ REMEDY = (
 """Remedy where no fit is better than its start."""
 
 
-CHANCE = 1.2
+CHANCE_FACTOR = 1.2
 """Factor by which chance may raise an error: a few tens of independent segments determine it to about a tenth."""
 
-USUAL = 0.95
-"""Fraction of the errors, the smallest ones, by which a calibration is judged. In a segment where a hull's yaw hardly
-balances, a small change of its coefficients can predict any rate of turn, and one such segment must not decide."""
+TRIMMED_FRACTION = 0.95
+"""Fraction of the errors, the smallest ones, in the trimmed root mean square by which a calibration is judged. In a
+segment where a hull's yaw hardly balances, a small change of its coefficients can predict any rate of turn, and one
+such segment must not decide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +40,12 @@ class Errors:
 
     Attributes
     ----------
-    all, usual : (4,)
-        Root mean square of all errors, and of the smallest ones, a fraction `USUAL` of them.
+    all, trimmed : (4,)
+        Root mean square of all errors, and of the smallest ones, a fraction `TRIMMED_FRACTION` of them.
     """
 
     all: Array
-    usual: Array
+    trimmed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +84,13 @@ def score_of(hull: Platform, segments: SteadySegments) -> Errors:
 
 
 def _errors(errors: SegmentErrors, steps: Array) -> Errors:
-    sizes = [np.sort(np.abs(values[counted & ~np.isnan(values)])) for values, counted in zip(
-        errors.everywhere(steps).T, errors.counted.T, strict=True
-    )]  # fmt: skip
+    sizes = [
+        np.sort(np.abs(values[counted & ~np.isnan(values)]))
+        for values, counted in zip(errors.all_errors(steps).T, errors.counted.T, strict=True)
+    ]
     return Errors(
         np.array([_root_mean_square(each) for each in sizes]),
-        np.array([_root_mean_square(each[: math.ceil(USUAL * len(each))]) for each in sizes]),
+        np.array([_root_mean_square(each[: math.ceil(TRIMMED_FRACTION * len(each))]) for each in sizes]),
     )
 
 
@@ -104,16 +106,16 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
     fitted, held_out : Score
         Errors on the profiles fitted and on those held out.
     quantities : int
-        Number of `QUANTITIES` to judge, from the first on.
+        Number of `QUANTITIES` to judge, starting with the first.
 
     Raises
     ------
     CalibrationError
-        An error (`Errors.usual`) has grown by more than chance, on the profiles fitted or on those held out.
+        An error (`Errors.trimmed`) has grown by more than chance, on the profiles fitted or on those held out.
     """
     for name, each in (("fitted", fitted), ("held out", held_out)):
-        before, after = each.errors_before.usual, each.errors_after.usual
-        rose = (np.sqrt(np.maximum(after**2 - before**2, 0.0)) > ROSE) & (after > CHANCE * before)
+        before, after = each.errors_before.trimmed, each.errors_after.trimmed
+        rose = (np.sqrt(np.maximum(after**2 - before**2, 0.0)) > MAX_INCREASE) & (after > CHANCE_FACTOR * before)
         rose = rose[:quantities]
         if rose.any():
             raise CalibrationError(

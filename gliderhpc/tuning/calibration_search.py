@@ -15,7 +15,7 @@ from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FARTHEST = 4.0
+PARAMETER_BOUND = 4.0
 """Bound of every parameter, in its plausible deviations."""
 
 FIRST_SCALES = (0.02, math.radians(2.0), math.radians(2.0), math.radians(0.2))
@@ -30,22 +30,22 @@ FLATNESS = math.radians(0.02)
 RESCALINGS, START_RESCALINGS = 4, 2
 """Numbers of fits, each with the scales that the previous one left: in a search, and from each starting point."""
 
-STARTS = 3
-"""Starting points: the platform's own hull, and hulls drawn around it within `FARTHEST_START` plausible deviations."""
+START_COUNT = 3
+"""Starting points: the platform's own hull, and hulls drawn around it within `START_SPREAD` plausible deviations."""
 
-FARTHEST_START = 2.0
+START_SPREAD = 2.0
 
-REFUTED = 3.0
+REFUTED_DISTANCE = 3.0
 """Distance from the most probable value, in standard errors, beyond which the platform's value is refuted."""
 
-ROUGH, USUAL, FINE = 1e-4, 1e-6, 1e-8
+COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
 
 _MAD = 1.4826
 _LARGE = 3.0
 _INVOLVED = 0.3
 _UNMOVED = 1e-6
-_AT_BOUND = 0.999 * FARTHEST
+_AT_BOUND = 0.999 * PARAMETER_BOUND
 _SEED = 0
 
 
@@ -116,13 +116,13 @@ class CalibrationSearch:
             Starting point, from `best_start`.
         """
         self.steps = np.where(self.free, steps, 0.0)
-        self.fit_everything(RESCALINGS, USUAL)
-        self._hold_the_undetermined()
+        self.fit_everything(RESCALINGS, DEFAULT_TOLERANCE)
+        self._hold_undetermined()
         self._settle()
-        while (doubtful := self._at_bound() or self._scattered()) is not None:
+        while (doubtful := self._at_bound() or self._find_scattered()) is not None:
             self._hold(doubtful)
             self._settle()
-        self._fit(prior=0.0, tolerance=FINE)
+        self._fit(prior=0.0, tolerance=FINE_TOLERANCE)
 
     def fit_everything(self, times: int, tolerance: float) -> None:
         """Repeat the fit of the free parameters, with plausible deviations as a prior, and the update of the scales."""
@@ -179,11 +179,11 @@ class CalibrationSearch:
     def _settle(self) -> None:
         self._fit(prior=0.0)
         self._rescale()
-        while self._hold_the_undetermined():
+        while self._hold_undetermined():
             self._fit(prior=0.0)
             self._rescale()
 
-    def _hold_the_undetermined(self) -> bool:
+    def _hold_undetermined(self) -> bool:
         """Hold parameters until every direction is determined, and return whether any was held."""
         before = len(self.held)
         while self.free.any():
@@ -201,7 +201,7 @@ class CalibrationSearch:
         beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
         return Held(int(beyond[0]), CalibrationVerdict.IMPLAUSIBLE) if len(beyond) else None
 
-    def _scattered(self) -> Held | None:
+    def _find_scattered(self) -> Held | None:
         if not self.free.any():
             return None
         scatter = np.nan_to_num(self.scatter())
@@ -216,11 +216,11 @@ class CalibrationSearch:
         """
         if held.verdict is CalibrationVerdict.UNDETERMINED:
             self._fit(prior=1.0)
-            if self._refuted_by(held.index) > REFUTED:
+            if self._refuted_by(held.index) > REFUTED_DISTANCE:
                 held = replace(held, verdict=CalibrationVerdict.REFUTED)
         value = 0.0 if held.verdict is CalibrationVerdict.UNDETERMINED else float(self.steps[held.index])
         if abs(value) > _AT_BOUND:
-            held, value = replace(held, verdict=CalibrationVerdict.IMPLAUSIBLE), math.copysign(FARTHEST, value)
+            held, value = replace(held, verdict=CalibrationVerdict.IMPLAUSIBLE), math.copysign(PARAMETER_BOUND, value)
         self.held.append(held)
         self._report(f"{self._errors.parameters[held.index].key} is {held.verdict.value}")
         moved = abs(self.steps[held.index] - value) > _UNMOVED
@@ -235,7 +235,7 @@ class CalibrationSearch:
         place = int(np.count_nonzero(self.free[:index]))
         return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
 
-    def _fit(self, prior: float, tolerance: float = USUAL) -> None:
+    def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
         chosen = np.flatnonzero(self.free)
         if not len(chosen):
             return
@@ -261,9 +261,16 @@ class CalibrationSearch:
             return np.vstack([errors, prior * unit, barrier_slope(values)])
 
         found = scipy.optimize.least_squares(
-            residuals, self.steps[chosen], jac=jacobian, bounds=(-FARTHEST, FARTHEST), loss="soft_l1",
-            xtol=100.0 * tolerance, ftol=tolerance, gtol=tolerance, max_nfev=60,
-        )  # fmt: skip
+            residuals,
+            self.steps[chosen],
+            jac=jacobian,
+            bounds=(-PARAMETER_BOUND, PARAMETER_BOUND),
+            loss="soft_l1",
+            xtol=100.0 * tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+            max_nfev=60,
+        )
         self.steps = at(found.x)
         self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
 
@@ -298,13 +305,13 @@ def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None])
     """
     rng = np.random.default_rng(_SEED)
     found = []
-    for number in range(STARTS):
+    for number in range(START_COUNT):
         search = CalibrationSearch(errors, free, 1.0, lambda _: None)
-        drawn = np.clip(rng.standard_normal(len(free)), -FARTHEST_START, FARTHEST_START)
+        drawn = np.clip(rng.standard_normal(len(free)), -START_SPREAD, START_SPREAD)
         search.steps = np.where(free, drawn, 0.0) if number else np.zeros(len(free))
-        search.fit_everything(START_RESCALINGS, ROUGH)
+        search.fit_everything(START_RESCALINGS, COARSE_TOLERANCE)
         found.append((search.misfit(), search.steps))
-        report(f"start {number + 1} of {STARTS}: misfit {found[-1][0]:.1f}")
+        report(f"start {number + 1} of {START_COUNT}: misfit {found[-1][0]:.1f}")
     return min(found, key=lambda each: each[0])[1]
 
 

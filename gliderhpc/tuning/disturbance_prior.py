@@ -1,4 +1,4 @@
-"""Maximum-likelihood disturbance prior of some records, as far as they determine its numbers."""
+"""Maximum-likelihood disturbance prior: those of its numbers that the records determine."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ TOLERANCE = 0.2
 """Gain of log-likelihood below which the rounds end."""
 
 COARSE_TOLERANCE = 5.0
-"""Likewise for the first, rough fits from all starts."""
+"""The same for the first, rough fits from all starts."""
 
 HELD_ERROR = 2.0
 """Standard error of the logarithm of a held number, assumed for the errors of the others: a factor of seven."""
@@ -120,8 +120,8 @@ def tune_prior(
 
     The method is Fisher scoring on the logarithms. It starts from each prior that the filter would use for the
     platform, and from the platform's deviations with the correlation times `START_TIMES`; the highest maximum is taken.
-    Numbers that the records do not determine are then held at the platform's value, one after another from the least
-    certain on, and the others are fitted again. A number stays free if holding it costs more than `LIKELY_LOSS`.
+    Numbers that the records do not determine are then held at the platform's value, one by one, the least certain
+    first, and the others are fitted again. A number stays free if holding it costs more than `LIKELY_LOSS`.
 
     Parameters
     ----------
@@ -143,18 +143,25 @@ def tune_prior(
     before = default_prior(platform)
     search = _Search(likelihood, _logarithms(before), settings, report)
     search.climb([_logarithms(prior) for prior in _starts(platform)])
-    search.hold_the_undetermined()
-    after = _rounded(search.point, search.free, before)
+    search.hold_undetermined()
+    after = _round_prior(search.point, search.free, before)
     judgement_before, judgement_after = likelihood.judge([before, after])
 
-    def tested(judgement: Judgement) -> dict[str, Whiteness]:
+    def whiteness_by_sensor(judgement: Judgement) -> dict[str, Whiteness]:
         return _whiteness(judgement, likelihood.lengths, settings)
 
     return TunedPrior(
-        before, after, judgement_before, judgement_after, search.errors(), search.verdicts, search.settled,
-        tested(judgement_before), tested(judgement_after),
+        before,
+        after,
+        judgement_before,
+        judgement_after,
+        search.errors(),
+        search.verdicts,
+        search.settled,
+        whiteness_by_sensor(judgement_before),
+        whiteness_by_sensor(judgement_after),
         any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
-    )  # fmt: skip
+    )
 
 
 class _LogarithmicLikelihood:
@@ -193,16 +200,16 @@ class _Search:
 
     def climb(self, starts: Sequence[Array]) -> None:
         """Maximise over all numbers: roughly from several starts, then accurately from the highest of the maxima."""
-        maxima = [self._maximised(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
+        maxima = [self._maximise(np.clip(start, *self._bounds), self.free, COARSE_TOLERANCE) for start in starts]
         highest = max(maxima, key=lambda maximum: maximum.expansion.value)
-        self._maximum = self._maximised(highest.point, self.free)
+        self._maximum = self._maximise(highest.point, self.free)
 
-    def hold_the_undetermined(self) -> None:
+    def hold_undetermined(self) -> None:
         """Reset the numbers that the records do not determine to the platform's values, and fit the others again."""
         while (weakest := self._weakest()) is not None:
             free = self.free.copy()
             free[weakest] = False
-            without = self._maximised(self._followed(weakest, free), free)
+            without = self._maximise(self._expected_maximum(weakest, free), free)
             if self._maximum.expansion.value - without.expansion.value > LIKELY_LOSS:
                 self._one_sided[weakest] = True
             else:
@@ -237,7 +244,7 @@ class _Search:
         weakest = int(np.argmax(errors))
         return weakest if errors[weakest] > self._worst_error else None
 
-    def _followed(self, held: int, free: Mask) -> Array:
+    def _expected_maximum(self, held: int, free: Mask) -> Array:
         """Expected point of the maximum when one number is reset to the platform's value."""
         information = self._maximum.expansion.information
         among = np.flatnonzero(self.free) == held
@@ -249,7 +256,7 @@ class _Search:
         point[free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
         return np.asarray(np.clip(point, *self._bounds))
 
-    def _maximised(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
+    def _maximise(self, start: Array, free: Mask, tolerance: float = TOLERANCE) -> Maximum:
         return maximise(
             self._function,
             start,
@@ -281,7 +288,7 @@ def _prior(logarithms: Array) -> DisturbancePrior:
     return DisturbancePrior(deviation=tuple(values[:6]), correlation_time=tuple(values[6:]))
 
 
-def _rounded(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
+def _round_prior(logarithms: Array, free: Mask, held: DisturbancePrior) -> DisturbancePrior:
     """Prior with the held numbers unchanged and the others rounded to four digits."""
     values = [float(f"{value:.{_DIGITS}g}") for value in np.exp(logarithms)]
     fixed = [*held.deviation, *held.correlation_time]

@@ -14,7 +14,7 @@ DAMPINGS = (0.01, 1.0, 30.0, 1000.0)
 """Information added to each parameter, one value for each of the steps that a round tries."""
 
 LONGEST_STEP = 2.0
-"""Largest move of a parameter in a round."""
+"""Maximum move of a parameter in a round."""
 
 
 class Likelihood(Protocol):

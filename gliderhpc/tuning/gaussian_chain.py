@@ -188,7 +188,7 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
     gains = [_gain(sequential[i], predicted[i + 1], change) for i, change in enumerate(changes[: len(terms) - 1])]
     smoothed = [sequential[-1]]
     for number in range(len(terms) - 2, -1, -1):
-        smoothed.append(_smoothed(sequential[number], predicted[number + 1], gains[number], smoothed[-1]))
+        smoothed.append(_smooth_one(sequential[number], predicted[number + 1], gains[number], smoothed[-1]))
     return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence, tuple(gains))
 
 
@@ -197,6 +197,6 @@ def _gain(here: Gaussian, predicted: Gaussian, change: Change) -> Array:
     return np.asarray(scipy.linalg.cho_solve(factor, change.decay[:, None] * here.covariance).T)
 
 
-def _smoothed(here: Gaussian, predicted: Gaussian, gain: Array, after: Gaussian) -> Gaussian:
+def _smooth_one(here: Gaussian, predicted: Gaussian, gain: Array, after: Gaussian) -> Gaussian:
     covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.T
     return Gaussian(here.mean + gain @ (after.mean - predicted.mean), 0.5 * (covariance + covariance.T))

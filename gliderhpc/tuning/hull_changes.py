@@ -24,9 +24,9 @@ _UNCHANGED = 0.5
 """Prior probability that nothing changes."""
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
-"""Probability from which on a change counts as found."""
+"""Minimum probability of a change that counts as found."""
 _MIN_DIVES = 4
-"""Smallest number of dives; with fewer, a change cannot be distinguished from their scatter."""
+"""Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def find_changes(
     size : float
         Prior standard deviation of a whole change, in plausible deviations.
     companions : mapping of int to int, optional
-        Index of an error that may change at the same time as a suspect, with the same course and a size of its own. It
+        Index of an error that may change at the same time as a suspect, with the same course but another size. It
         is considered in the size and onset of the change, but not in its probability.
 
     Returns
@@ -119,7 +119,10 @@ def find_changes(
 
 def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
     """Dives under each assumption of the noise that all of them have."""
-    return [dives, *([dive.assuming(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives)))]
+    return [
+        dives,
+        *([dive.under_assumption(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives))),
+    ]
 
 
 class _Chain:
@@ -215,7 +218,7 @@ def size_likelihood(
     terms : sequence of Information
         Information of the dives.
     parameters : sequence of int
-        Indices of the k unknowns that change, each by a size of its own.
+        Indices of the k unknowns that change, each by a different size.
     shapes : (m, n)
         Course of the change over the dives.
     """
@@ -257,9 +260,12 @@ def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> HullC
     low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
     probability = float(np.mean([_probability(first.log_evidence) for first, *_ in assumptions]))
     return HullChange(
-        probability, total, spread, (low, min(middle, onsets), min(high, onsets)),
+        probability,
+        total,
+        spread,
+        (low, min(middle, onsets), min(high, onsets)),
         float(by_form[FORMS.index("step")].sum()),
-    )  # fmt: skip
+    )
 
 
 def _weights(candidates: Sequence[_Candidates]) -> Array:

@@ -86,7 +86,7 @@ def _scale(residuals: Array, least: float) -> float:
     return 1.4826 * float(np.median(np.abs(residuals))) + least
 
 
-def solved(normal: Array, score: Array) -> Array:
+def solve_normal_equations(normal: Array, score: Array) -> Array:
     """Least-squares solution of the normal equations, zero in undetermined directions."""
     return np.asarray(np.linalg.pinv(normal, hermitian=True) @ score)
 
@@ -113,7 +113,7 @@ def left_out_covariance(
     for number in np.unique(profile):
         own = profile == number
         rest = normal - stiffness * weighted[own].T @ design[own]
-        moves.append(solved(rest, weighted[own].T @ residuals[own]))
+        moves.append(solve_normal_equations(rest, weighted[own].T @ residuals[own]))
     count = len(moves)
     scatter = (count - 1) / count * np.array(moves).T @ np.array(moves)
     inverse = np.linalg.pinv(normal, hermitian=True)

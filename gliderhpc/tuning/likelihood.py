@@ -154,7 +154,7 @@ class PriorLikelihood:
             for profile, candidate, estimate in self._trials.run(priors)
         }
         return [
-            _together([found[candidate, profile] for profile in range(len(self._profiles))])
+            _join_judgements([found[candidate, profile] for profile in range(len(self._profiles))])
             for candidate in range(len(priors))
         ]
 
@@ -232,7 +232,7 @@ def _undisturbed(request: PreparedProfile, recovery: float) -> NDArray[np.bool_]
     return np.asarray(vibrating[rows + 1] == vibrating[np.maximum(rows - reach, 0)])
 
 
-def _together(parts: Sequence[Judgement]) -> Judgement:
+def _join_judgements(parts: Sequence[Judgement]) -> Judgement:
     """Join the judgements of several profiles."""
     return Judgement(
         float(sum(part.log_likelihood for part in parts)),

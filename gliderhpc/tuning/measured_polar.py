@@ -27,11 +27,11 @@ from gliderhpc.tuning.steady_segments import SteadySegments
 Array = NDArray[np.float64]
 
 MIN_SEGMENTS, MIN_PROFILES = 5, 3
-"""Smallest number of segments on dives, and on climbs, and smallest number of profiles."""
+"""Minimum numbers of segments, on dives and on climbs, and of profiles."""
 MIN_RELATIVE_ERROR = 0.01
-"""Smallest relative error of drag and lift: that of the velocity's scale."""
+"""Minimum relative error of drag and lift: that of the velocity's scale."""
 _MIN_SPEED = 0.05
-"""Smallest forward velocity of a glide, m/s."""
+"""Minimum forward velocity of a glide, m/s."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,11 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     scatter = np.sqrt(np.diag(jackknife_covariance(matrix, matrix @ found - right, profile)))
     relative = velocity_error / float(np.median(chosen.velocity[:, 0]))
     return MeasuredPolar(
-        drag, lift,
+        drag,
+        lift,
         float(np.sqrt(scatter[0] ** 2 + (2.0 * relative) ** 2 + MIN_RELATIVE_ERROR**2)),
         float(np.sqrt(scatter[1] ** 2 + relative**2 + MIN_RELATIVE_ERROR**2)),
-    )  # fmt: skip
+    )
 
 
 def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -118,9 +119,13 @@ def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, 
 
 
 def with_measured_polar(
-    platform: Platform, hull: Platform, segments: SteadySegments, velocity_error: float, held: Collection[str] = (),
+    platform: Platform,
+    hull: Platform,
+    segments: SteadySegments,
+    velocity_error: float,
+    held: Collection[str] = (),
     report: Callable[[str], None] = lambda _: None,
-) -> Platform:  # fmt: skip
+) -> Platform:
     """Return a platform with drag and lift of the measured velocity, and with their errors as plausible deviations.
 
     Parameters
@@ -168,7 +173,7 @@ def with_measured_polar(
     ):
         if key in held or key not in known or not value > 0.0:
             continue
-        values[key], deviations[key] = _averaged(known[key], platform, value, error)
+        values[key], deviations[key] = _average_with_platform(known[key], platform, value, error)
     if not values:
         return platform
     uncertainty = platform.uncertainty or Uncertainty()
@@ -176,7 +181,9 @@ def with_measured_polar(
     return with_values(platform, values).model_copy(update={"uncertainty": narrowed})
 
 
-def _averaged(parameter: HullParameter, platform: Platform, value: float, error: float) -> tuple[float, float]:
+def _average_with_platform(
+    parameter: HullParameter, platform: Platform, value: float, error: float
+) -> tuple[float, float]:
     """Average a measured value of a relative error with the platform's; return it with its plausible deviation."""
     prior = parameter.value(platform)
     plausible = parameter.deviation(platform) / (1.0 if parameter.factor else abs(prior))

@@ -21,7 +21,7 @@ from gliderhpc.tuning.turn_test import (
     changes_with_current,
     extended_information,
     with_current,
-)  # fmt: skip
+)
 
 ScoreAndInformation = tuple[Array, Array]
 """Gradient (p,) of a log-likelihood and its expected curvature (p, p)."""
@@ -32,11 +32,11 @@ _FIT_LEVEL = 0.99
 _ROUNDS = 4
 """Rounds in which inflation and weights are computed in turn."""
 _MIN_CURRENTS = 2
-"""Smallest number of currents; a single one gives no information."""
+"""Minimum number of currents; a single one gives no information."""
 _UNINFORMED = 1e-9
 """Fraction of the prior's information that is added where the dives have none."""
 MIN_COMPARED = 4
-"""Smallest number of dives from which their scatter can be estimated."""
+"""Minimum number of dives from which their scatter can be estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class DiveTerm:
         """Log-likelihood of eta, up to a constant."""
         return about(self.score, self.information, self.point)
 
-    def assuming(self, other: int) -> "DiveTerm":
+    def under_assumption(self, other: int) -> "DiveTerm":
         """Return the dive under one of the other assumptions of the noise."""
         score, information = self.others[other]
         return replace(self, score=score, information=information)
@@ -201,10 +201,10 @@ def solve_mission(
     its information is divided by the ratio of the two.
 
     The result also depends on the assumed noise. Where it moves under the other assumptions, with the same weights and
-    inflation, the dives have less influence on the mean, and the covariance grows (`with_doubt`).
+    inflation, the dives have less influence on the mean, and the covariance grows (`widen_by_disagreement`).
     """
     weight, inflation = np.ones(len(dives)), 1.0
-    problem = _posed(dives, prior, turn_test)
+    problem = _pose_problem(dives, prior, turn_test)
     if robust and len(dives) >= MIN_COMPARED:
         for _ in range(_ROUNDS):
             chi_square, freedom = problem.disagreements(inflation, weight)
@@ -213,45 +213,58 @@ def solve_mission(
     count = len(prior.walk)
     chain = problem.chain(inflation, weight)
     others = [
-        _posed([dive.assuming(i) for dive in dives], prior, turn_test).chain(inflation, weight)
+        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test).chain(inflation, weight)
         for i in range(min(len(dive.others) for dive in dives))
     ]
     chi_square, freedom = problem.disagreements(inflation, weight)
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
-    smoothed = _doubted(prior, times, chain.smoothed, [other.smoothed for other in others], count)
-    sequential = _doubted(prior, times, chain.sequential, [other.sequential for other in others], count)
+    smoothed = _widen_by_assumptions(prior, times, chain.smoothed, [other.smoothed for other in others], count)
+    sequential = _widen_by_assumptions(prior, times, chain.sequential, [other.sequential for other in others], count)
     (change, change_std), *by_others = ([each[:, :count] for each in one.since_first()] for one in (chain, *others))
     change_std = np.sqrt(change_std**2 + sum((other - change) ** 2 for other, _ in by_others))
     return MissionHull(
-        numbers, times, smoothed, sequential, chain.log_evidence, inflation, weight, chi_square, freedom, prior,
-        change, change_std,
-    )  # fmt: skip
+        numbers,
+        times,
+        smoothed,
+        sequential,
+        chain.log_evidence,
+        inflation,
+        weight,
+        chi_square,
+        freedom,
+        prior,
+        change,
+        change_std,
+    )
 
 
-def _doubted(
-    prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Sequence[Gaussian]],
+def _widen_by_assumptions(
+    prior: HullPrior,
+    times: NDArray[np.datetime64],
+    found: Sequence[Gaussian],
+    others: Sequence[Sequence[Gaussian]],
     count: int,
-) -> tuple[Gaussian, ...]:  # fmt: skip
+) -> tuple[Gaussian, ...]:
     """Distributions of the first unknowns at every dive, including the uncertainty from the assumed noise."""
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
     return tuple(
-        with_doubt(
-            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day + _jumped(prior, i))),
+        widen_by_disagreement(
+            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day + _jump_variances(prior, i))),
             each.part(count),
             [other[i].part(count) for other in others],
         )
         for i, (each, day) in enumerate(zip(found, days.tolist(), strict=True))
-    )  # fmt: skip
+    )
 
 
-def _jumped(prior: HullPrior, position: int) -> Array:
+def _jump_variances(prior: HullPrior, position: int) -> Array:
     """Variances ``(p,)`` of the changes at once up to a dive."""
     before = [variance for first, variance in prior.jumps.items() if first <= position]
     return np.asarray(np.sum(before, axis=0)) if before else np.zeros(len(prior.walk))
 
 
-def with_doubt(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
+def widen_by_disagreement(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
     """Widen a posterior to include the disagreement of the results under other, equally plausible assumptions.
 
     Parameters
@@ -328,14 +341,15 @@ def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
     return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / np.timedelta64(1, "s"), 0.0))
 
 
-def _posed(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
+def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
     changes = changes_of(dives, prior.walk, prior.jumps)
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
         return _Problem(prior.eta, changes, [dive.term for dive in dives])
     return _Problem(
-        with_current(prior.eta, turn_test), changes_with_current(changes, _seconds_between(dives), turn_test),
+        with_current(prior.eta, turn_test),
+        changes_with_current(changes, _seconds_between(dives), turn_test),
         [dive.term_with_current for dive in dives],
-    )  # fmt: skip
+    )
 
 
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:

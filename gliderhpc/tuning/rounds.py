@@ -6,7 +6,7 @@ from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, Settings
 from gliderhpc.platform import Platform
 
 USUAL_ROUNDS = 4
-"""Largest number of rounds for hulls with fast sensors, if the setting does not give one."""
+"""Maximum number of rounds for hulls with fast sensors, if the setting does not give one."""
 
 
 class RoundSettings(Settings):

@@ -31,7 +31,7 @@ DIFFERENCE = 1e-4
 """Step of the finite differences, in plausible deviations."""
 
 FLATTEST_MARGIN = 1.25
-"""Smallest ratio of the segments' flattest pitch to the flattest pitch at which the hull can glide."""
+"""Minimum ratio of the segments' flattest pitch to the flattest pitch at which the hull can glide."""
 
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
@@ -73,9 +73,9 @@ class SegmentErrors:
 
     def __call__(self, steps: Array) -> Array:
         """Return the errors used, SI, as a vector (m,)."""
-        return np.asarray(self.everywhere(steps)[self.counted])
+        return np.asarray(self.all_errors(steps)[self.counted])
 
-    def everywhere(self, steps: Array) -> Array:
+    def all_errors(self, steps: Array) -> Array:
         """All errors (n, 4), SI."""
         return self._balance(steps).errors
 
@@ -165,7 +165,7 @@ def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
 
 
 MIN_SHARE = 0.5
-"""Smallest fraction of segments with a known density for which the density is used."""
+"""Minimum fraction of segments with a known density for which the density is used."""
 
 
 def choose_buoyancy(

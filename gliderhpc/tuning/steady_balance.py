@@ -22,10 +22,10 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 ITERATIONS = 12
-"""Largest number of Newton steps for the velocity."""
+"""Maximum number of Newton steps for the velocity."""
 
 LARGEST_STEP = 0.1
-"""Largest change of the velocity in a step, as a fraction of the speed."""
+"""Maximum change of the velocity in a step, as a fraction of the speed."""
 
 CONVERGED = 1e-9
 """Step length (m/s) below which the iteration ends; convergence is quadratic."""
@@ -104,7 +104,7 @@ QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
 _ROWS_AT_ONCE = 4096
-"""Largest number of stretches, over all hulls, that are solved in one go."""
+"""Maximum number of stretches, over all hulls, that are solved together."""
 
 
 def steady_balances(
@@ -200,13 +200,13 @@ class _Flight:
         """
         moving = np.ones(len(self.gliders), dtype=bool)
         for _ in range(ITERATIONS):
-            step = _solved(self._by_velocity, -self.missing)
+            step = _solve(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
             shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
-                # NaN never counts as converged: a hull with NaN in one stretch goes on iterating for the others.
+                # NaN never counts as converged: a hull with NaN in one stretch keeps iterating for the others.
                 moving[hull] = not length[rows].max(initial=0.0) < CONVERGED
             self._evaluate()
             if not moving.any():
@@ -235,12 +235,12 @@ class _Flight:
             self._following(partials)
             for partials in (self._by_angle(0, self._frame.by_roll), (turning, self._missing_by(turning)))
         ]
-        return _solved(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
+        return _solve(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
     def _following(self, partials: tuple[Array, Array]) -> Array:
         """Total derivatives (n, 10) of the rates with respect to an angle; the velocity keeps `missing` unchanged."""
         rates, missing = partials
-        return rates + _product(self._jacobian[:, :, VELOCITY], _solved(self._by_velocity, -missing))
+        return rates + _product(self._jacobian[:, :, VELOCITY], _solve(self._by_velocity, -missing))
 
     def _by_angle(self, column: int, frame: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         """Derivatives of rates and `missing` with respect to roll or pitch, at fixed rate of turn and velocity."""
@@ -306,16 +306,16 @@ def _product(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
 
 
-def _solved(matrices: Array, vectors: Array) -> Array:
+def _solve(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
 
 
 MIN_SPEED = 0.05
-"""Smallest speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
+"""Minimum speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
 
 GLIDE_ROUNDS = 6
 GLIDE_CONVERGED = 1e-7
-"""Largest number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
+"""Maximum number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,7 +356,7 @@ def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude)
     found = StillWaterGlide(np.full_like(level.depth_rate, np.nan), np.full_like(level.speed, np.nan))
     flying = np.isfinite(level.depth_rate + attitude.roll + attitude.turn_rate) & (level.speed > MIN_SPEED)
     if flying.any():
-        found.depth_rate[flying], found.speed[flying] = _balanced(
+        found.depth_rate[flying], found.speed[flying] = _balance_depth_rate(
             glider, bodies[flying], attitude.of(flying), level.depth_rate[flying]
         )
     return found
@@ -373,7 +373,9 @@ def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> S
     return StillWaterGlide(-speed * path, speed)
 
 
-def _balanced(glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array) -> tuple[Array, Array]:
+def _balance_depth_rate(
+    glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array
+) -> tuple[Array, Array]:
     """Depth rate and speed at which no vertical force remains; NaN where the rounds do not converge."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)

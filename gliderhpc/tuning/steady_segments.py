@@ -113,7 +113,7 @@ def steady_segments(
     settings: EstimationSettings,
     steady: SegmentSettings,
     *,
-    may_be_flatter: bool = False,
+    allow_flatter: bool = False,
 ) -> SteadySegments:
     """Find and average the steady segments of some profiles; one without any is left out with a warning in the log.
 
@@ -125,7 +125,7 @@ def steady_segments(
         Profiles to read.
     settings, steady : EstimationSettings, SegmentSettings
         Settings of the records' preparation, and criteria of steady flight.
-    may_be_flatter : bool
+    allow_flatter : bool
         Whether the segments are selected with more lift and less drag if the platform gives none. A hull that cannot
         glide as flat as the records show gives none, and that is the very error that a calibration has to correct.
 
@@ -135,17 +135,17 @@ def steady_segments(
         No profile has a steady segment.
     """
     found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
-    if may_be_flatter and not found:
-        found, other_reasons = _segments_of_all(observations, _flatter(platform), numbers, settings, steady)
+    if allow_flatter and not found:
+        found, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
         if found:
             reasons = other_reasons
-            log.warning("%s finds no steady flight; it is chosen with more lift and less drag", platform.name)
+            log.warning("%s finds no steady flight; segments are selected with more lift and less drag", platform.name)
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
     if not found:
         last = next(reversed(reasons.values()), "no profile was selected")
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {last}")
-    return joined(found)
+    return join_segments(found)
 
 
 def _segments_of_all(
@@ -169,12 +169,12 @@ _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
 """Changes of a hull, in plausible deviations, with which it glides about as flat as is plausible."""
 
 
-def _flatter(platform: Platform) -> Platform:
+def _flatter_hull(platform: Platform) -> Platform:
     parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
     return moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
 
 
-def joined(parts: Sequence[SteadySegments]) -> SteadySegments:
+def join_segments(parts: Sequence[SteadySegments]) -> SteadySegments:
     """Put segments one after the other."""
     names = [field.name for field in fields(SteadySegments)]
     return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
@@ -194,20 +194,20 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
         The profile has no steady segment.
     """
     vibrating = vibration_set(platform, series)
-    usable = _settled(~vibrating, series, steady.settling)
+    usable = _settled_mask(~vibrating, series, steady.settling)
     usable &= (series.weights > 0.0) & (series.measurements[:, 3] > steady.least_depth)
     bounds = _parts(usable, series, steady)
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
     velocity = measured_velocity(platform, series, ~vibrating)
-    found = _averaged(series, bounds, steady, velocity)
+    found = _average(series, bounds, steady, velocity)
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
     return found.of(steady_mask)
 
 
-def _settled(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
+def _settled_mask(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
     """Calm samples (n+1,) without the first `settling` seconds of every calm stretch."""
     settled = np.zeros_like(calm)
     for start, stop in stretches(calm):
@@ -228,7 +228,7 @@ def _parts(usable: Mask, series: ProfileSeries, steady: SegmentSettings) -> list
     return parts
 
 
-def _averaged(
+def _average(
     series: ProfileSeries, bounds: list[tuple[int, int]], steady: SegmentSettings, velocity: RelativeVelocity | None
 ) -> SteadySegments:
     means = np.array([series.measurements[a:b].mean(axis=0) for a, b in bounds])

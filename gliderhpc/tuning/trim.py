@@ -6,8 +6,8 @@ import numpy as np
 
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.calibration import CalibrationSettings, check_profiles, explored, is_stable, keys_of
-from gliderhpc.tuning.calibration_search import RESCALINGS, USUAL, CalibrationSearch, best_start
+from gliderhpc.tuning.calibration import CalibrationSettings, check_profiles, is_stable, keys_of, start_subset
+from gliderhpc.tuning.calibration_search import DEFAULT_TOLERANCE, RESCALINGS, CalibrationSearch, best_start
 from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -19,9 +19,11 @@ TRIM = (
 
 
 def fit_trim(
-    platform: Platform, segments: SteadySegments, settings: CalibrationSettings,
+    platform: Platform,
+    segments: SteadySegments,
+    settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
-) -> Platform:  # fmt: skip
+) -> Platform:
     """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
 
     The result is the start of the rounds over the dives. With these few numbers near the truth the filter follows the
@@ -55,6 +57,6 @@ def fit_trim(
     free = np.isin(keys, TRIM) & ~np.isin(keys, keys_of(settings.hold, (*candidates, *hull_parameters(platform))))
     errors = SegmentErrors(platform, candidates, segments)
     search = CalibrationSearch(errors, free, settings.undetermined, report)
-    search.steps = best_start(explored(errors), free, report)
-    search.fit_everything(RESCALINGS, USUAL)
+    search.steps = best_start(start_subset(errors), free, report)
+    search.fit_everything(RESCALINGS, DEFAULT_TOLERANCE)
     return errors.hull(search.steps) if is_stable(errors, search) else platform

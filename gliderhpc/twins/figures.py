@@ -247,8 +247,16 @@ def _draw_sweep(axes: Axes, summary: Sequence[Row], sweep: str) -> None:
         lines.sort(key=lambda line: float(line["value"]))
         x = [line["value"] for line in lines]
         for colour, (score, label) in zip(COLOURS, _SWEEP_SCORES, strict=False):
-            axes.plot(x, [line[score] for line in lines], LINE_STYLES.get(preset, "-"), marker="o", ms=3, lw=1.1,
-                      color=colour, label=f"{label} ({preset})")  # fmt: skip
+            axes.plot(
+                x,
+                [line[score] for line in lines],
+                LINE_STYLES.get(preset, "-"),
+                marker="o",
+                ms=3,
+                lw=1.1,
+                color=colour,
+                label=f"{label} ({preset})",
+            )
     axes.set_yscale("log")
     if sweep == "step":
         axes.legend(fontsize=SMALL - 1.5, frameon=False)

@@ -100,32 +100,24 @@ def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
     Returns
     -------
     list
-        Inversions in the order of the cases; in place of an inversion, the reason why the twin could not be simulated
+        Inversions in the order of the cases; instead of an inversion, the reason why the twin could not be simulated
         (`InputError`) or inverted (`ProfileError`).
     """
     twins = [_simulate(case) for case in cases]
     began = time.perf_counter()
-    tasks = [(index, twin.task) for index, twin in enumerate(twins) if not isinstance(twin, Exception)]
+    tasks = [(index, twin[2]) for index, twin in enumerate(twins) if not isinstance(twin, Exception)]
     # Threads of linear algebra cost far more than they gain on such short vectors.
     with threadpool_limits(limits=1):
         estimates = dict(estimate_profiles(tasks, cases[0].settings))
     seconds = (time.perf_counter() - began) / len(cases)
     return [
-        twin if isinstance(twin, Exception) else _with_truth(twin, estimates[index], seconds)
+        twin if isinstance(twin, Exception) else _with_truth(*twin[:2], estimates[index], seconds)
         for index, twin in enumerate(twins)
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _SimulatedTwin:
-    """A simulated twin, and its record prepared for inversion."""
-
-    record: ProfileRecord
-    truth: ProfileTruth
-    task: PreparedProfile
-
-
-def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
+def _simulate(case: TwinCase) -> tuple[ProfileRecord, ProfileTruth, PreparedProfile] | Refused:
+    """Return the record of a twin, its truth, and the record prepared for inversion."""
     try:
         record, truth = _cached_profile(case.hull, case.scenario, case.seed, case.number)
         record = case.changes.apply(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
@@ -134,7 +126,7 @@ def _simulate(case: TwinCase) -> _SimulatedTwin | Refused:
         task = prepare_profile(Glider(assumed), on_steps(record, case.settings, assumed), initial_error)
     except (ProfileError, InputError) as error:
         return error
-    return _SimulatedTwin(record, truth, task)
+    return record, truth, task
 
 
 @lru_cache(maxsize=4)
@@ -144,11 +136,11 @@ def _cached_profile(hull: Platform, scenario: Scenario, seed: int, number: int) 
 
 
 def _with_truth(
-    twin: _SimulatedTwin, estimate: ProfileEstimate | ProfileError, seconds: float
+    record: ProfileRecord, truth: ProfileTruth, estimate: ProfileEstimate | ProfileError, seconds: float
 ) -> TwinInversion | ProfileError:
     if isinstance(estimate, ProfileError):
         return estimate
-    series, truth = estimate.series, twin.truth
+    series = estimate.series
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     measured = series.weights > 0.0
     steady = ~estimate.vibrating[:-1] & measured[:-1] & measured[1:] & (series.time[:-1] >= SETTLING)
@@ -156,4 +148,4 @@ def _with_truth(
     diving = np.arange(len(steady)) < int(np.argmax(states[:, 5]))
     truth_time = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
     disturbances = averages_between(truth.disturbances, truth_time, series.time)
-    return TwinInversion(estimate, twin.record, truth, disturbances, states, steady, diving, seconds)
+    return TwinInversion(estimate, record, truth, disturbances, states, steady, diving, seconds)

@@ -98,7 +98,7 @@ def recoverability_runs(plan: TwinPlan[RecoverabilitySize]) -> list[TwinRun]:
                 for width in size.widths
             ),
             *(
-                _run(platform, motion, seed, preset, _assumed(platform, model, seed), kind="motion", model=model)
+                _run(platform, motion, seed, preset, _assumed_hull(platform, model, seed), kind="motion", model=model)
                 for seed in seeds
                 for model in MODELS
             ),
@@ -115,7 +115,7 @@ def _run(
     return labelled(case, kind=kind, preset=preset, **labels)
 
 
-def _assumed(platform: Platform, model: str, seed: int) -> Platform | None:
+def _assumed_hull(platform: Platform, model: str, seed: int) -> Platform | None:
     rng = np.random.default_rng([seed, _COEFFICIENT_STREAM])
     return None if model == MODELS[0] else with_coefficient_errors(platform, rng)
 

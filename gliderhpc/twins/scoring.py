@@ -23,7 +23,7 @@ from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.outcomes import Outcome
 from gliderhpc.simulator import Impulse
 from gliderhpc.studies.library.scores import correlation, rms
-from gliderhpc.studies.library.turbulence.series import bridged, high_passed
+from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
 from gliderhpc.twins.inversion import TwinInversion
 from gliderhpc.vocabulary import CHANNELS
 
@@ -38,7 +38,7 @@ LONGITUDINAL_AND_YAW = ("B_cu", "B_cw", "B_cq", "B_cr")
 """Channels that the usual twin disturbs."""
 
 SEAM_REACH = 1.0
-"""Largest distance from a boundary of samples that belong to it, s."""
+"""Maximum distance from a boundary of samples that belong to it, s."""
 
 INTERVALS = {"68": 0.9944578832097532, "95": 1.959963984540054}
 """Half widths, in standard deviations, of the intervals whose coverage is computed: 68 % and 95 %."""
@@ -153,7 +153,7 @@ def seam_ratio(signal: Array, boundaries: NDArray[np.int64], usable: Mask, step:
         Ratio; NaN if either part has no samples, or if the signal is zero away from the boundaries.
     """
     near = near_boundaries(boundaries, len(signal), step)
-    return _rms_ratio(high_passed(bridged(signal, usable), step), near, usable)
+    return _rms_ratio(high_passed(bridge_gaps(signal, usable), step), near, usable)
 
 
 def jump_ratio(signal: Array, boundaries: NDArray[np.int64], usable: Mask) -> float:
@@ -181,7 +181,7 @@ def _channel_scores(inversion: TwinInversion) -> Row:
             row[f"bias_{phase}_{name}"] = mean(error[mask, i])
     row["correlation_B_cr"] = correlation(estimate[steady, YAW], inversion.truth[steady, YAW])
     row["correlation_B_cu"] = correlation(estimate[steady, 0], inversion.truth[steady, 0])
-    high = high_passed(bridged(estimate[:, YAW], steady), inversion.step)[steady]
+    high = high_passed(bridge_gaps(estimate[:, YAW], steady), inversion.step)[steady]
     row["peak_B_cr"] = float(np.abs(high).max()) if high.size else float("nan")
     row["noise_B_cr"] = rms(high)
     return row
@@ -221,11 +221,11 @@ def _seam_scores(inversion: TwinInversion) -> Row:
 
 
 ISOLATION = 8.0
-"""Smallest distance of an isolated impulse, s (or `ISOLATION_WIDTHS` widths), from others and from unsteady glide."""
+"""Minimum distance of an isolated impulse, s (or `ISOLATION_WIDTHS` widths), from others and from unsteady glide."""
 
 ISOLATION_WIDTHS = 4.0
 SEARCH = 2.0
-"""Largest distance from the true time at which a peak is searched, s (or one width, if longer)."""
+"""Maximum distance from the true time at which a peak is searched, s (or one width, if longer)."""
 
 QUIET_DISTANCE = 12.0
 """Distance from every impulse, s (or six widths, if longer), beyond which a peak is a false alarm."""
@@ -272,7 +272,7 @@ def find_impulses(inversion: TwinInversion, moment: Array | None = None) -> list
     time = inversion.estimate.series.time[:-1]
     impulses = inversion.profile_truth.impulses
     return [
-        _detected(impulse, estimate, truth, time)
+        _match_peak(impulse, estimate, truth, time)
         for index, impulse in enumerate(impulses)
         if _is_isolated(index, impulses, time, inversion.steady)
     ]
@@ -282,8 +282,8 @@ def high_passed_moments(inversion: TwinInversion, moment: Array | None = None) -
     """High-passed yaw moments ``(n,)``, identified (by default the adjoint's) and true, N m, unsteady glide bridged."""
     identified = inversion.estimate.solution.disturbances[:, YAW] if moment is None else moment
     return (
-        high_passed(bridged(identified, inversion.steady), inversion.step),
-        high_passed(bridged(inversion.truth[:, YAW], inversion.steady), inversion.step),
+        high_passed(bridge_gaps(identified, inversion.steady), inversion.step),
+        high_passed(bridge_gaps(inversion.truth[:, YAW], inversion.steady), inversion.step),
     )
 
 
@@ -316,7 +316,7 @@ def _is_isolated(index: int, impulses: tuple[Impulse, ...], time: Array, steady:
     return bool(steady[np.abs(time - impulse.time) <= reach].all())
 
 
-def _detected(impulse: Impulse, estimate: Array, truth: Array, time: Array) -> DetectedImpulse:
+def _match_peak(impulse: Impulse, estimate: Array, truth: Array, time: Array) -> DetectedImpulse:
     near = np.flatnonzero(np.abs(time - impulse.time) <= max(SEARCH, impulse.width))
     sign = 1.0 if impulse.amplitude > 0.0 else -1.0
     best = near[int(np.argmax(sign * estimate[near]))]

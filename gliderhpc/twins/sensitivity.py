@@ -116,8 +116,16 @@ def _run(
     platform: Platform, seed: int, preset: str, sweep: str, value: Any, scenario: Scenario, fields: dict[str, Any]
 ) -> TwinRun:
     settings = EstimationSettings.model_validate({"preset": preset} | fields.get("settings", {}))
-    case = TwinCase(**{"hull": platform, "scenario": scenario, "seed": seed, "number": course_of(seed), **fields,
-                       "settings": settings})  # fmt: skip
+    case = TwinCase(
+        **{
+            "hull": platform,
+            "scenario": scenario,
+            "seed": seed,
+            "number": course_of(seed),
+            **fields,
+            "settings": settings,
+        }
+    )
     return labelled(case, hull=platform.name, preset=preset, sweep=sweep, value=value)
 
 

@@ -145,7 +145,7 @@ def run_all(
         Function to apply; it must be importable by workers, at module level.
     """
     results: list[Any] = [None] * len(runs)
-    for index, result in executor.run(partial(_numbered, function), list(enumerate(runs))):
+    for index, result in executor.run(partial(_run_numbered, function), list(enumerate(runs))):
         results[index] = result
         report()
     return results
@@ -214,5 +214,5 @@ def twin_findings(
     return Findings(comparisons, {study: rows}, {study: figure}, content, documents or {}, remarks=remarks)
 
 
-def _numbered(function: Callable[[Any], Any], job: tuple[int, Any]) -> tuple[int, Any]:
+def _run_numbered(function: Callable[[Any], Any], job: tuple[int, Any]) -> tuple[int, Any]:
     return job[0], function(job[1])

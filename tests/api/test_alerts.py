@@ -24,22 +24,22 @@ def message(swift_store):
 
 def test_rules_hold_on_one_side_of_their_limits(message):
     speed = message.current.speed
-    assert Rules().broken(message) == ()
-    assert Rules(current_above=speed + 1e-6).broken(message) == ()
-    (alert,) = Rules(current_above=speed - 1e-6).broken(message)
+    assert Rules().violations(message) == ()
+    assert Rules(current_above=speed + 1e-6).violations(message) == ()
+    (alert,) = Rules(current_above=speed - 1e-6).violations(message)
     assert "m/s towards" in alert
-    assert Rules(converged_below=0.5).broken(message) == ()
+    assert Rules(converged_below=0.5).violations(message) == ()
     poor = message.inversion.model_copy(update={"converged_fraction": 0.4})
-    (alert,) = Rules(converged_below=0.5).broken(message.model_copy(update={"inversion": poor}))
+    (alert,) = Rules(converged_below=0.5).violations(message.model_copy(update={"inversion": poor}))
     assert alert == "40.0% of the windows converged, under 50.0%"
     failed = message.inversion.model_copy(update={"status": "failed", "message": "no samples"})
-    (alert,) = Rules(converged_below=0.5).broken(message.model_copy(update={"inversion": failed}))
+    (alert,) = Rules(converged_below=0.5).violations(message.model_copy(update={"inversion": failed}))
     assert alert == "not inverted: no samples"
     place = message.next_surfacing
     around = Box(south=place.latitude - 1, north=place.latitude + 1, west=place.longitude - 1, east=place.longitude + 1)
-    assert Rules(next_surfacing_outside=around).broken(message) == ()
+    assert Rules(next_surfacing_outside=around).violations(message) == ()
     north = around.model_copy(update={"south": place.latitude + 0.5})
-    assert "outside the box" in Rules(next_surfacing_outside=north).broken(message)[0]
+    assert "outside the box" in Rules(next_surfacing_outside=north).violations(message)[0]
 
 
 def test_a_change_of_the_hull_raises_an_alert_once_a_second_dive_shows_it(message):
@@ -48,16 +48,22 @@ def test_a_change_of_the_hull_raises_an_alert_once_a_second_dive_shows_it(messag
         change_std=0.5, since=message.profile, dives=9, above_20_percent=0.98,
     )  # fmt: skip
     rules = Rules(hull_changed=0.95, drag_up_fifth=0.95)
-    assert rules.broken(message.model_copy(update={"hull_changes": (change,)})) == ()
+    assert rules.violations(message.model_copy(update={"hull_changes": (change,)})) == ()
     confirmed = change.model_copy(update={"since": message.profile - 1})
-    assert len(rules.broken(message.model_copy(update={"hull_changes": (confirmed,)}))) == 2
+    assert len(rules.violations(message.model_copy(update={"hull_changes": (confirmed,)}))) == 2
     doubtful = confirmed.model_copy(update={"probability": 0.9, "above_20_percent": 0.9})
-    assert rules.broken(message.model_copy(update={"hull_changes": (doubtful,)})) == ()
+    assert rules.violations(message.model_copy(update={"hull_changes": (doubtful,)})) == ()
 
 
 def test_a_box_may_cross_the_date_line():
     box = Box(south=-10.0, north=10.0, west=170.0, east=-170.0)
-    assert [box.holds(0.0, east) for east in (175.0, -175.0, 180.0, 160.0, -160.0)] == [True, True, True, False, False]
+    assert [box.contains(0.0, east) for east in (175.0, -175.0, 180.0, 160.0, -160.0)] == [
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_a_command_gets_the_alert_on_its_input_and_the_path_as_it_is(message, tmp_path):
@@ -70,7 +76,7 @@ def test_a_command_gets_the_alert_on_its_input_and_the_path_as_it_is(message, tm
         f"rules: {{current_above: 0.0}}\ncommand: [{sys.executable}, -c, \"import runpy, os; os.chdir('{tmp_path}'); "
         "runpy.run_path('hear.py')\"]\n"
     )
-    alerts, failures = read_alerts(tmp_path / "alerts.yaml").raise_for(message, path)
+    alerts, failures = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, path)
     assert failures == ()
     heard, content = (tmp_path / "heard").read_text().split("\n", 1)
     assert heard == str(path)
@@ -94,10 +100,10 @@ def test_an_address_gets_the_alert_by_post(message, tmp_path):
         threading.Thread(target=server.handle_request, daemon=True).start()
         text = f"rules: {{current_above: 0.0}}\nwebhook: http://127.0.0.1:{server.server_port}/\n"
         (tmp_path / "alerts.yaml").write_text(text)
-        alerts, failures = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")
+        alerts, failures = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, tmp_path / "dive.json")
     assert failures == ()
     assert posted[0]["alerts"] == list(alerts)
-    (failure,) = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")[1]
+    (failure,) = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, tmp_path / "dive.json")[1]
     assert "refused" in failure
 
 
@@ -106,7 +112,7 @@ def test_an_address_gets_the_alert_by_post(message, tmp_path):
 )
 def test_a_command_that_fails_is_named(command, words, message, tmp_path):
     (tmp_path / "alerts.yaml").write_text(f"rules: {{current_above: 0.0}}\ncommand: {command}\n")
-    (failure,) = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")[1]
+    (failure,) = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, tmp_path / "dive.json")[1]
     assert words in failure
 
 
@@ -115,7 +121,7 @@ def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_with
         f"rules: {{current_above: 0.0}}\ncommand: [{sys.executable}, -c, import time; time.sleep(60)]\n"
         "webhook: http://127.0.0.1:9/secret-token\ntimeout: 0.2\n"
     )
-    ended, refused = read_alerts(tmp_path / "alerts.yaml").raise_for(message, tmp_path / "dive.json")[1]
+    ended, refused = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, tmp_path / "dive.json")[1]
     assert ended == f"{sys.executable}: did not finish within 0.2 s"
     assert refused.startswith("127.0.0.1: ")
     assert "secret" not in refused

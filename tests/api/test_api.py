@@ -22,7 +22,7 @@ from gliderhpc.api import missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
 from gliderhpc.api.records import RecordsInspected
 from gliderhpc.api.studies import StudyFindings
-from gliderhpc.mission.cluster import UnseenFileError
+from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
@@ -302,7 +302,7 @@ def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp
     def blind(workers, cluster=None, needed=(), *rest):
         @contextmanager
         def opened():
-            raise UnseenFileError(needed[0].resolve(), "worker tcp://b:2 on b")
+            raise FileNotSharedError(needed[0].resolve(), "worker tcp://b:2 on b")
             yield
 
         return opened
@@ -329,7 +329,7 @@ def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp
         ({"profiles": [1.5]}, r"profiles=\[1.5\]: give numbers"),
         ({"workers": -1}, "workers=-1: give a number of processes"),
         ({"workers": 2, "scheduler": "tcp://nowhere:1"}, "workers=2: a running cluster has its own"),
-        ({"overwrite": True, "resume": True}, "overwrite, resume and append exclude each other"),
+        ({"overwrite": True, "resume": True}, "overwrite, resume and append are mutually exclusive"),
         ({"engine": "fast"}, "engine: .*'fast'"),
         ({"window": {"margin": 40.0}}, r"^window\.margin=40: must be shorter than the window"),
     ],

@@ -17,8 +17,8 @@ from support.slocum_files import flight, write_binary
 
 from gliderhpc.api import watch, watch_state
 from gliderhpc.api.records import IMPORTERS
-from gliderhpc.api.watch import Listener, Watched, watching
-from gliderhpc.api.watch_records import Importing, is_candidate
+from gliderhpc.api.watch import Listener, WatchInputs, open_watch
+from gliderhpc.api.watch_records import FileImport, is_candidate
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
@@ -72,15 +72,15 @@ class _Heard:
         return Listener(lambda message, _: self.dives.append(message), lambda *fault: self.faults.append(fault))
 
 
-def _watched(folder: Path) -> Watched:
+def _watched(folder: Path) -> WatchInputs:
     (folder / "land").mkdir(exist_ok=True)
     hull, settings = load_platform("petrel-l"), MissionSettings()
-    return Watched(folder / "land", Importing(None, {}), hull, settings, folder / "m.zarr", folder / "m-watch")
+    return WatchInputs(folder / "land", FileImport(None, {}), hull, settings, folder / "m.zarr", folder / "m-watch")
 
 
 def _once(folder: Path) -> _Heard:
     heard = _Heard()
-    with watching(_watched(folder), heard.listener()) as opened:
+    with open_watch(_watched(folder), heard.listener()) as opened:
         opened.once(0.0)
     return heard
 
@@ -217,7 +217,7 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
         steps, limit[0] = iter(range(1_000_000)), 1 + 2 * kills
         heard = _Heard()
         try:
-            with watching(_watched(tmp_path), heard.listener()) as opened:
+            with open_watch(_watched(tmp_path), heard.listener()) as opened:
                 opened.once(0.0)
         except Killed:
             kills += 1
@@ -249,7 +249,7 @@ def test_the_loop_takes_a_file_after_two_equal_looks(dives, tmp_path):
         if len(looks) <= 2:
             landing.write_bytes(content[: len(content) * len(looks) // 2])
 
-    with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+    with open_watch(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1]
     assert heard.faults == []
@@ -272,7 +272,7 @@ def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp
         elif len(looks) == 5:
             raise StoppedError
 
-    with watching(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+    with open_watch(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1, 1]
     assert sum("trying again" in record.getMessage() for record in caplog.records) == 1
@@ -342,7 +342,7 @@ def test_a_slocums_cache_files_are_found_where_its_files_land(tmp_path):
     name = "unit-2024-100-0-0"
     path = write_binary(tmp_path / "taken" / f"{name}.dbd", flight(0), name=name, factored=True)
     (tmp_path / "taken" / "0badcafe.cac").rename(tmp_path / "0badcafe.cac")
-    importing = Importing(None, {}, tmp_path / "land")
+    importing = FileImport(None, {}, tmp_path / "land")
     before = importing.digest({path.name: "digest"})
     (why,) = importing.import_files([path], tmp_path / "out.nc").values()
     assert "its cache file 0badcafe.cac is not in" in why
@@ -357,7 +357,7 @@ def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, t
     shutil.copy(dives[0], tmp_path / "land")
     assert _once(tmp_path).numbers == [(1, 0)]
     heard, hull = _Heard(), watched.platform.model_copy(update={"name": "other"})
-    with watching(replace(watched, platform=hull), heard.listener()) as opened:
+    with open_watch(replace(watched, platform=hull), heard.listener()) as opened:
         opened.once(0.0)
     assert heard.numbers == []
     with open_for_reading(tmp_path / "m.zarr") as archive:
@@ -383,11 +383,11 @@ def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatc
 
 
 def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(dives, swift_store, tmp_path):
-    with watching(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
+    with open_watch(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
         _once(tmp_path)
     with (
         pytest.raises(InputError, match="is the folder being watched"),
-        watching(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
+        open_watch(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
     ):
         pass
     shutil.copytree(swift_store, tmp_path / "m.zarr")
@@ -407,9 +407,9 @@ def test_the_schema_is_that_of_the_messages():
 def test_a_damaged_seaglider_dive_is_left_out(tmp_path):
     paths = [write_dive(tmp_path / "sg", dive, columns=True) for dive in (1, 2, 3)]
     paths[1].write_bytes(paths[1].read_bytes()[:5000])
-    faults = Importing(None, {}).import_files(paths[:1] + paths[2:], tmp_path / "good.nc")
+    faults = FileImport(None, {}).import_files(paths[:1] + paths[2:], tmp_path / "good.nc")
     assert faults == {}
-    faults = Importing("seaglider", {}).import_files(paths, tmp_path / "all.nc")
+    faults = FileImport("seaglider", {}).import_files(paths, tmp_path / "all.nc")
     assert list(faults) == ["dive 2"]
     assert (tmp_path / "good.nc").read_bytes()
     with xr.open_dataset(tmp_path / "all.nc") as records:
@@ -427,7 +427,7 @@ def test_a_damaged_seaglider_dive_is_left_out(tmp_path):
 def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
     path = write_dive(tmp_path / "sg", 1, columns=True)
     with pytest.raises(InputError, match=words):
-        Importing(*importing).import_files([path], tmp_path / "out.nc")
+        FileImport(*importing).import_files([path], tmp_path / "out.nc")
 
 
 def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypatch):
@@ -437,15 +437,15 @@ def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypat
         return usual(sources, out, overwrite=overwrite)
 
     path = write_dive(tmp_path / "sg", 1, columns=True)
-    assert Importing("seaglider", {}).import_files([path], tmp_path / "usual.nc") == {}
+    assert FileImport("seaglider", {}).import_files([path], tmp_path / "usual.nc") == {}
     monkeypatch.setitem(IMPORTERS, "seaglider", import_plain)
-    assert Importing("seaglider", {}).import_files([path], tmp_path / "out.nc") == {}
+    assert FileImport("seaglider", {}).import_files([path], tmp_path / "out.nc") == {}
     assert (tmp_path / "out.nc").read_bytes() == (tmp_path / "usual.nc").read_bytes()
 
 
 def test_an_empty_folder_has_no_records_of_any_kind(tmp_path):
     for kind in (None, "observations", "slocum"):
-        assert Importing(kind, {}).import_files([], tmp_path / "records.nc") == {}
+        assert FileImport(kind, {}).import_files([], tmp_path / "records.nc") == {}
     assert not (tmp_path / "records.nc").exists()
 
 

@@ -125,7 +125,7 @@ def test_a_refused_validation_leaves_the_earlier_one(swift, swift_store, tmp_pat
     before = _files(copy)
 
     def not_flown(_, job, __):
-        return validation.StudiedProfile(job.number, job.index, {"message": "too short"})
+        return validation.StudiedProfile(job[0], job[1], {"message": "too short"})
 
     monkeypatch.setattr(validation, "fly_profile", not_flown)
     answer = program(*command)

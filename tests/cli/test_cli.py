@@ -20,9 +20,9 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import progress
 from gliderhpc.cli.main import SUMMARIES, VERBS
 from gliderhpc.cli.main import program as verbs
-from gliderhpc.cli.messages import say_left_out
+from gliderhpc.cli.messages import print_left_out
 from gliderhpc.cli.records import _print_findings
-from gliderhpc.cli.studies import conclude
+from gliderhpc.cli.studies import write_and_print
 from gliderhpc.findings.findings import Findings
 from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult, closing_line, summary_table
@@ -112,7 +112,7 @@ def test_version():
         (("run-mission", "a.nc", "--platform", "petrel-l"), "Missing option '--store'"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--preset", "best"), "'best' is not one of"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--workers", "-1"), "-1 is not in the range"),
-        (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "exclude each other"),
+        (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "mutually exclusive"),
         (("simulate-mission", "a.nc"), "Missing option '--platform'"),
     ],
 )
@@ -231,9 +231,9 @@ def test_the_log_goes_to_a_file_too(brief, run, tmp_path):
 @pytest.mark.parametrize(
     "report",
     [
-        say_left_out,
+        print_left_out,
         lambda reasons: _print_findings(Inspection((), (1,), reasons)),
-        lambda reasons: conclude(Findings({}, {}, {}, {}, failed=reasons), "drift", Path("drift")),
+        lambda reasons: write_and_print(Findings({}, {}, {}, {}, failed=reasons), "drift", Path("drift")),
     ],
     ids=["export", "inspect", "analyze"],
 )

@@ -22,7 +22,7 @@ from support.repository import REPOSITORY
 from benchmarks.clusters import wait_until
 from gliderhpc.cli import console as consoles
 from gliderhpc.cli.console import LogFormatter, results, table
-from gliderhpc.cli.messages import printable, say
+from gliderhpc.cli.messages import echo, printable
 from gliderhpc.errors import InputError
 from gliderhpc.mission import cluster
 from gliderhpc.mission.cluster import ClusterAddress
@@ -37,7 +37,7 @@ ESCAPES = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp.exe\r"
 def test_controls_are_shown_and_not_obeyed(capsys):
     assert printable("a\tb\nc") == "a\tb\nc"
     assert printable("a\nb", lines=False) == "a b"
-    say(ESCAPES)
+    echo(ESCAPES)
     shown = capsys.readouterr().out
     assert not set(shown) & set("\x1b\x07\x9b\u202e\r")
     assert "]0;owned" in shown

@@ -200,4 +200,4 @@ def test_command_shows_one_hull():
 def test_command_shows_an_unstable_hull_and_prints_files(tmp_path):
     path = tmp_path / "hull.yaml"
     path.write_text(_run("petrel-l", "--yaml").replace("K_r: -330.0", "K_r: 0.0"), "utf-8")
-    assert "NO, it lacks a stable steady dive or climb" in _run(str(path))
+    assert "NO: no stable steady dive or climb" in _run(str(path))

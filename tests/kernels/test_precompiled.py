@@ -28,7 +28,7 @@ level_known = pytest.mark.skipif(not host_level(), reason="this processor has no
 LIST_SIGNATURES = """
 import pickle
 import gliderhpc, numpy as np
-from gliderhpc.mission.kernel_levels import used_signatures
+from gliderhpc.mission.precompile import used_signatures
 gliderhpc.Glider(gliderhpc.platform.read_platform("petrel-l")).bodies(np.zeros((1, 5)))
 print(pickle.dumps(used_signatures()).hex())
 """
@@ -52,7 +52,7 @@ def signatures(tmp_path_factory: pytest.TempPathFactory) -> str:
 def make(folder: Path, signatures: str) -> Path:
     """Compile kernels into a folder, for this processor's level, in a process with another cache."""
     python(
-        "import pickle\nfrom pathlib import Path\nfrom gliderhpc.mission.kernel_levels import precompile\n"
+        "import pickle\nfrom pathlib import Path\nfrom gliderhpc.mission.precompile import precompile\n"
         f"precompile(Path({str(folder)!r}), pickle.loads(bytes.fromhex({signatures!r})), [{host_level()!r}])\n",
         GLIDERHPC_CACHE=folder.parent / "other-cache",
     )

@@ -55,7 +55,7 @@ def stopping(error):
     def stopped(*_):
         raise error
 
-    executor.streamed = stopped
+    executor.stream = stopped
     yield executor
 
 

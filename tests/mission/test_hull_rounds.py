@@ -136,7 +136,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     def fail(*_, **__):
         raise gh.CalibrationError("calibration: worse")
 
-    monkeypatch.setattr("gliderhpc.api.hulls.calibrated_by_dives", fail)
+    monkeypatch.setattr("gliderhpc.api.hulls.calibrate_on_dives", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert found.dives is None
     assert found.notes[-1].startswith("WARNING: fit of the steady glides alone, since the dives did not give a better")
@@ -181,7 +181,7 @@ def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypa
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
     eta = np.zeros(len(found.parameters))
     eta[2] = 8.0
-    monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, wanted=np.zeros_like(eta)))
+    monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, full_step=np.zeros_like(eta)))
     refused = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
     assert refused.dives is None
     assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.trouble
@@ -216,8 +216,8 @@ def test_rounds_that_end_early_state_their_last_move(records):
     """After one round from a hull in error, the uncertainty in the platform file includes the last move."""
     rounds = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
     grown = rounds.errors.covariance - rounds.mission.overall.covariance
-    np.testing.assert_allclose(grown, np.outer(rounds.wanted, rounds.wanted), atol=1e-12)
-    assert np.abs(rounds.wanted).max() >= rounds.moves[-1] > 0.1
+    np.testing.assert_allclose(grown, np.outer(rounds.full_step, rounds.full_step), atol=1e-12)
+    assert np.abs(rounds.full_step).max() >= rounds.moves[-1] > 0.1
     found = [p.steps(rounds.base, p.value(rounds.platform)) for p in rounds.parameters]
     np.testing.assert_allclose(rounds.errors.mean, found, atol=1e-9)
 

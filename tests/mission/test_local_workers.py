@@ -75,7 +75,7 @@ def _part_after_part(folder):
 
 
 def test_parts_come_before_the_job_ends(executor, tmp_path):
-    parts = executor.streamed(_part_after_part, [tmp_path])
+    parts = executor.stream(_part_after_part, [tmp_path])
     assert next(parts).result == "first"
     (tmp_path / "seen").touch()
     assert [part.result for part in parts] == ["second"]
@@ -127,7 +127,7 @@ def _long(folder):
 
 
 def test_leaving_ends_the_jobs_at_once(executor, tmp_path):
-    parts = executor.streamed(_long, [tmp_path, tmp_path])
+    parts = executor.stream(_long, [tmp_path, tmp_path])
     process = next(parts).result
     began = time.monotonic()
     parts.close()
@@ -178,7 +178,7 @@ def test_workers_end_with_their_parent(tmp_path):
         "from gliderhpc.mission.executors import LocalExecutor\n"
         "if __name__ == '__main__':\n"
         f"    folder = pathlib.Path({str(tmp_path)!r})\n"
-        "    list(LocalExecutor(2).streamed(t._long, [folder, folder]))\n"
+        "    list(LocalExecutor(2).stream(t._long, [folder, folder]))\n"
     )
     parent = subprocess.Popen(
         [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

@@ -489,8 +489,8 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp
     class Interrupted(SerialExecutor):
         workers = 3
 
-        def streamed(self, function, jobs):
-            yield from super().streamed(function, jobs[:1])
+        def stream(self, function, jobs):
+            yield from super().stream(function, jobs[:1])
             raise KeyboardInterrupt
 
     @contextmanager

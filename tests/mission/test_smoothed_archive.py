@@ -25,8 +25,7 @@ from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.hull_rows import hull_row
-from gliderhpc.mission.profile_rows import STATES
+from gliderhpc.mission.profile_rows import STATES, hull_row
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path

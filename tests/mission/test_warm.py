@@ -17,7 +17,7 @@ PACKAGE = REPOSITORY / "gliderhpc"
 
 LIST_SIGNATURES = """
 import json, sys
-from gliderhpc.mission.kernel_levels import used_signatures
+from gliderhpc.mission.precompile import used_signatures
 from gliderhpc.mission import warm
 getattr(warm, sys.argv[1])()
 print(json.dumps([(module, name, str(types)) for module, name, types in used_signatures()]))
@@ -95,19 +95,19 @@ def uncompiled(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]
 
 
 def test_the_block_waits_for_the_process(uncompiled: list[subprocess.Popen[bytes]]) -> None:
-    with warm.compiled_aside("simulator"):
+    with warm.compile_in_background("simulator"):
         assert len(uncompiled) == 1
     assert uncompiled[0].returncode == 0
 
 
 def test_a_process_that_fails_costs_nothing(uncompiled: list[subprocess.Popen[bytes]]) -> None:
-    with warm.compiled_aside("no such part"):
+    with warm.compile_in_background("no such part"):
         pass
     assert uncompiled[0].returncode == 1
 
 
 def test_a_block_that_fails_ends_the_process(uncompiled: list[subprocess.Popen[bytes]]) -> None:
-    with pytest.raises(ZeroDivisionError), warm.compiled_aside("kernels"):
+    with pytest.raises(ZeroDivisionError), warm.compile_in_background("kernels"):
         raise ZeroDivisionError
     assert uncompiled[0].returncode not in (None, 0)
 
@@ -116,10 +116,10 @@ def test_nothing_is_started_where_all_is_compiled_or_on_one_core(
     uncompiled: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(warm, "default_workers", lambda: 1)
-    with warm.compiled_aside("kernels"):
+    with warm.compile_in_background("kernels"):
         pass
     monkeypatch.setattr(warm, "default_workers", lambda: 2)
     monkeypatch.setattr(warm, "is_compiled", lambda: True)
-    with warm.compiled_aside("kernels"):
+    with warm.compile_in_background("kernels"):
         pass
     assert uncompiled == []

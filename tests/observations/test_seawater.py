@@ -33,7 +33,7 @@ from gliderhpc.studies.archived import series_of
 from gliderhpc.studies.validation import fly
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
 from gliderhpc.tuning.segment_errors import choose_buoyancy
-from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of
+from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of
 
 PETREL = read_platform("petrel-l")
 SOFT = with_overrides(
@@ -439,7 +439,7 @@ def ocean_segments():
     """Steady segments of three dives to 300 m in the stratified ocean."""
     settings, scenario = EstimationSettings(), STRATIFIED.replaced({"depth": 300.0})
     records = [simulate_profile(SOFT, scenario, 5, number=number)[0] for number in (1, 2, 3)]
-    return joined([segments_of(on_steps(record, settings), SOFT, SegmentSettings()) for record in records])
+    return join_segments([segments_of(on_steps(record, settings), SOFT, SegmentSettings()) for record in records])
 
 
 def test_calibration_finds_neutral_volume_and_compressibility(ocean_segments):

@@ -12,7 +12,7 @@ from support.seaexplorer_files import PAYLOAD, write_mission
 from support.seaglider_files import write_dive, write_og1
 from support.slocum_files import flight, science, write_binary, write_netcdf
 
-from gliderhpc.api.watch_records import Importing
+from gliderhpc.api.watch_records import FileImport
 from gliderhpc.observations.stored_reads import StoredReads
 
 
@@ -46,7 +46,7 @@ def _observations(folder: Path) -> list[Path]:
     folder.mkdir()
     found = [folder / f"dive{dive}.nc" for dive in (1, 2, 3)]
     for dive, path in enumerate(found, start=1):
-        Importing(None, {}).import_files([write_dive(folder.with_name(f"of{dive}"), dive, columns=True)], path)
+        FileImport(None, {}).import_files([write_dive(folder.with_name(f"of{dive}"), dive, columns=True)], path)
     return found
 
 
@@ -70,7 +70,7 @@ class _CountedReads:
 def _imported(paths: list[Path], out: Path, folder: Path) -> Counter[str]:
     """Import files with stored reads; how often each was opened."""
     reads = _CountedReads(folder, paths)
-    assert Importing(None, {}).import_files(paths, out, reads) == {}
+    assert FileImport(None, {}).import_files(paths, out, reads) == {}
     reads.stored.remove_unused()
     return reads.opened
 
@@ -82,7 +82,7 @@ def test_only_new_files_are_opened_and_the_records_are_those_of_all_files(write,
     assert set(_imported(paths[:-1], out, folder)) == {path.name for path in paths[:-1]}
     assert set(_imported(paths, out, folder)) == {paths[-1].name}
     assert _imported(paths, out, folder) == {}
-    assert Importing(None, {}).import_files(paths, whole) == {}
+    assert FileImport(None, {}).import_files(paths, whole) == {}
     assert out.read_bytes() == whole.read_bytes()
 
 

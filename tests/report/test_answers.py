@@ -7,15 +7,15 @@ from support.pages import DOCS
 
 from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.platform import read_platform
-from gliderhpc.report import hull_news
+from gliderhpc.report import recent_hull as recent_hull_module
 from gliderhpc.report.facts import signed
-from gliderhpc.report.hull_news import hull_so_far
 from gliderhpc.report.page import answers as module
 from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.odd_profiles import common_remarks
 from gliderhpc.report.page.surfacing_page import answers, hull_blocks
+from gliderhpc.report.recent_hull import recent_hull
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.report.trim import trim_of
@@ -66,7 +66,7 @@ def heavier(swift_store, monkeypatch):
         volume.key: np.full(8, 60.0 / volume.slope(HULL, 0.0)), pitch.key: np.full(8, 5.0),
     }  # fmt: skip
     every = dives(8, courses, seed=2, information=400.0)
-    monkeypatch.setattr(hull_news, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, every, ()))
+    monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, every, ()))
     with open_for_reading(swift_store) as archive:
         yield archive
 
@@ -76,7 +76,7 @@ _MOVED = ("buoyancy.neutral_volume", "sensors.pitch_offset")
 
 @pytest.mark.compiled
 def test_ballast_and_trim_are_those_of_the_dives(heavier):
-    found = {one.quantity: one for one in trim_of(hull_so_far(heavier, 3))}
+    found = {one.quantity: one for one in trim_of(recent_hull(heavier, 3))}
     volume = found["neutral oil volume, last dive minus platform file"]
     assert abs(volume.difference - 60.0) < 3.0 * volume.difference_std < 30.0
     ballast = found["the same as ballast to add"]
@@ -103,9 +103,9 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
 
 def test_a_quantity_that_the_dives_do_not_determine_is_left_out(swift_store, monkeypatch):
     vague = dives(4, {}, information=1e-3)
-    monkeypatch.setattr(hull_news, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
+    monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
     with open_for_reading(swift_store) as archive:
-        assert list(trim_of(hull_so_far(archive, 3))) == []
+        assert list(trim_of(recent_hull(archive, 3))) == []
 
 
 @pytest.mark.compiled

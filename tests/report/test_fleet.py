@@ -20,7 +20,7 @@ import gliderhpc as gh
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.page import write_mission_page
-from gliderhpc.report.page.fleet_folders import folder_names
+from gliderhpc.report.page.fleet import folder_names
 from gliderhpc.report.page.fleet_map import Track, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
 from gliderhpc.report.studies.hull import StoredChange
@@ -58,7 +58,7 @@ def fleet(archives, tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
 
 
 def rows_of(path):
@@ -155,7 +155,7 @@ def test_a_damaged_archive_costs_itself_alone(archives, tmp_path):
     page = read(tmp_path / "out" / "index.html")
     assert [one for one in page.references if one.endswith("/index.html")] == ["one/index.html"]
     text = page.sections["fleet"]
-    assert "no page of its own: " in text
+    assert "no separate page: " in text
     assert "the chunk is damaged" in text
     assert f"{broken}: not an archive of gliderhpc" in text
     assert "no such archive" in text

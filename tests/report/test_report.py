@@ -80,7 +80,7 @@ def own_copy(studied, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: form.encode())
+    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
 
 
 # What is on the page
@@ -246,7 +246,7 @@ def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
 
 
 def test_a_wrong_folder_of_twins_is_refused_before_anything_is_drawn(studied, tmp_path, monkeypatch):
-    monkeypatch.setattr("gliderhpc.findings.drawing.rendered", lambda figure, form: pytest.fail("drawn"))
+    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: pytest.fail("drawn"))
     assert "twin windows" in program("report", studied, "--out", tmp_path, "--twins", tmp_path / "no").line
 
 
@@ -404,13 +404,13 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 def tour(tmp_path_factory):
     """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are PNG alone."""
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
-    drawn = drawing.rendered
+    drawn = drawing.render_image
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
-        patch.setattr(drawing, "rendered", lambda figure, form: drawn(figure, form) if form == "png" else b"")
+        patch.setattr(drawing, "render_image", lambda figure, form: drawn(figure, form) if form == "png" else b"")
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)

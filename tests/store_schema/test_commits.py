@@ -175,7 +175,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     @contextmanager
     def stops():
         executor = SerialExecutor()
-        executor.streamed = interrupted
+        executor.stream = interrupted
         yield executor
 
     def interrupted(*_):

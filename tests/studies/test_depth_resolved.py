@@ -24,7 +24,7 @@ from gliderhpc.studies.library.retrieval import (
     half_width,
     left_side,
     scale_draws,
-    smoothed,
+    smooth_stretches,
     solve_lateral_flow,
     without_baseline,
 )
@@ -121,7 +121,7 @@ def test_smoothing_keeps_polynomials_and_bridges_no_gap():
     values[200:205] = np.nan
     values[395:] = np.nan
     values[380:382] = np.nan
-    smooth = smoothed(values, 30, 3)
+    smooth = smooth_stretches(values, 30, 3)
     lost = np.isnan(smooth)
     assert lost[200:205].all()
     assert lost[380:].all()

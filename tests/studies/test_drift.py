@@ -42,7 +42,7 @@ from gliderhpc.studies.library.drift.coefficients import (
     segment_series,
     segments_by_phase,
 )
-from gliderhpc.studies.library.drift.drag import CAUSES, combined, find_onset, shared_drag
+from gliderhpc.studies.library.drift.drag import CAUSES, combine_errors, find_onset, shared_drag
 from gliderhpc.studies.library.drift.medians import (
     MIN_RECORDS,
     UNITS,
@@ -210,7 +210,7 @@ def test_band_adapts_to_shallow_missions_and_says_so():
     assert depth_band(np.full(9, 700.0), None).remark == ""
     shallow = depth_band(np.full(9, 100.0), None)
     assert (shallow.low, shallow.high) == pytest.approx((30.0, 95.0))
-    assert "in place of 150 to 500 m" in shallow.remark
+    assert "instead of 150 to 500 m" in shallow.remark
     assert depth_band(np.full(9, 100.0), (40.0, 60.0)).remark == ""
 
 
@@ -323,9 +323,9 @@ def test_days_until_the_drag_has_grown():
 
 
 def test_interval_adds_what_is_not_resolved():
-    assert combined(1.0, (0.9, 1.1), (1.0, 1.0), 0.0) == pytest.approx((0.9, 1.1))
-    assert combined(1.0, (1.0, 1.0), (0.7, 1.2), 0.4) == pytest.approx((0.5, 1.0 + np.hypot(0.2, 0.4)))
-    assert combined(-1.0, (-1.0, -1.0), (0.7, 1.2), 0.0) == pytest.approx((-1.2, -0.7))
+    assert combine_errors(1.0, (0.9, 1.1), (1.0, 1.0), 0.0) == pytest.approx((0.9, 1.1))
+    assert combine_errors(1.0, (1.0, 1.0), (0.7, 1.2), 0.4) == pytest.approx((0.5, 1.0 + np.hypot(0.2, 0.4)))
+    assert combine_errors(-1.0, (-1.0, -1.0), (0.7, 1.2), 0.0) == pytest.approx((-1.2, -0.7))
 
 
 def test_onset_is_found():

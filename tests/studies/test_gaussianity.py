@@ -17,7 +17,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.studies.library.turbulence.contrast import NullPasses
-from gliderhpc.studies.library.turbulence.ensembles import NEWER, Ensembles, is_comparable
+from gliderhpc.studies.library.turbulence.ensembles import ADDED_SETTINGS, Ensembles, is_comparable
 from gliderhpc.studies.library.turbulence.gaussianity import (
     Noise,
     gaussianity_row,
@@ -302,7 +302,7 @@ def test_without_tested_nulls_nothing_is_settled():
     for verdict in (judged([5.0, 6.0]), judged([5.0, 6.0], [np.nan] * 9, [np.nan] * 9)):
         found, sure, settle = conclusion(verdict)
         assert "not Gaussian in 2 of the 2 profiles" in found
-        assert "so many would be found with p = 0.00250" in sure
+        assert "as many would be found with p = 0.00250" in sure
         assert "of these nulls" not in sure
         assert "actuators that move unrecorded" not in settle
 
@@ -330,7 +330,7 @@ def test_studies_of_an_earlier_version_have_no_test():
     verdict = judge(Ensembles(rows, pd.DataFrame([NULL | {"family": "gaussian"}] * 3), SETTINGS))
     assert verdict.gaussianity is None
     assert "lateral" not in " ".join(conclusion(verdict))
-    old = {name: value for name, value in SETTINGS.model_dump(mode="json").items() if name not in NEWER}
+    old = {name: value for name, value in SETTINGS.model_dump(mode="json").items() if name not in ADDED_SETTINGS}
     assert is_comparable(old, SETTINGS)
     assert not is_comparable(old | {"cutoff": 0.1}, SETTINGS)
     assert not is_comparable(old | {"noise_window": 100.0}, SETTINGS)

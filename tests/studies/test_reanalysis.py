@@ -21,7 +21,7 @@ from gliderhpc.mission.executors import local_executor
 from gliderhpc.report.studies.reanalysis import ellipse_axes, table_4, table_4_text
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
-from gliderhpc.studies.library.ocean_model import Coverage, Grid, expanded, open_models
+from gliderhpc.studies.library.ocean_model import Coverage, Grid, expand_source, open_models
 from gliderhpc.studies.library.scores import direction, sigma_distance, turn
 from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
 from gliderhpc.studies.reanalysis import Compared, agreement, agreements, compare_with_models, comparisons, share_within
@@ -238,11 +238,11 @@ def test_a_pattern_is_all_files_that_fit_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("b.nc", "a.nc", "c.txt", "odd[1].nc"):
         (tmp_path / name).touch()
-    assert expanded("?.nc") == [str(tmp_path / "a.nc"), str(tmp_path / "b.nc")]
-    assert expanded("odd[1].nc") == [str(tmp_path / "odd[1].nc")]
-    assert expanded("https://somewhere/*") == ["https://somewhere/*"]
+    assert expand_source("?.nc") == [str(tmp_path / "a.nc"), str(tmp_path / "b.nc")]
+    assert expand_source("odd[1].nc") == [str(tmp_path / "odd[1].nc")]
+    assert expand_source("https://somewhere/*") == ["https://somewhere/*"]
     with pytest.raises(InputError, match="no such file"):
-        expanded("*.nc4")
+        expand_source("*.nc4")
 
 
 def test_a_missing_month_is_not_interpolated_across(tmp_path):

@@ -346,7 +346,7 @@ def test_parts_of_a_job_come_before_it_ends(tmp_path):
         LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
-        parts = DaskExecutor(client).streamed(_part_after_part, [tmp_path])
+        parts = DaskExecutor(client).stream(_part_after_part, [tmp_path])
         assert next(parts).result == "first"
         (tmp_path / "seen").touch()
         assert {part.result for part in parts} == {"first", "second"}

@@ -38,7 +38,7 @@ from gliderhpc.studies.library.turbulence.statistics import (
     resolved_structure_functions,
     structure_functions,
 )
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, joined, rank_p_value, spectrum_deviation
+from gliderhpc.studies.library.turbulence.surrogates import iaaft, join_stretches, rank_p_value, spectrum_deviation
 from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, conclusion, judge
 from gliderhpc.studies.spectra import groups_by_speed, profile_spectra, thirds
 from gliderhpc.vocabulary import QUALITY
@@ -64,7 +64,7 @@ def relative_sixth(values, rng):
 
 def ranked(values, rng, count=19, lag=2):
     """P of the rank test of a high-passed series, with its surrogates."""
-    source = joined(whole(high_passed(values, 1.0, CUTOFF)), 8.0)
+    source = join_stretches(whole(high_passed(values, 1.0, CUTOFF)), 8.0)
     lags = np.array([lag])
     own = float(structure_functions(source, lags).flatness[0])
     made = [iaaft(source.values, rng) for _ in range(count)]
@@ -168,7 +168,7 @@ def test_surrogates_of_stretches_fade_where_they_meet():
     mask = np.ones(2000, dtype=bool)
     mask[[500, 510, 1400]] = False
     series = gappy_series(np.full(2000, 3.0), mask, 0.1)
-    source = joined(series, 1.0)
+    source = join_stretches(series, 1.0)
     assert np.abs(np.diff(source.values)).max() < 0.5
     assert len(source.values) >= 0.97 * (500 + 889 + 599)
     assert abs(source.values[0]) + abs(source.values[-1]) < 0.1
@@ -299,7 +299,7 @@ def judged(measured=(), nulls=None, profiles=4):
 def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
     found = judged()
     assert [feature.outcome for feature in found.features] == [PASSED] * 3
-    assert found.stands
+    assert found.is_supported
     # One of eleven nulls lies within 0.05 of 1.778: two of twelve, one added to either.
     assert found.inside == pytest.approx(2.0 / 12.0)
     assert found.joint == pytest.approx((2.0 / 12.0) ** 4)
@@ -312,7 +312,7 @@ def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
 def test_what_cannot_be_tested_does_not_pass():
     without = judged(nulls=pd.DataFrame())
     assert [feature.outcome for feature in without.features] == [PASSED, NOT_TESTED, PASSED]
-    assert not without.stands
+    assert not without.is_supported
     assert np.isnan(without.joint)
     unresolved = judged({"zeta_ratio": np.nan, "p_value": np.nan})
     assert [feature.outcome for feature in unresolved.features] == [NOT_TESTED, PASSED, NOT_TESTED]

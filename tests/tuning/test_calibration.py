@@ -33,10 +33,16 @@ from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_errors, score_of
-from gliderhpc.tuning.calibration_search import FARTHEST, STARTS, CalibrationSearch, best_start, correlated_scale
+from gliderhpc.tuning.calibration_search import (
+    PARAMETER_BOUND,
+    START_COUNT,
+    CalibrationSearch,
+    best_start,
+    correlated_scale,
+)
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
-from gliderhpc.tuning.steady_segments import SegmentSettings, joined, segments_of, steady_segments
+from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of, steady_segments
 from gliderhpc.tuning.trim import TRIM, fit_trim
 
 pytestmark = pytest.mark.compiled
@@ -125,7 +131,7 @@ def test_a_number_is_moved_and_put_where_it_belongs(parameter):
 SQUEEZED = with_values(PETREL, {"buoyancy.compressibility": 4.5e-6, "buoyancy.thermal_expansion": 6e-5})
 
 
-@pytest.mark.parametrize("steps", [-FARTHEST, FARTHEST])
+@pytest.mark.parametrize("steps", [-PARAMETER_BOUND, PARAMETER_BOUND])
 def test_every_number_at_its_bound_is_one_that_a_platform_may_have(steps):
     """A calibration by density wrote a negative thermal expansion, which the next verb refused."""
     for parameter in {*PARAMETERS, *PARAMETERS_BY_DENSITY}:
@@ -249,9 +255,9 @@ def test_steady_flight_is_found_for_a_hull_that_cannot_glide_as_flat(twin, caplo
         with pytest.raises(InputError, match="no steady flight to calibrate on"):
             steady_segments(opened, poor, (1, 2), settings, STEADY)
         found, expected = (
-            steady_segments(opened, hull, (1, 2), settings, STEADY, may_be_flatter=True) for hull in (poor, PETREL)
+            steady_segments(opened, hull, (1, 2), settings, STEADY, allow_flatter=True) for hull in (poor, PETREL)
         )
-    assert "petrel-l finds no steady flight; it is chosen with more lift" in caplog.text
+    assert "petrel-l finds no steady flight; segments are selected with more lift" in caplog.text
     np.testing.assert_array_equal(found.time, expected.time)
 
 
@@ -439,7 +445,7 @@ def test_the_best_of_several_starts_is_taken(monkeypatch):
     lines = []
     found = best_start(errors, np.isin(KEYS, ["buoyancy.neutral_volume", "viscous.K_D0"]), lines.append)
     np.testing.assert_array_equal(starts[0], 0.0)
-    assert len(starts) == len(lines) == STARTS
+    assert len(starts) == len(lines) == START_COUNT
     assert found[KEYS.index("viscous.K_D0")] == pytest.approx(math.log(10.0 / PETREL.viscous.K_D0) / 0.4, abs=0.3)
     assert np.count_nonzero(found) == 2
 
@@ -500,10 +506,10 @@ def test_the_usual_errors_leave_out_the_largest_twentieth():
     segments = glides(TRUTH, PETREL)
     found = score_of(PETREL, segments)
     errors = SegmentErrors(PETREL, (), segments)
-    pitch = np.sort(np.abs(errors.everywhere(np.zeros(0))[:, 1][errors.counted[:, 1]]))
+    pitch = np.sort(np.abs(errors.all_errors(np.zeros(0))[:, 1][errors.counted[:, 1]]))
     assert found.all[1] == pytest.approx(np.sqrt(np.mean(pitch**2)))
-    assert found.usual[1] == pytest.approx(np.sqrt(np.mean(pitch[: int(np.ceil(0.95 * len(pitch)))] ** 2)))
-    assert found.usual[1] < found.all[1]
+    assert found.trimmed[1] == pytest.approx(np.sqrt(np.mean(pitch[: int(np.ceil(0.95 * len(pitch)))] ** 2)))
+    assert found.trimmed[1] < found.all[1]
 
 
 def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_held(monkeypatch):
@@ -527,7 +533,7 @@ def test_too_few_profiles_are_refused():
 
 def test_segments_are_joined_in_order():
     one, two = glides(TRUTH, PETREL, profiles=1), glides(TRUTH, PETREL, profiles=2)
-    both = joined([one, two])
+    both = join_segments([one, two])
     assert len(both) == len(one) + len(two)
     np.testing.assert_array_equal(both.profile[len(one) :], two.profile)
 
@@ -697,11 +703,11 @@ def test_a_trend_is_a_neutral_volume_that_changes():
     errors = SegmentErrors(PETREL, (*PARAMETERS, TREND), segments)
     steps = np.zeros(len(errors.parameters))
     steps[-1] = 2.0 / TREND.spread(PETREL)
-    moved = errors.everywhere(steps)[:, 0]
+    moved = errors.all_errors(steps)[:, 0]
     days = (segments.time - errors.reference) / np.timedelta64(1, "D")
     for i in np.flatnonzero(np.abs(days) == 15.0)[:4]:
         shifted = with_values(PETREL, {"buoyancy.neutral_volume": PETREL.buoyancy.neutral_volume + 2.0 * days[i]})
-        alone = SegmentErrors(shifted, PARAMETERS, segments).everywhere(np.zeros(len(PARAMETERS)))[i, 0]
+        alone = SegmentErrors(shifted, PARAMETERS, segments).all_errors(np.zeros(len(PARAMETERS)))[i, 0]
         assert moved[i] == pytest.approx(alone, rel=1e-9, abs=1e-15)
         assert abs(moved[i]) > 1e-4
 

@@ -9,7 +9,7 @@ from gliderhpc.estimation.preparation import harmonics
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks.turns import (
     TurnStretches,
-    _part_known,
+    _hartlap_factor,
     _slopes,
     _without_prior,
     turn_information,
@@ -135,7 +135,7 @@ def test_the_inverse_of_a_covariance_by_few_profiles_is_information_in_part(prof
     draws = np.random.default_rng(7).standard_normal((20000, profiles, 4))
     apart = draws - draws.mean(axis=1, keepdims=True)
     inverses = np.linalg.inv(np.swapaxes(apart, 1, 2) @ apart / (profiles - 1))
-    np.testing.assert_allclose(_part_known(profiles) * inverses.mean(axis=0), np.eye(4), atol=0.02)
+    np.testing.assert_allclose(_hartlap_factor(profiles) * inverses.mean(axis=0), np.eye(4), atol=0.02)
 
 
 def test_what_is_believed_is_subtracted_where_the_turns_say_more():

@@ -11,7 +11,7 @@ from gliderhpc.tuning.least_squares import (
     jackknife_covariance,
     left_out_covariance,
     sensitivity,
-    solved,
+    solve_normal_equations,
 )
 
 RNG = np.random.default_rng(5)
@@ -101,7 +101,7 @@ def test_a_robust_estimate_errs_by_what_its_covariance_says():
 
 def test_undetermined_directions_of_the_normal_equations_stay():
     normal, score = np.diag([4.0, 0.0]), np.array([2.0, 0.0])
-    np.testing.assert_allclose(solved(normal, score), [0.5, 0.0])
+    np.testing.assert_allclose(solve_normal_equations(normal, score), [0.5, 0.0])
 
 
 def test_leaving_out_a_profile_moves_the_estimate_with_its_prior():
@@ -140,7 +140,7 @@ def test_residuals_that_cancel_within_clusters_do_not_deflate():
 
 def test_a_direction_that_nothing_tells_stays_where_it_is():
     normal = np.array([[4.0, 2.0], [2.0, 1.0]])
-    found = solved(normal, normal @ np.array([1.0, 1.0]))
+    found = solve_normal_equations(normal, normal @ np.array([1.0, 1.0]))
     np.testing.assert_allclose(normal @ found, normal @ np.array([1.0, 1.0]))
     np.testing.assert_allclose(found @ np.array([1.0, -2.0]), 0.0, atol=1e-12)
 

@@ -7,7 +7,13 @@ import pytest
 import scipy
 
 from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, about, solve_chain
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, predicted_disagreement, solve_mission, with_doubt
+from gliderhpc.tuning.mission_hull import (
+    DiveTerm,
+    HullPrior,
+    predicted_disagreement,
+    solve_mission,
+    widen_by_disagreement,
+)
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
 P = 5
@@ -236,7 +242,7 @@ def test_the_doubt_is_that_of_an_error_that_all_dives_share():
     matrix, before = root @ root.T, Gaussian(np.zeros(P), np.eye(P))
     after, _ = before.updated(Information(rng.standard_normal(P), matrix))
     others = [Gaussian(after.mean + shift, after.covariance) for shift in rng.standard_normal((2, P))]
-    found = with_doubt(before, after, others)
+    found = widen_by_disagreement(before, after, others)
     precision = np.eye(P) + matrix
     changes = np.column_stack([precision @ (other.mean - after.mean) for other in others])
     design = np.hstack([matrix, changes])
@@ -253,10 +259,10 @@ def test_where_assumptions_contradict_each_other_the_estimate_stays_at_the_prior
     direction = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     before = Gaussian(np.zeros(P), np.eye(P))
     after, _ = before.updated(Information(np.full(P, 2.0), np.diag([4.0] * P)))
-    found = with_doubt(before, after, [Gaussian(after.mean + 1e4 * direction, after.covariance)])
+    found = widen_by_disagreement(before, after, [Gaussian(after.mean + 1e4 * direction, after.covariance)])
     np.testing.assert_allclose(np.diag(found.covariance), [1e8 + 0.2, 0.2, 0.2, 0.2, 0.2], rtol=1e-9)
     np.testing.assert_allclose(found.mean, [0.0, 0.4, 0.4, 0.4, 0.4], atol=1e-6)
-    assert with_doubt(before, after, []) is after
+    assert widen_by_disagreement(before, after, []) is after
 
 
 def test_a_change_that_depends_on_the_assumed_noise_is_not_known():

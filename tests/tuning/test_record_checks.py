@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 from support.missions import program
 
-from benchmarks.record_checks import SETTINGS, expected, inspected, spoilt, twin_records, twin_scenario
+from benchmarks.record_checks import SETTINGS, expected, inspect_open, spoilt, twin_records, twin_scenario
 from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
@@ -31,11 +31,11 @@ from gliderhpc.tuning.record_checks.compass import (
     leg_of,
 )
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
-from gliderhpc.tuning.record_checks.finding import judged, undetermined_if_insensitive
+from gliderhpc.tuning.record_checks.finding import judge_size, undetermined_if_insensitive
 from gliderhpc.tuning.record_checks.inspection import LAG, lag_finding
 from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME, pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnInformation, TurnStretches, turn_information
-from gliderhpc.tuning.steady_segments import SteadySegments, joined
+from gliderhpc.tuning.steady_segments import SteadySegments, join_segments
 
 pytestmark = pytest.mark.compiled
 
@@ -224,7 +224,7 @@ def segments(
         rate = steady_depth_rate(hull, here, errors or {}, by_density=water is not None)
         rate = rate * (1.0 + rng.normal(0.0, scatter)) + rng.normal(0.0, 0.003, COUNT)
         parts.append(replace(here, depth_rate=rate, pitch=pitch + np.radians(offset)))
-    return joined(parts)
+    return join_segments(parts)
 
 
 def test_a_clean_pitch_raises_alarms_at_the_stated_rate():
@@ -340,7 +340,7 @@ def flown():
 
 @pytest.fixture(scope="module")
 def clean_twin(flown):
-    return inspected(flown)
+    return inspect_open(flown)
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +350,7 @@ def spoilt_errors():
 
 @pytest.fixture(scope="module")
 def spoilt_twin(flown, spoilt_errors):
-    return inspected(flown, spoilt_errors)
+    return inspect_open(flown, spoilt_errors)
 
 
 def test_a_clean_twin_raises_no_alarm(clean_twin):
@@ -507,14 +507,14 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
 
 
 def test_a_finding_lies_beyond_its_threshold_either_way():
-    assert [judged(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
+    assert [judge_size(size, 1.0) for size in (-1.5, -1.0, 0.0, 1.0, 1.5)] == [
         CheckVerdict.FOUND, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.NOTHING, CheckVerdict.FOUND,
     ]  # fmt: skip
 
 
 def test_nothing_found_says_that_a_plausible_error_would_have_been():
     def finding(size, threshold):
-        return Finding("check", "quantity", "1", size, 0.5, threshold, judged(size, threshold))
+        return Finding("check", "quantity", "1", size, 0.5, threshold, judge_size(size, threshold))
 
     for size, threshold in ((0.0, 2.0), (3.0, 2.5)):
         clear = finding(size, threshold)

@@ -10,7 +10,7 @@ from gliderhpc.estimation.current_errors import Budget, CurrentError, budget_tex
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.studies.library.turbulence.series import bridged, high_passed
+from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
 from gliderhpc.twins.cases import UNCERTAIN_COEFFICIENTS, RecordChanges, with_coefficient_errors, with_factors
 from gliderhpc.twins.recoverability import crossing, identification_noise
 from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
@@ -132,8 +132,8 @@ def test_high_pass_takes_the_mean_and_shifts_nothing():
 
 def test_bridging():
     usable = np.array([True, False, False, True])
-    np.testing.assert_allclose(bridged(np.array([1.0, 9.0, 9.0, 4.0]), usable), [1.0, 2.0, 3.0, 4.0])
-    assert (bridged(np.ones(3), np.zeros(3, bool)) == 0.0).all()
+    np.testing.assert_allclose(bridge_gaps(np.array([1.0, 9.0, 9.0, 4.0]), usable), [1.0, 2.0, 3.0, 4.0])
+    assert (bridge_gaps(np.ones(3), np.zeros(3, bool)) == 0.0).all()
 
 
 def test_strongest_stretch():

@@ -13,11 +13,11 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
-from gliderhpc.studies.library.passband import PERIODS, passband, unseen, unseen_in_bins
-from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smoothed, without_baseline
+from gliderhpc.studies.library.passband import PERIODS, describe_bin_averaging, describe_unresolved, passband
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smooth_stretches, without_baseline
 from gliderhpc.twins.cases import TwinCase, paper_dive, world
 from gliderhpc.twins.currents import BUDGET, currents_study
-from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, seen_band, slope, spectral_sums, transfer_lines
+from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, resolved_band, slope, spectral_sums, transfer_lines
 from gliderhpc.twins.currents.results import (
     ALL,
     COVERS,
@@ -173,9 +173,9 @@ def test_the_band_seen_is_where_half_the_gain_is_left():
         {"scale_low": 2.0**k, "scale_high": 2.0 ** (k + 1), "gain_current": gain}
         for k, gain in enumerate((0.3, 0.1, 0.25, 0.4, 0.3, 0.1, 0.3))
     ]
-    assert seen_band(lines) == (4.0, 32.0)
+    assert resolved_band(lines) == (4.0, 32.0)
     with pytest.raises(InputError, match="deeper twins"):
-        seen_band([])
+        resolved_band([])
 
 
 def test_a_slope_on_nothing_is_missing():
@@ -195,7 +195,7 @@ def test_the_formulas_of_baseline_and_smoothing_are_what_the_filters_do(band, pe
     inner = slice(len(time) // 4, 3 * len(time) // 4)
     settings = band.settings
     flattened = without_baseline(wave, round(settings.baseline / band.step))[inner]
-    smooth = smoothed(wave, round(settings.smoothing / band.step), settings.order)[inner]
+    smooth = smooth_stretches(wave, round(settings.smoothing / band.step), settings.order)[inner]
     for filtered, response in ((flattened, band.baseline_response), (smooth, band.smoothing_response)):
         amplitude = np.ptp(filtered) / 2.0
         assert amplitude == pytest.approx(float(response(np.array([period]))[0]), abs=0.01)
@@ -230,9 +230,9 @@ def test_limits_follow_the_vertical_speed_and_the_settings(band):
     assert band.smoothing_response(periods)[1] == pytest.approx(0.5, abs=0.01)
     assert PERIODS[0] < periods.min()
     assert np.sinc(band.settings.bin / band.bin_limit) == pytest.approx(0.5, abs=1e-5)
-    assert f"{band.bin_limit:.2g} m" in unseen_in_bins(band)
+    assert f"{band.bin_limit:.2g} m" in describe_bin_averaging(band)
     for figure in (f"{band.baseline_limit:.2g} m", f"{band.smoothing_limit:.2g} m", f"{band.following_limit:.2g} m"):
-        assert figure in unseen(band).replace("\n", " ")
+        assert figure in describe_unresolved(band).replace("\n", " ")
 
 
 def test_draws_are_seeded_independent_and_as_wide_as_they_say():

@@ -18,8 +18,8 @@ from gliderhpc.twins.estimators.runs import (
     paired,
     prior_case,
     result_scores,
+    standard_cases,
     summarise,
-    usual_cases,
 )
 from gliderhpc.twins.inversion import invert_twin
 from gliderhpc.twins.scoring import INTERVALS, coverage, mahalanobis
@@ -106,7 +106,7 @@ def test_inside_and_outside_the_events(twin):
 
 
 def test_every_kind_of_twin_differs_from_the_calm_one_in_its_own_way():
-    cases = usual_cases(HULL, SIZE, 3)
+    cases = standard_cases(HULL, SIZE, 3)
     calm, impulsive, harsh = cases["calm"], cases["impulsive"], cases["harsh"]
     assert calm.scenario.disturbances.impulse_interval is None
     assert impulsive.scenario.disturbances.impulse_interval is not None
@@ -122,7 +122,7 @@ def test_every_kind_of_twin_differs_from_the_calm_one_in_its_own_way():
 
 @pytest.mark.compiled
 def test_a_refused_record_is_a_row_a_piece_that_says_why():
-    case = usual_cases(HULL, SIZE, 1)["calm"]
+    case = standard_cases(HULL, SIZE, 1)["calm"]
     refused = estimator_rows(replace(case, changes=replace(case.changes, dropout=1.0)))
     assert [one["arm"] for one in refused] == [estimator.name for estimator in ESTIMATORS]
     assert all("never measured together" in one["refused"] for one in refused)
@@ -130,7 +130,7 @@ def test_a_refused_record_is_a_row_a_piece_that_says_why():
 
 @pytest.mark.compiled
 def test_a_twin_is_inverted_once_for_all_that_start_from_the_filter():
-    twin = TwinCache(usual_cases(HULL, SIZE, 1)["calm"])
+    twin = TwinCache(standard_cases(HULL, SIZE, 1)["calm"])
     assert twin.usual is twin.usual
     assert SMOOTHER.estimate(twin).disturbances.shape == twin.usual.truth.shape
 

@@ -5,7 +5,6 @@ covariance are included. The shear-sensitive part has no standard name, since it
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,18 +39,9 @@ _NOT_ABSOLUTE = (
 )
 
 
-@dataclass(frozen=True)
-class CurrentsSummary:
-    """Summary of an export: the file, the profiles in it, and the excluded ones with the reason."""
-
-    path: Path
-    profiles: tuple[int, ...]
-    left_out: dict[int, str] = field(default_factory=dict)
-
-
 def export_currents(
     archive: str | Path, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
-) -> CurrentsSummary:
+) -> tuple[list[int], dict[int, str]]:
     """Write the currents of an archive, from its study ``currents``.
 
     Parameters
@@ -64,6 +54,13 @@ def export_currents(
         Global attributes (``creator_name`` ...), which take precedence over those of the archive.
     overwrite : bool
         Replace an existing file.
+
+    Returns
+    -------
+    profiles : list of int
+        Numbers of the exported profiles.
+    left_out : dict of int to str
+        Excluded profiles with the reason.
 
     Raises
     ------
@@ -89,11 +86,11 @@ def export_currents(
         content = _content(table.isel(profile=known), adopted.isel(profile=known))
         content.attrs = {**_attributes(tree, study, content), **(described or {})}
     _write(content, out, overwrite)
-    return CurrentsSummary(out, tuple(content["profile"].values.tolist()), left_out)
+    return content["profile"].values.tolist(), left_out
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    """Replace the study's current and error ellipse by the smoother's where it is usable.
+    """Replace the study's current and error ellipse with the smoother's where that is usable.
 
     The error terms of the ellipse are those of the study, from a budget if one was used.
     """

@@ -98,9 +98,14 @@ def export_og1(
 
 
 def _export(
-    tree: Archive, numbers: list[int], described: Mapping[str, str], summary: ExportSummary, *, community: bool,
+    tree: Archive,
+    numbers: list[int],
+    described: Mapping[str, str],
+    summary: ExportSummary,
+    *,
+    community: bool,
     overwrite: bool,
-) -> None:  # fmt: skip
+) -> None:
     platform, counter, extent = platform_of(tree), Counter(), Extent()
     conventions = {"Conventions": f"{CONVENTIONS}, OG-1.0"}
     with AppendedFile(summary.path, conventions, {dives.AXIS: dives.CHUNK}, overwrite=overwrite) as file:
@@ -141,7 +146,7 @@ def _column(term: Term, rows: Rows) -> Column:
     ancillary = [f"{name}{suffix}" for suffix in ("_QC", "_STD") if f"{name}{suffix}" in rows]
     if ancillary:
         further["ancillary_variables"] = " ".join(ancillary)
-    attributes = {key: _typed(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
+    attributes = {key: _as_number_type(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
     return Column((AXIS,), values, attributes, fill=term.fill)
 
 
@@ -151,6 +156,6 @@ def _content_type(name: str) -> str:
     return content_type(name, coordinates=_COORDINATES)
 
 
-def _typed(value: Any, dtype: str) -> Any:
+def _as_number_type(value: Any, dtype: str) -> Any:
     """Convert flag values to the number type of their variable (CF 3.5)."""
     return np.array(value, dtype=dtype) if isinstance(value, list) else value

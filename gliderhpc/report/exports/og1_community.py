@@ -42,14 +42,18 @@ _OLDER_NAMES = frozenset({"time_vocabulary", "latitude_vocabulary", "longitude_v
 def _terms() -> Iterator[Term]:
     for name in _SAME:
         term = TERMS[name]
-        yield Term(name, term.dtype, {key: text for key, text in term.attributes.items() if key not in _OLDER_NAMES},
-                   term.fill)  # fmt: skip
+        yield Term(
+            name, term.dtype, {key: text for key, text in term.attributes.items() if key not in _OLDER_NAMES}, term.fill
+        )
     yield Term(
         "SEGMENT_NUMBER",
         "i4",
-        {"long_name": "number of the segment from surfacing to surfacing", "units": "1",
-         "comment": "number of the profile in the archive; a row of a fix has that of its segment"},
-    )  # fmt: skip
+        {
+            "long_name": "number of the segment from surfacing to surfacing",
+            "units": "1",
+            "comment": "number of the profile in the archive; a row of a fix has that of its segment",
+        },
+    )
     yield flags("PROFILE_DIRECTION", "vertical direction of the profile", "flag_values", DIRECTIONS)
     reckoned = flags("DEAD_RECKONING", "whether the position is computed by dead reckoning", "flag_values", RECKONINGS)
     yield Term(reckoned.name, reckoned.dtype, reckoned.attributes, _NO_POSITION)

@@ -63,7 +63,7 @@ def ground_track(archive: Archive, data: ProfileData, platform: Platform) -> Gro
         return _from_entry(entry, archive, data, motions_of(data, platform))
     if last is not None:
         through_water = track_of(motions_of(data, platform).estimate)
-        return _placed(last, through_water - through_water[-1], "to_the_fix_after")
+        return _place_track(last, through_water - through_water[-1], "to_the_fix_after")
     unknown = np.full(len(data.record_time), np.nan)
     return GroundTrack(unknown, unknown, POSITION_METHODS["none"])
 
@@ -71,11 +71,11 @@ def ground_track(archive: Archive, data: ProfileData, platform: Platform) -> Gro
 def _from_entry(entry: Fix, archive: Archive, data: ProfileData, motions: Motions) -> GroundTrack:
     tracks = anchored_tracks(archive, data, motions.estimate, motions.glide_angle)
     if tracks is None:
-        return _placed(entry, track_of(motions.estimate), "from_the_fix_before")
-    return _placed(entry, tracks.estimate, "between_both_fixes")
+        return _place_track(entry, track_of(motions.estimate), "from_the_fix_before")
+    return _place_track(entry, tracks.estimate, "between_both_fixes")
 
 
-def _placed(origin: Fix, displacement: Array, method: str) -> GroundTrack:
+def _place_track(origin: Fix, displacement: Array, method: str) -> GroundTrack:
     start = (origin.latitude, origin.longitude)
     places = np.array([moved(start, step) for step in displacement])
     return GroundTrack(places[:, 0], places[:, 1], POSITION_METHODS[method])
@@ -150,11 +150,11 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
         "VBD_CC": volume,
         "RUDDER": rudder,
         **_speeds(data),
-        **_adjoint(data),
+        **_adjoint_rows(data),
     }
     for name, values in _currents(data, smoothed is not None):
         rows[name] = np.full(count, values)
-    return rows if smoothed is None else rows | dict(_smoothed(smoothed, count))
+    return rows if smoothed is None else rows | dict(_smoothed_rows(smoothed, count))
 
 
 def _legs(depth: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -173,7 +173,7 @@ def _first_steps(data: ProfileData) -> NDArray[np.int64]:
     return np.searchsorted(data.time, data.record_time - 0.5 * data.step).astype(np.int64)
 
 
-def _adjoint(data: ProfileData) -> Rows:
+def _adjoint_rows(data: ProfileData) -> Rows:
     """Return the disturbances averaged over the steps of each record, and the motion at the record."""
     starts = _first_steps(data)
     known = np.asarray(np.isfinite(data.disturbances).all(axis=1))
@@ -186,7 +186,7 @@ def _adjoint(data: ProfileData) -> Rows:
     return dict(zip((term.name for term in ADJOINT_TERMS), columns.T, strict=True))
 
 
-def _smoothed(row: xr.Dataset, count: int) -> Iterator[tuple[str, Array]]:
+def _smoothed_rows(row: xr.Dataset, count: int) -> Iterator[tuple[str, Array]]:
     names = [*CHANNELS, *MOTION, *TRACKED]
     for name, term in zip(names, SMOOTHED_TERMS, strict=True):
         yield term.name, row[name].values[:count]
@@ -219,7 +219,10 @@ def _speeds(data: ProfileData) -> Rows:
 
 def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
     """Yield the adopted current, its estimate, and the currents of all estimates of the archive."""
-    adopted, columns = adopted_current(data.table), {"adjoint": ""} | ({"smoothed": "_smoothed"} if smoothed else {})
+    adopted, columns = (
+        adopted_current(data.table),
+        {"adjoint": ""} | ({"smoothed": "_smoothed"} if smoothed else {}),
+    )
     for along in ("north", "east"):
         for kind in ("", "_std"):
             yield f"DAVG_CURR_{along}{kind}".upper(), float(getattr(adopted, f"{along}{kind}"))
@@ -230,7 +233,7 @@ def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
 
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
-    """Add a fix as a row of its own, or to the record of the same time; skip one that is already in the file."""
+    """Add a fix as a separate row, or to the record of the same time; skip one that is already in the file."""
     time = since_1970(fix.time)
     if time <= last:
         return

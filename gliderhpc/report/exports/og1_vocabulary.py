@@ -109,12 +109,21 @@ def _coordinates() -> Iterator[Term]:
         _NO_PLACE,
     )
     yield Term(
-        "DEPTH", "f8",
-        {"long_name": "depth below the surface", "standard_name": "depth", "units": "m", "positive": "down",
-         "valid_min": -10.0, "valid_max": 11000.0,
-         "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, zero "
-         "where a fix was taken", "depth_vocabulary": _TERM.format("DEPTH")}, _NO_PLACE,
-    )  # fmt: skip
+        "DEPTH",
+        "f8",
+        {
+            "long_name": "depth below the surface",
+            "standard_name": "depth",
+            "units": "m",
+            "positive": "down",
+            "valid_min": -10.0,
+            "valid_max": 11000.0,
+            "interpolation_methodology": "measured depth, linear between its samples; missing in gaps of the record, "
+            "zero where a fix was taken",
+            "depth_vocabulary": _TERM.format("DEPTH"),
+        },
+        _NO_PLACE,
+    )
     yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **TIME_ATTRIBUTES}, _NO_TIME)
     yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **LATITUDE_ATTRIBUTES}, _NO_PLACE)
     yield Term(
@@ -130,7 +139,7 @@ def flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dty
     )
 
 
-def _counts() -> Iterator[Term]:
+def _count_terms() -> Iterator[Term]:
     yield Term("DIVE_NUMBER", "i4", {"long_name": "number of the profile in the archive", "units": "1"})
     yield Term(
         "PROFILE_NUMBER",
@@ -154,7 +163,7 @@ def _counts() -> Iterator[Term]:
     yield flags("QUALITY", "flags of the estimate, from any step of the record", "flag_masks", QUALITY.meanings, "u1")
 
 
-def _measured() -> Iterator[Term]:
+def _measured_terms() -> Iterator[Term]:
     described = {
         "ROLL": ("roll, starboard down", "platform_roll_starboard_down"),
         "PITCH": ("pitch, nose up", "platform_pitch_fore_up"),
@@ -174,7 +183,7 @@ def _measured() -> Iterator[Term]:
     yield quantity("RUDDER", "degree", "rudder angle", comment="positive where it turns the glider to starboard")
 
 
-def _currents() -> Iterator[Term]:
+def _current_terms() -> Iterator[Term]:
     origins = {
         "": "the estimate that DAVG_CURR_ESTIMATE names",
         "_ADJOINT": "the adjoint's displacement",
@@ -318,14 +327,14 @@ SMOOTHED_TERMS = tuple(_estimates("SMOOTHED"))
 TERMS: Mapping[str, Term] = {
     term.name: term
     for term in (
-        *_coordinates(), *_counts(), *_measured(), *_currents(), *_SPEEDS, *VERTICAL_TERMS, VERTICAL_QC,
+        *_coordinates(), *_count_terms(), *_measured_terms(), *_current_terms(), *_SPEEDS, *VERTICAL_TERMS, VERTICAL_QC,
         *ADJOINT_TERMS, *SMOOTHED_TERMS,
         *map(deviation_of, SMOOTHED_TERMS), *map(quality_control, WITH_QC),
     )
 }  # fmt: skip
 """Variables along the axis of measurements, by name."""
 
-MEASURED_TERMS = frozenset(term.name for term in _measured())
+MEASURED_TERMS = frozenset(term.name for term in _measured_terms())
 """Names of the variables measured by the glider."""
 
 SINGLE: Mapping[str, Mapping[str, Any]] = {

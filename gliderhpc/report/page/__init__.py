@@ -22,7 +22,7 @@ from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
 from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
 from gliderhpc.store_schema.place import Place, is_address
-from gliderhpc.studies.archived import own_platform
+from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
@@ -212,6 +212,6 @@ def _made(source: Place) -> str:
 
 def _write_platform(archive: Archive, out: Path) -> None:
     """Write the platform file, which the page's commands need, if no shipped platform is the same."""
-    platform = own_platform(archive)
+    platform = platform_or_none(archive)
     if platform is not None and platform_option(archive) == PLATFORM_FILE:
         (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")

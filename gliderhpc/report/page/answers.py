@@ -15,17 +15,17 @@ from gliderhpc.report.page.odd_profiles import common_remarks, listed_profiles, 
 from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.studies.archived import own_platform
+from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.tuning.hull_changes import PROBABLE
 
 Array = NDArray[np.float64]
 
-_FEWEST = 5
-"""Smallest number of dives for a trend."""
+_MIN_TREND_DIVES = 5
+"""Minimum number of dives for a trend."""
 
 
 def answers_section(archive: Archive, summary: Summary) -> Section:
-    """Assemble the results of the last dive and of the mission that an operator asks for first."""
+    """Assemble what an operator asks for first: results of the last dive, and of the mission."""
     table = MissionTable.of(archive)
     odd = [*odd_profiles(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
@@ -36,14 +36,14 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
     last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
     if message.current is None:
         last |= _last_known_current(table)
-    facts = {**last, **_current_of_the_mission(table), "uncertainty": "; ".join(_worth(archive, table))}
+    facts = {**last, **_mission_current(table), "uncertainty": "; ".join(_describe_uncertainty(archive, table))}
     return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(odd)))
 
 
 def _remarks(odd: Sequence[str]) -> tuple[Remarks | Words]:
-    return (
-        Remarks(tuple(odd), "Odd in this mission") if odd else Words("Every profile was estimated without remark."),
-    )
+    if odd:
+        return (Remarks(tuple(odd), "Anomalies in this mission"),)
+    return (Words("Every profile was estimated without remark."),)
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
@@ -66,7 +66,7 @@ def _last_known_current(table: MissionTable) -> dict[str, str]:
     return {} if current is None else {f"last known current (dive {number})": current_text(current)}
 
 
-def _current_of_the_mission(table: MissionTable) -> dict[str, str]:
+def _mission_current(table: MissionTable) -> dict[str, str]:
     """Return mean and trend of the depth-averaged currents; empty without a current."""
     known = table.with_current
     if not known.any():
@@ -74,7 +74,7 @@ def _current_of_the_mission(table: MissionTable) -> dict[str, str]:
     north, east = (component[known] for component in table.current)
     found = {"mean current": f"{polar(north.mean(), east.mean())} ({known.sum()} dives)"}
     days = table.days[known]
-    if known.sum() >= _FEWEST and np.ptp(days) > 0.0:
+    if known.sum() >= _MIN_TREND_DIVES and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
         texts = [f"{signed(slope, '.2g')} ± {error:.2g}" for slope, error in slopes]
         found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, by the dives' scatter"
@@ -90,13 +90,13 @@ def _trend(days: Array, values: Array) -> tuple[float, float]:
     return slope, float(np.sqrt(residuals @ residuals / (len(days) - 2) / square))
 
 
-def _worth(archive: Archive, table: MissionTable) -> Iterator[str]:
+def _describe_uncertainty(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield sentences on the uncertainty of the results."""
     deviation, converged = median(table.current_std), median(table.converged[table.done])
     if np.isfinite(deviation):
         yield f"median standard deviation of a current's component {deviation:.3f} m/s ({table.adopted.label})"
     if np.isfinite(converged):
         yield f"{converged:.0%} of the windows of a profile converged (median)"
-    platform = own_platform(archive)
+    platform = platform_or_none(archive)
     if platform is not None:
         yield "the hull was calibrated" if platform.calibration else "the hull was not calibrated (gliderhpc calibrate)"

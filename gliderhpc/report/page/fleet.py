@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shlex
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +13,6 @@ from urllib.parse import quote
 
 from gliderhpc.errors import InputError
 from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
-from gliderhpc.report.page.fleet_folders import folder_names
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.odd_profiles import POORLY_CONVERGED
@@ -31,6 +32,9 @@ _MAP_CAPTION = (
     f"{PROBABILITY:.0%} ellipse. The numbers are those of the table. Longitudes are scaled to distance at the middle "
     "latitude."
 )
+
+_RESERVED = ("index.html", "fleet.csv", "fleet_map.png", "fleet_map.svg")
+"""File names reserved for the fleet's page."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,7 @@ class _Member:
         address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{self.page}"
         cells = self.state.cells
         if self.fault:
-            cells = {**cells, "odd": (f"no page of its own: {self.fault}", *self.state.odd)}
+            cells = {**cells, "odd": (f"no separate page: {self.fault}", *self.state.odd)}
         return RosterEntry(title, self.state.mission, address, cells)
 
     @property
@@ -95,7 +99,7 @@ def write_fleet(
     Returns
     -------
     Written
-        Files of the fleet's page; `failed` has a line for each archive without a page of its own.
+        Files of the fleet's page; `failed` has a line for each archive without a separate page.
 
     Raises
     ------
@@ -106,13 +110,64 @@ def write_fleet(
     names = folder_names(places)
     _check_apart(places, [out, *(out / name for name in names)])
     members = [
-        _reported(_Member(number, place, name, page), out, write_mission)
+        _report_member(_Member(number, place, name, page), out, write_mission)
         for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
     ]
     if all(member.state is None for member in members):
         raise InputError(f"none of the {len(members)} archives can be read; the first: {members[0].fault}")
     written = write_page(_fleet_page(members, out), out, page, made(f"{len(places)} archives"))
     return replace(written, failed=tuple(member.fault for member in members if member.fault))
+
+
+def folder_names(places: Sequence[Place]) -> list[str]:
+    """Return a folder name for each archive: its name without ``.zarr``, preceded by parent folders if names are equal.
+
+    Names that differ only in case are regarded as equal, since some file systems do not distinguish them.
+
+    Raises
+    ------
+    InputError
+        An archive is given twice.
+    """
+    counts = Counter(map(absolute, places))
+    for place in places:
+        if counts[absolute(place)] > 1:
+            raise InputError(f"{place}: this archive is given {counts[absolute(place)]} times; give each once")
+    parts = [_name_parts(place) for place in places]
+    depths = [1] * len(parts)
+    while True:
+        names = ["-".join(one[-depth:]) for one, depth in zip(parts, depths, strict=True)]
+        same = [index for index in _duplicates(names) if depths[index] < len(parts[index])]
+        if not same:
+            return _with_numbers(names)
+        for index in same:
+            depths[index] += 1
+
+
+def _name_parts(place: Place) -> list[str]:
+    """Return the parts of a place's name that can name a folder, the last one without ``.zarr``."""
+    # The scheme of an address is not a folder.
+    name = absolute(place).partition("://")[2] if is_address(place) else absolute(place)
+    parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".", "..")] or ["archive"]
+    return [*parts[:-1], parts[-1].removesuffix(".zarr") or parts[-1]]
+
+
+def _duplicates(names: Sequence[str]) -> list[int]:
+    """Return the positions of names that are not unique."""
+    counts = Counter((*map(str.casefold, names), *_RESERVED))
+    return [index for index, name in enumerate(names) if counts[name.casefold()] > 1]
+
+
+def _with_numbers(names: Sequence[str]) -> list[str]:
+    """Number the names that the parent folders do not distinguish, from the second on."""
+    numbered: list[str] = []
+    taken, wanted = set(_RESERVED), {name.casefold() for name in names}
+    for name in names:
+        candidates = (f"{name}-{count}" for count in itertools.count(2))
+        free = (one for one in candidates if one.casefold() not in taken | wanted)
+        numbered.append(name if name.casefold() not in taken else next(free))
+        taken.add(numbered[-1].casefold())
+    return numbered
 
 
 def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
@@ -124,7 +179,7 @@ def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
             raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
 
 
-def _reported(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
+def _report_member(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
     """Read the state of a mission and write its page; record the reason if the archive cannot be used."""
     try:
         member = replace(member, state=read_state(member.place))

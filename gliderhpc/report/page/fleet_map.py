@@ -17,10 +17,10 @@ from gliderhpc.findings.drawing import (
     MODEL,
     SMALL,
     TRUTH,
-    dress,
     footnote,
     label,
     new_figure,
+    style_axes,
 )
 from gliderhpc.report.currents_map import CIRCLE, covariance_factors
 from gliderhpc.report.page.mission_figures import DEGREE, MIN_EXTENT, frame_map, round_speed
@@ -97,7 +97,7 @@ def fleet_map(tracks: Sequence[Track]) -> Figure | None:
     width, height = _SIZE
     figure = new_figure((width, height + _LEGEND_ROW * max(0, len(shown) // 2 - 2)))
     axes = figure.subplots()
-    dress(axes)
+    style_axes(axes)
     for track, (fixes, _) in zip(shown, placed, strict=True):
         _draw_track(axes, track, fixes)
     tips = _draw_currents(axes, shown, placed, every, shrink)
@@ -121,9 +121,15 @@ def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
         *fixes.T, ".-", color=_colour(track), linewidth=1.4, markersize=4.0, zorder=2.0, label=f"{track.number}  {name}"
     )
     axes.annotate(
-        str(track.number), tuple(fixes[-1]), xytext=(4.0, 4.0), textcoords="offset points", fontsize=SMALL + 2,
-        fontweight="bold", color=_colour(track), zorder=6.0,
-    )  # fmt: skip
+        str(track.number),
+        tuple(fixes[-1]),
+        xytext=(4.0, 4.0),
+        textcoords="offset points",
+        fontsize=SMALL + 2,
+        fontweight="bold",
+        color=_colour(track),
+        zorder=6.0,
+    )
 
 
 def _draw_currents(
@@ -146,15 +152,27 @@ def _draw_currents(
         np.array(pairs) for pairs in ([place for _, place in known], [t.current * stretch for t, _ in known])
     )
     arrows = axes.quiver(
-        *places.T, *ways.T, color=[_colour(track) for track, _ in known], angles="xy", scale_units="xy", scale=1.0,
-        width=0.006, zorder=4.0,
-    )  # fmt: skip
+        *places.T,
+        *ways.T,
+        color=[_colour(track) for track, _ in known],
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        width=0.006,
+        zorder=4.0,
+    )
     shown = round_speed(0.7 * fastest)
     # The key is above the panel, where it covers no track.
     axes.quiverkey(
-        arrows, 0.76, 1.03, shown * stretch[0], f"{shown:g} m/s", labelpos="W", color=TRUTH,
+        arrows,
+        0.76,
+        1.03,
+        shown * stretch[0],
+        f"{shown:g} m/s",
+        labelpos="W",
+        color=TRUTH,
         fontproperties={"size": SMALL + 1},
-    )  # fmt: skip
+    )
     return outlines
 
 

@@ -135,7 +135,7 @@ class MissionTable:
             np.column_stack([self.column(f"{end}_{axis}") for end in ("entry", "exit")])
             for axis in ("latitude", "longitude")
         )
-        return latitude, _unwrapped(longitude)
+        return latitude, _unwrap(longitude)
 
     @property
     def middle(self) -> tuple[Array, Array]:
@@ -174,7 +174,7 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _unwrapped(longitude: Array) -> Array:
+def _unwrap(longitude: Array) -> Array:
     """Unwrap longitudes at the antimeridian; missing values stay missing."""
     running = longitude.copy()
     known = np.isfinite(longitude)
@@ -190,7 +190,7 @@ DEGREE = 111_195.0
 """Length of a degree of latitude, m."""
 
 MIN_EXTENT = 2000.0
-"""Smallest extent of a map, m."""
+"""Minimum extent of a map, m."""
 
 _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
 """Width over height of the map, and size of the map relative to its content."""

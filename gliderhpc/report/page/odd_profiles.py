@@ -10,7 +10,7 @@ POORLY_CONVERGED = 0.8
 """Share of converged windows below which a profile is listed as odd."""
 
 _LISTED = 3
-"""Largest number of failed profiles whose messages are listed, of profile numbers in a list, and of common remarks."""
+"""Maximum number of failed profiles whose messages are listed, of profile numbers in a list, and of common remarks."""
 
 _COMMON = 0.1
 """Fraction of the estimated profiles from which a remark is common."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_TABLE_ROWS = 60
-"""Largest number of rows of a table on the page; the CSV file has all rows."""
+"""Maximum number of rows of a table on the page; the CSV file has all rows."""
 
 _PLACES = ("latitude", "longitude")
 

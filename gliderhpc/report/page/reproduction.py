@@ -14,11 +14,11 @@ from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform, shipped_platforms
-from gliderhpc.report.facts import flattened
+from gliderhpc.report.facts import flatten_settings
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
 from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
-from gliderhpc.studies.archived import own_platform
+from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
 
 PLATFORM_FILE = "platform.yaml"
@@ -53,11 +53,13 @@ def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings, by dotted name, that differ from the defaults of preset, engine and start."""
     chosen = {name: settings[name] for name in _OPTION_SETTINGS if name in settings}
     try:
-        defaults = dict(flattened(MissionSettings.model_validate(chosen).model_dump(mode="json")))
+        defaults = dict(flatten_settings(MissionSettings.model_validate(chosen).model_dump(mode="json")))
     except ValidationError:
         defaults = {}
     return {
-        key: value for key, value in flattened(settings) if key not in _OPTION_SETTINGS and defaults.get(key) != value
+        key: value
+        for key, value in flatten_settings(settings)
+        if key not in _OPTION_SETTINGS and defaults.get(key) != value
     }
 
 
@@ -85,7 +87,7 @@ def _models(made: Mapping[Any, Any]) -> list[str]:
 
 def platform_option(archive: Archive) -> str:
     """Return the value of ``--platform``: the name of a shipped platform, or the file that the report writes."""
-    platform = own_platform(archive)
+    platform = platform_or_none(archive)
     if platform is None:
         return PLATFORM_FILE
     shipped = platform.name in shipped_platforms() and read_platform(platform.name) == platform
@@ -149,7 +151,7 @@ def _versions(attributes: Mapping[Any, Any]) -> dict[str, str]:
 def _rows(settings: object) -> list[dict[str, Any]]:
     if not isinstance(settings, Mapping):
         return []
-    return [{"setting": key, "value": _text(value)} for key, value in flattened(settings)]
+    return [{"setting": key, "value": _text(value)} for key, value in flatten_settings(settings)]
 
 
 def _study_rows(archive: Archive, studies: Iterable[str]) -> Iterable[dict[str, Any]]:
@@ -159,7 +161,7 @@ def _study_rows(archive: Archive, studies: Iterable[str]) -> Iterable[dict[str, 
             if key in attributes:
                 yield {"study": name, "setting": key, "value": _text(attributes[key])}
         own = attributes.get("settings")
-        for key, value in flattened(own if isinstance(own, Mapping) else {}):
+        for key, value in flatten_settings(own if isinstance(own, Mapping) else {}):
             yield {"study": name, "setting": key, "value": _text(value)}
 
 

@@ -33,7 +33,7 @@ from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
 
 _MAX_COLUMNS = 14
-"""Largest number of columns of a study's table on the page, except for the publication's own tables."""
+"""Maximum number of columns of a study's table on the page, except for the publication's own tables."""
 
 
 HEADINGS = {
@@ -69,7 +69,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
         found = show_study(name, archive)
-        shown = _shown(name, found, _headings(name, archive))
+        shown = _study_blocks(name, found, _headings(name, archive))
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
     return [*_notes(name, archive, summary, found, command), *shown]
@@ -111,7 +111,7 @@ def _headings(name: str, archive: Archive) -> dict[str, str]:
     return {str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()}
 
 
-def _shown(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
+def _study_blocks(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
     """Return figures, then the comparison, then tables."""
     blocks: list[Block] = [
         Picture(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)

@@ -107,7 +107,7 @@ def _inversion(message: SurfacingMessage) -> str:
 def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
     changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
     remarks = (*message.odd, *changes)
-    return (Remarks(remarks, "Odd in this dive"),) if remarks else (Words("Nothing."),)
+    return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Words("Nothing."),)
 
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:

@@ -21,7 +21,7 @@ from gliderhpc.findings.drawing import (
     footnote,
     label,
     legend,
-    nothing_here,
+    mark_empty,
     panels,
 )
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
@@ -38,7 +38,7 @@ from gliderhpc.studies.archived import (
     study_table,
 )
 from gliderhpc.studies.currents import NAME
-from gliderhpc.studies.library.passband import Passband, passband, unseen, unseen_in_bins
+from gliderhpc.studies.library.passband import Passband, describe_bin_averaging, describe_unresolved, passband
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
-"""Largest number of shear vectors along the track."""
+"""Maximum number of shear vectors along the track."""
 
 _LONGEST = 0.2
 """Length of the longest shear vector, relative to the width of the panel."""
@@ -68,13 +68,13 @@ def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSetting
     label(middle, "shear-sensitive part, limits to scale", "mm/s", "m")
     if not np.isfinite(study["both_shear_north"]).any():
         for axes in (left, middle):
-            nothing_here(axes, nothing_retrieved(study))
+            mark_empty(axes, nothing_retrieved(study))
         return figure
     _draw_profile(left, study)
     _draw_shear(middle, data, study)
     band = _passband(data, platform_of(archive), settings)
     _draw_limits(middle, band)
-    footnote(figure, f"{unseen(band)}\n{unseen_in_bins(band)}")
+    footnote(figure, f"{describe_unresolved(band)}\n{describe_bin_averaging(band)}")
     return figure
 
 
@@ -155,8 +155,15 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
             solid_capstyle="butt",
             transform=axes.get_yaxis_transform(),
         )
-        axes.text(place, middle - scale, f"{scale:.2g} m", transform=axes.get_yaxis_transform(), fontsize=SMALL,
-                  ha="center", va="bottom")  # fmt: skip
+        axes.text(
+            place,
+            middle - scale,
+            f"{scale:.2g} m",
+            transform=axes.get_yaxis_transform(),
+            fontsize=SMALL,
+            ha="center",
+            va="bottom",
+        )
     axes.set_ylim(low, high)
 
 
@@ -177,9 +184,16 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
         longest = float(np.max(np.hypot(*shear[rows].T)))
         # By default the scale depends on the mean, and one strong vector would leave the panel.
         arrows = axes.quiver(
-            track[rows, 1], track[rows, 0], shear[rows, 1], shear[rows, 0], color=FILTER, width=0.004, angles="xy",
-            scale=max(longest, 1e-9) / _LONGEST, scale_units="width",
-        )  # fmt: skip
+            track[rows, 1],
+            track[rows, 0],
+            shear[rows, 1],
+            shear[rows, 0],
+            color=FILTER,
+            width=0.004,
+            angles="xy",
+            scale=max(longest, 1e-9) / _LONGEST,
+            scale_units="width",
+        )
         shown = float(f"{longest:.1g}")
         axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
     axes.set_aspect("equal", adjustable="datalim")
@@ -192,12 +206,13 @@ def captions(
 ) -> dict[str, str]:
     """Return the captions of the table and of the figures, by stem."""
     figures = {
-        stem: _of_figure(made, table[table["profile"] == profile].iloc[0], settings) for stem, profile in drawn.items()
+        stem: _figure_caption(made, table[table["profile"] == profile].iloc[0], settings)
+        for stem, profile in drawn.items()
     }
-    return {"currents": _of_table(made, table)} | figures
+    return {"currents": _table_caption(made, table)} | figures
 
 
-def _of_table(made: Provenance, table: pd.DataFrame) -> str:
+def _table_caption(made: Provenance, table: pd.DataFrame) -> str:
     known = int(table["current_north"].notna().sum())
     text = (
         f"Depth-averaged current from the fixes and the self-motion of {estimate_label(made)}, with every term of its "
@@ -214,7 +229,7 @@ def _of_table(made: Provenance, table: pd.DataFrame) -> str:
     )
 
 
-def _of_figure(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
+def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
     noise = bool(np.isfinite(row["significant_fraction"]))
     hull = f"moment coefficients in error by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"

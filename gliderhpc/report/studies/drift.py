@@ -126,9 +126,17 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
     hollow = "none" if estimate == SMOOTHED else colour
     axes.plot(days[between], values[between], mark, color=colour, markersize=1.5, alpha=0.5, markerfacecolor=hollow)
     axes.errorbar(
-        days[~between], values[~between], yerr=2.0 * one.floor, fmt=mark, color=colour, ecolor=to_rgba(colour, 0.25),
-        markersize=3.5, markerfacecolor=hollow, elinewidth=0.6, label=f"{phase}, {estimate}",
-    )  # fmt: skip
+        days[~between],
+        values[~between],
+        yerr=2.0 * one.floor,
+        fmt=mark,
+        color=colour,
+        ecolor=to_rgba(colour, 0.25),
+        markersize=3.5,
+        markerfacecolor=hollow,
+        elinewidth=0.6,
+        label=f"{phase}, {estimate}",
+    )
     if one.trend.count and one.span > 0.0:
         ends = (float(days[0]), float(days[-1]))
         style = "-" if one.shown else ":" if one.primary else "--"

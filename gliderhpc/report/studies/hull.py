@@ -105,12 +105,19 @@ def parameter_table(history: HullHistory) -> pd.DataFrame:
     rows = []
     for p in history.parameters:
         value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
-        rows.append({
-            "parameter": p.key, "meaning": p.meaning, "unit": p.unit, "platform file": p.value(history.platform),
-            "estimate": value, "low": value - _NORMAL_95 * std, "high": value + _NORMAL_95 * std,
-            "left": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
-            "steps": p.steps(history.platform, value),
-        })  # fmt: skip
+        rows.append(
+            {
+                "parameter": p.key,
+                "meaning": p.meaning,
+                "unit": p.unit,
+                "platform file": p.value(history.platform),
+                "estimate": value,
+                "low": value - _NORMAL_95 * std,
+                "high": value + _NORMAL_95 * std,
+                "left": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
+                "steps": p.steps(history.platform, value),
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -133,12 +140,20 @@ def change_table(history: HullHistory) -> pd.DataFrame:
     for p in history.suspects:
         change = history.change(p.key)
         total, std = change["change_total"], change["change_total_std"]
-        rows.append({
-            "parameter": p.key, "unit": p.unit, "probability": change["change_probability"], "change": total,
-            "low": total - _NORMAL_95 * std, "high": total + _NORMAL_95 * std, "since profile": change["onset"],
-            "since, low": change["onset_low"], "since, high": change["onset_high"],
-            "step": change["step_probability"],
-        })  # fmt: skip
+        rows.append(
+            {
+                "parameter": p.key,
+                "unit": p.unit,
+                "probability": change["change_probability"],
+                "change": total,
+                "low": total - _NORMAL_95 * std,
+                "high": total + _NORMAL_95 * std,
+                "since profile": change["onset"],
+                "since, low": change["onset_low"],
+                "since, high": change["onset_high"],
+                "step": change["step_probability"],
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -206,9 +221,14 @@ def hull_figure(history: HullHistory, title: str) -> Figure:
 def _draw(axes: Axes, history: HullHistory, p: HullParameter) -> None:
     value, std, then = (history.series(name, p.key) for name in ("estimate", "estimate_std", "estimate_sequential"))
     axes.fill_between(
-        history.days, value - _NORMAL_95 * std, value + _NORMAL_95 * std, color=MODEL, alpha=0.2, linewidth=0.0,
+        history.days,
+        value - _NORMAL_95 * std,
+        value + _NORMAL_95 * std,
+        color=MODEL,
+        alpha=0.2,
+        linewidth=0.0,
         label="95 % interval",
-    )  # fmt: skip
+    )
     axes.plot(history.days, value, color=MODEL, linewidth=1.2, label="all dives")
     axes.plot(history.days, then, ".", color=SMOOTHER, markersize=4.0, label="dives up to each")
     axes.axhline(p.value(history.platform), color="#666666", linestyle="--", linewidth=0.8, label="platform file")
@@ -308,12 +328,16 @@ def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
     found = [(p, history.change(p.key)) for p in history.suspects]
     return tuple(
         StoredChange(
-            p.key, p.unit, change["change_total"], change["change_total_std"], change["change_probability"],
+            p.key,
+            p.unit,
+            change["change_total"],
+            change["change_total_std"],
+            change["change_probability"],
             _verdict(history, p),
         )
         for p, change in found
         if p.key in (_DRAG, _VOLUME) or change["change_probability"] >= PROBABLE
-    )  # fmt: skip
+    )
 
 
 def _stored_history(archive: Archive) -> HullHistory | None:

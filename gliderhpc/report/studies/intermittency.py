@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_DRAWN = 9
-"""Largest number of profiles in the figure."""
+"""Maximum number of profiles in the figure."""
 
 _STYLES = ("-", "--", ":")
 _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

@@ -41,7 +41,7 @@ def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of an archive's nulls, with comparable measured profiles."""
     made, nulls = provenance_of(archive, NAME), null_table(archive)
     settings = NullSettings.model_validate(made.settings)
-    measured, remarks = _measured(archive, made, settings)
+    measured, remarks = _comparable_profiles(archive, made, settings)
     ensembles = Ensembles(measured, nulls, settings.statistics)
     verdict = judge(ensembles)
     facts = {
@@ -72,7 +72,9 @@ def show(archive: Archive) -> Findings:
     return replace(findings, documents={"verdict.md": text})
 
 
-def _measured(archive: Archive, made: Provenance, settings: NullSettings) -> tuple[pd.DataFrame, tuple[str, ...]]:
+def _comparable_profiles(
+    archive: Archive, made: Provenance, settings: NullSettings
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return the measured profiles of the same estimate and settings, and the remarks."""
     measured, of_measured = stored_measured(archive, made.estimate)
     if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):

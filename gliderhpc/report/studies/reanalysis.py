@@ -104,10 +104,17 @@ def _draw_ellipses(axes: Axes, current: Current) -> None:
     for sigmas, style in ((1.0, "-"), (2.0, "--")):
         axes.add_patch(
             Ellipse(
-                (east, north), 2.0 * sigmas * longer, 2.0 * sigmas * shorter, angle=angle, fill=False, color=TRUTH,
-                linewidth=0.8, linestyle=style, label=f"{sigmas:.0f}σ",
+                (east, north),
+                2.0 * sigmas * longer,
+                2.0 * sigmas * shorter,
+                angle=angle,
+                fill=False,
+                color=TRUTH,
+                linewidth=0.8,
+                linestyle=style,
+                label=f"{sigmas:.0f}σ",
             )
-        )  # fmt: skip
+        )
 
 
 def _frame(axes: Axes, current: Current, points: Array) -> None:

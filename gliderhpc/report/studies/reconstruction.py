@@ -66,7 +66,7 @@ def captions(
     """Return the captions by stem; `drawn` are the profiles of Figure 3."""
     estimate = estimate_label(made)
     own = {
-        "profiles": _of_profiles(made, table),
+        "profiles": _profiles_caption(made, table),
         "figure_2": (
             f"Profile {made.profiles[0]}: measured attitude and depth, the motion that {estimate} reconstructs, and "
             "both tracks closed on the GPS fixes. Grey: actuators moving, excluded from the residuals given. "
@@ -104,7 +104,7 @@ def _lag_text(made: Provenance, table: pd.DataFrame) -> str:
     return f"The filter lags by {lag} s (median of {describe_data(made, known['profile'].tolist())})."
 
 
-def _of_profiles(made: Provenance, table: pd.DataFrame) -> str:
+def _profiles_caption(made: Provenance, table: pd.DataFrame) -> str:
     flown = int(table["segment_start"].notna().sum()) if "segment_start" in table else 0
     second = int(table["no_slope_steady_roll"].notna().sum()) if "no_slope_steady_roll" in table else 0
     return (
@@ -252,6 +252,12 @@ def show(archive: Archive) -> Findings:
         figures["recovery"] = partial(recovery_figure, channels, impulses, made.estimate)
     facts = shared_facts(made) | {"medians": column_medians(table)}
     return archive_findings(
-        NAME, comparisons(table, channels, impulses, platform, made.estimate), tables, figures, facts,
-        failed_profiles(table)[0], (*made.remarks, *remarks), captions=captions(made, table, channels, impulses, drawn),
-    )  # fmt: skip
+        NAME,
+        comparisons(table, channels, impulses, platform, made.estimate),
+        tables,
+        figures,
+        facts,
+        failed_profiles(table)[0],
+        (*made.remarks, *remarks),
+        captions=captions(made, table, channels, impulses, drawn),
+    )

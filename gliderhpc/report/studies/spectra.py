@@ -44,7 +44,7 @@ BETA_ALL = fit_columns(BETA, None).exponent
 _COLOURS = (MODEL, FILTER, SMOOTHER, "#CC79A7", "#56B4E9", "#E69F00")
 
 _MAX_NAMED = 6
-"""Largest number of profiles named in a panel; others are drawn thin and grey."""
+"""Maximum number of profiles named in a panel; others are drawn thin and grey."""
 
 
 def show(archive: Archive) -> Findings:

@@ -11,7 +11,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.drawing import FILTER, GLIDE_ANGLE, LANDSCAPE, MEASURED, MODEL, dress, label, legend, panels
+from gliderhpc.findings.drawing import (
+    FILTER,
+    GLIDE_ANGLE,
+    LANDSCAPE,
+    MEASURED,
+    MODEL,
+    label,
+    legend,
+    panels,
+    style_axes,
+)
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, number
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, median_of
 from gliderhpc.studies.archived import (
@@ -56,7 +66,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
     numbers = [int(number) for number in table["profile"][:SHOWN]]
-    measured, modelled = _joined(archive, "observed", numbers), _joined(archive, "validation", numbers)
+    measured, modelled = _join_records(archive, "observed", numbers), _join_records(archive, "validation", numbers)
     _draw_vertical(vertical, measured, modelled, numbers)
     _draw_heading(heading, measured, modelled)
     _draw_longitudinal(longitudinal, table, trend)
@@ -64,7 +74,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     return figure
 
 
-def _joined(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
+def _join_records(archive: Archive, group: str, numbers: list[int]) -> dict[str, Array]:
     """Concatenate the records of some profiles, separated by NaN to interrupt the lines."""
     joined: dict[str, list[Array]] = {name: [] for name in ("time", "depth", "pitch", "heading")}
     first, shown = _clock(archive, numbers[0])[0], 0.0
@@ -99,7 +109,7 @@ def _draw_vertical(axes: Axes, measured: dict[str, Array], modelled: dict[str, A
     axes.set_yticks([tick for tick in axes.get_yticks() if 0.0 <= tick <= deepest])
     legend(axes, "lower right")
     pitch = axes.twinx()
-    dress(pitch)
+    style_axes(pitch)
     pitch.spines["right"].set_visible(True)
     pitch.grid(False)
     pitch.plot(hours, measured["pitch"], color=MEASURED, linewidth=1.6)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from gliderhpc.archive.profile import goes_by_density
+from gliderhpc.archive.profile import uses_measured_density
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings
@@ -73,9 +73,16 @@ def _draw_depths(axes: Axes, rows: xr.Dataset, number: int) -> None:
         part = rows.where(own, drop=True)
         velocity, deviation = _CM * part["water_up"].values, _CM * part["water_up_std"].values
         axes.errorbar(
-            velocity, part["depth"].values, xerr=deviation, fmt=".", color=colour, ecolor=(*_rgb(colour), 0.15),
-            markersize=2.0, elinewidth=0.8, label=leg,
-        )  # fmt: skip
+            velocity,
+            part["depth"].values,
+            xerr=deviation,
+            fmt=".",
+            color=colour,
+            ecolor=(*_rgb(colour), 0.15),
+            markersize=2.0,
+            elinewidth=0.8,
+            label=leg,
+        )
     axes.invert_yaxis()
     axes.axvline(0.0, color="#666666", linewidth=0.6)
     legend(axes)
@@ -141,12 +148,12 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
     return (
         Comparison("share of samples with a vertical velocity", "1", median_of(table, "share")),
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
-        *(_of_leg(table, leg, whose) for leg in ("dive", "climb")),
+        *(_leg_comparison(table, leg, whose) for leg in ("dive", "climb")),
         Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
         Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
-            _of_number(table, suspect.key.rpartition(".")[2], leg)
+            _parameter_comparison(table, suspect.key.rpartition(".")[2], leg)
             for suspect in errors.suspects
             for leg in ("dive", "climb")
         ),
@@ -173,7 +180,7 @@ def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def _of_leg(table: pd.DataFrame, leg: str, whose: str) -> Comparison:
+def _leg_comparison(table: pd.DataFrame, leg: str, whose: str) -> Comparison:
     deviation = median_of(table, leg_column("mean_std", leg))
     return Comparison(
         f"mean vertical velocity of the water, {leg}s",
@@ -197,7 +204,7 @@ def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
     )  # fmt: skip
 
 
-def _of_number(table: pd.DataFrame, name: str, leg: str) -> Comparison:
+def _parameter_comparison(table: pd.DataFrame, name: str, leg: str) -> Comparison:
     return Comparison(
         f"change for one plausible deviation of {name}, {leg}s",
         "m/s",
@@ -241,7 +248,7 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made, table = provenance_of(archive, NAME), study_table(archive, NAME)
     failed, known = failed_profiles(table)
-    by_density = any(goes_by_density(archive, number) for number in made.profiles)
+    by_density = any(uses_measured_density(archive, number) for number in made.profiles)
     errors = hull_errors(platform_of(archive), by_density=by_density)
     facts = {
         "profiles": list(made.profiles),

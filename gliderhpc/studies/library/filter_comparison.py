@@ -30,7 +30,7 @@ YAW = list(CHANNELS).index("B_cr")
 FAST = 0.05
 """Frequency above which the paper looks for turbulence, Hz."""
 LAG_REACH = 30.0
-"""Largest lag that is tried in either direction, s."""
+"""Maximum lag that is tried in either direction, s."""
 IMPULSE_REACH = 10.0
 """Time (s) after an impulse within which its peak is searched, from three widths before it.
 
@@ -96,13 +96,13 @@ def find_lag(follower: Array, leader: Array, mask: Mask, step: float) -> Lag:
     best, samples = 0, np.flatnonzero(counted)
     # A coarse search, then a fine one around its best lag: disturbances change little within a second.
     for lags in (range(-reach, reach + 1, coarse), range(-coarse, coarse + 1)):
-        correlations = [_correlation(*_shifted(follower, leader, samples, best + lag)) for lag in lags]
+        correlations = [_correlation(*_align(follower, leader, samples, best + lag)) for lag in lags]
         if not np.isfinite(correlations).any():
             return Lag(float("nan"), float("nan"), float("nan"))
         best += lags[int(np.nanargmax(correlations))]
     if abs(best) >= reach:
         return _without_delay(follower, leader, samples)
-    behind, ahead = _shifted(follower, leader, samples, best)
+    behind, ahead = _align(follower, leader, samples, best)
     return Lag(best * step, correlation(behind, ahead), _slope(behind, ahead))
 
 
@@ -116,7 +116,7 @@ def _correlation(a: Array, b: Array) -> float:
 
 def _without_delay(follower: Array, leader: Array, samples: NDArray[np.intp]) -> Lag:
     """Correlation and slope without delay: a channel that changes over minutes has no best delay within the reach."""
-    behind, ahead = _shifted(follower, leader, samples, 0)
+    behind, ahead = _align(follower, leader, samples, 0)
     return Lag(float("nan"), correlation(behind, ahead), _slope(behind, ahead))
 
 
@@ -173,7 +173,7 @@ def _peak_after(
     return {f"{estimator}_delay": delay, f"{estimator}_ratio": float(values[peak] / amplitude)}
 
 
-def _shifted(follower: Array, leader: Array, samples: NDArray[np.intp], lag: int) -> tuple[Array, Array]:
+def _align(follower: Array, leader: Array, samples: NDArray[np.intp], lag: int) -> tuple[Array, Array]:
     """Values of both series at given samples of the leader (in order), the follower's taken `lag` samples later."""
     at = samples[np.searchsorted(samples, -lag) : np.searchsorted(samples, len(follower) - lag)]
     behind, ahead = follower[at + lag], leader[at]
@@ -222,9 +222,9 @@ def truth_columns(data: ProfileData, truth: xr.Dataset, impulses: int) -> Row:
         for name in _BY_CHANNEL:
             by_channel[name][place] = row[name]
     alone = impulse_rows(data, truth)
-    of_impulse = {name: _padded([row[name] for row in alone], impulses) for name in _OF_IMPULSE}
+    of_impulse = {name: _pad([row[name] for row in alone], impulses) for name in _OF_IMPULSE}
     as_seen = {
-        name: np.column_stack([_padded([row[f"{one}_{name}"] for row in alone], impulses) for one in own])
+        name: np.column_stack([_pad([row[f"{one}_{name}"] for row in alone], impulses) for one in own])
         for name in _AS_SEEN
     }
     return {truth_column(name): values for name, values in by_channel.items()} | {
@@ -272,5 +272,5 @@ def impulse_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     return pd.DataFrame({"profile": which} | {name: values[known] for name, values in columns.items()})
 
 
-def _padded(values: list[float], length: int) -> Array:
+def _pad(values: list[float], length: int) -> Array:
     return np.array(values + [np.nan] * (length - len(values)), dtype=np.float64)

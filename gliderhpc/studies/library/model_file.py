@@ -209,14 +209,6 @@ def _cells(values: Array, positions: Array, longest: float) -> Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class Component:
-    """One velocity component: its variable in the file, and the factor to m/s."""
-
-    name: str
-    factor: float
-
-
-@dataclass(frozen=True, eq=False)
 class ModelFile:
     """An open file of an ocean model, whose velocities are read a box at a time.
 
@@ -228,8 +220,8 @@ class ModelFile:
         Name in `PRODUCTS`, or the file's stem.
     dataset : xarray.Dataset
         Lazily opened file.
-    components : tuple of Component
-        North and east components.
+    components : tuple of (str, float)
+        Variables of the north and the east component, and their factors to m/s.
     dims : tuple of str
         Names of the dimensions time, depth, latitude, longitude.
     time : (t,) datetime64 array
@@ -245,7 +237,7 @@ class ModelFile:
     label: str
     product: str
     dataset: xr.Dataset
-    components: tuple[Component, ...]
+    components: tuple[tuple[str, float], ...]
     dims: tuple[str, ...]
     time: NDArray[Any]
     depth: Axis
@@ -272,13 +264,13 @@ class ModelFile:
         """
         where = dict(zip(self.dims, box, strict=True))
         parts = []
-        for component in self.components:
-            lazy = self.dataset[component.name].isel(where)
+        for name, factor in self.components:
+            lazy = self.dataset[name].isel(where)
             try:
                 loaded = lazy.transpose(*self.dims).values
             except (OSError, RuntimeError, ValueError) as error:
-                raise InputError(f"{self.label}: {component.name} cannot be read ({first_line(error)})") from error
-            parts.append(component.factor * loaded.astype(np.float64))
+                raise InputError(f"{self.label}: {name} cannot be read ({first_line(error)})") from error
+            parts.append(factor * loaded.astype(np.float64))
         return np.stack(parts, axis=-1)
 
 
@@ -302,7 +294,7 @@ def open_model_file(source: str) -> Iterator[ModelFile]:
     except (OSError, RuntimeError, ValueError, KeyError) as error:
         raise InputError(f"{label}: cannot be opened as netCDF ({first_line(error)})") from error
     with dataset:
-        yield _recognised(label, Path(urlsplit(source).path).stem, dataset)
+        yield _identify(label, Path(urlsplit(source).path).stem, dataset)
 
 
 def is_url(source: str) -> bool:
@@ -325,7 +317,7 @@ def product_of(attributes: dict[str, Any], stem: str) -> str:
     return next(known, stem)
 
 
-def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
+def _identify(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
     names = [_component_name(label, dataset, standard) for standard in COMPONENTS]
     dims = _dims(label, dataset, names[0])
     if sorted(map(str, dataset[names[1]].dims)) != sorted(dims):
@@ -335,7 +327,7 @@ def _recognised(label: str, stem: str, dataset: xr.Dataset) -> ModelFile:
         label=label,
         product=product_of({str(key): value for key, value in dataset.attrs.items()}, stem),
         dataset=dataset,
-        components=tuple(Component(name, factor_of(label, dataset[name], "m s-1")) for name in names),
+        components=tuple((name, factor_of(label, dataset[name], "m s-1")) for name in names),
         dims=dims,
         time=times_of(label, dataset[time].variable, time),
         depth=Axis(_monotone(label, depth, downward(dataset[depth]) * _coordinate(label, dataset[depth], "m"))),

@@ -89,7 +89,7 @@ class Grid:
         velocity = np.full((len(times), 2), np.nan)
         inside = np.logical_and.reduce([axis.inside for axis in cells])
         if inside.any():
-            velocity[inside] = self._interpolated([_only(axis, inside) for axis in cells])
+            velocity[inside] = self._interpolate([_only(axis, inside) for axis in cells])
         return Samples(velocity, _coverage(cells, velocity))
 
     @property
@@ -114,7 +114,7 @@ class Grid:
         seconds = np.asarray((self._instants - self._instants[0]) / _SECOND, dtype=np.float64)
         return Axis(seconds, HOLE * float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf)
 
-    def _interpolated(self, cells: Sequence[Cells]) -> Array:
+    def _interpolate(self, cells: Sequence[Cells]) -> Array:
         """Interpolate multilinearly ``(n, 2)`` from one box that contains all neighbours."""
         spans = [_spans(axis, wraps=index == 3) for index, axis in enumerate(cells)]
         box = self._read(spans)
@@ -215,7 +215,7 @@ def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
         yield tuple(OceanModel(name, tuple(found)) for name, found in grids.items())
 
 
-def expanded(source: str) -> list[str]:
+def expand_source(source: str) -> list[str]:
     """Return the address itself, or the absolute paths of the files with a name or pattern, in order.
 
     Raises

@@ -125,7 +125,7 @@ def passband(
     )
 
 
-def unseen_in_bins(band: Passband) -> str:
+def describe_bin_averaging(band: Passband) -> str:
     """Describe the attenuation by means over depth bins, in lines of text for a figure."""
     return textwrap.fill(
         f"Bins of {band.settings.bin:g} m retain less than half of scales shorter than {band.bin_limit:.2g} m: what "
@@ -134,7 +134,7 @@ def unseen_in_bins(band: Passband) -> str:
     )
 
 
-def unseen(band: Passband) -> str:
+def describe_unresolved(band: Passband) -> str:
     """Describe the unresolved vertical scales, in lines of text for a figure."""
     settings = band.settings
     text = (

@@ -30,7 +30,7 @@ Mask = NDArray[np.bool_]
 _OWN = ("reference_current_north", "reference_current_east")
 
 MIN_BINS = 5
-"""Least number of common depth bins for a correlation."""
+"""Minimum number of common depth bins for a correlation."""
 
 
 @dataclass(frozen=True, eq=False)

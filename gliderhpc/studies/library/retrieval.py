@@ -39,7 +39,7 @@ Mask = NDArray[np.bool_]
 _BRACKET_MARGIN = 1.5
 """Half width of the initial search interval, relative to the first-order solution."""
 _MIN_BRACKET = 1e-6
-"""Least half width of the initial search interval, m/s."""
+"""Minimum half width of the initial search interval, m/s."""
 _ROOT_TOLERANCE = 1e-9
 """Tolerance of a root, m/s."""
 
@@ -228,7 +228,7 @@ def smoothing_samples(samples: int, order: int) -> int:
     return max(samples | 1, (order + 1) | 1)
 
 
-def smoothed(values: Array, samples: int, order: int) -> Array:
+def smooth_stretches(values: Array, samples: int, order: int) -> Array:
     """Smooth each unbroken stretch of values ``(n,)`` (Savitzky-Golay); NaN in stretches shorter than the window."""
     window = smoothing_samples(samples, order)
     out = np.full_like(values, np.nan)
@@ -319,7 +319,7 @@ def sampled_flow(
     solved = solve_lateral_flow(glider, motion, rudder, moment, settings.limit)
     well = solved.condition <= settings.largest_condition
     sound = np.where(well, solved.current, np.nan)
-    smooth = smoothed(sound, round(settings.smoothing / step), settings.order)
+    smooth = smooth_stretches(sound, round(settings.smoothing / step), settings.order)
     return SampledFlow(
         moment=moment,
         lateral=smooth,

@@ -88,8 +88,8 @@ def anchored_tracks(
     if anchors is None:
         return None
     return AnchoredTracks(
-        estimate=_estimated(archive, data, model, anchors),
-        glide_angle=anchors.before + _closed(track_of(conventional), data, anchors),
+        estimate=_track_of_estimate(archive, data, model, anchors),
+        glide_angle=anchors.before + _close_on_fixes(track_of(conventional), data, anchors),
         fix_time=anchors.clock,
         fixes=np.array([[0.0, 0.0], anchors.between]),
     )
@@ -105,7 +105,7 @@ def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) 
     anchors, entry = anchors_of(data), fix_of(data.table, "entry")
     if anchors is None or entry is None:
         return None
-    track, time = _estimated(archive, data, model, anchors), data.record_time
+    track, time = _track_of_estimate(archive, data, model, anchors), data.record_time
     knots = np.append(np.arange(time[0], time[-1], _KNOTS), time[-1])
     on_knots = np.array([[np.interp(knot, time, axis) for axis in track.T] for knot in knots])
     places = np.array([moved((entry.latitude, entry.longitude), place) for place in on_knots])
@@ -141,12 +141,12 @@ def anchors_of(data: ProfileData) -> Anchors | None:
     return Anchors(clock, acts, between, before, between - before - after)
 
 
-def _estimated(archive: Archive, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
+def _track_of_estimate(archive: Archive, data: ProfileData, model: SelfMotion, anchors: Anchors) -> Array:
     """Track ``(m, 2)`` of the estimate, with a separate drift for each cycle if it is the adjoint's."""
     track = track_of(model)
     if data.estimate == ADJOINT:
         return np.asarray(anchors.before + track + _cycle_drift(archive, data, anchors.acts))
-    return np.asarray(anchors.before + _closed(track, data, anchors))
+    return np.asarray(anchors.before + _close_on_fixes(track, data, anchors))
 
 
 def track_of(motion: SelfMotion) -> Array:
@@ -154,7 +154,7 @@ def track_of(motion: SelfMotion) -> Array:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(motion.steps, axis=0)])
 
 
-def _closed(track: Array, data: ProfileData, anchors: Anchors) -> Array:
+def _close_on_fixes(track: Array, data: ProfileData, anchors: Anchors) -> Array:
     """Track ``(m, 2)`` with the constant drift between two times that closes it on the fixes."""
     drift = (anchors.moved - track[-1]) / (anchors.acts[1] - anchors.acts[0])
     return np.asarray(track + drift * (data.record_time - anchors.acts[0])[:, None])

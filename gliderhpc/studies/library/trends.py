@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_VALUES = 4
-"""Least number of values for a trend."""
+"""Minimum number of values for a trend."""
 
 SIGNIFICANCE = 0.05
 """Probability of chance below which a trend is significant."""
@@ -24,7 +24,7 @@ MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 MIN_BLOCKS = 5
-"""Least number of blocks to draw from, if there are that many values."""
+"""Minimum number of blocks to draw from, if there are that many values."""
 
 PAIRS_AT_A_TIME = 4_000_000
 """Number of pairs of values whose weights are in memory at a time."""
@@ -36,7 +36,7 @@ LARGEST_CORRELATION = 0.9
 """Largest correlation of neighbours that the length of blocks accounts for."""
 
 MIN_AUTOMATIC = 16
-"""Least number of values for the automatic block length, which uses correlations at large lags."""
+"""Minimum number of values for the automatic block length, which uses correlations at large lags."""
 
 _ROUNDING = 1e-12
 

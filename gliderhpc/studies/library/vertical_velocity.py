@@ -62,7 +62,7 @@ NAMES = tuple(key.rpartition(".")[2] for key in KEYS)
 """Names of these parameters in the tables."""
 
 MIN_DEPTH = 5.0
-"""Least depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
+"""Minimum depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
 
 SETTLING_TIME = 20.0
 """Time after the vibration set that is left out, s: the hull is still approaching its new glide."""
@@ -105,7 +105,7 @@ class DepthRateFilter:
         slopes[~self.whole] = np.nan
         return np.asarray(slopes)
 
-    def cut_short_too(self, values: Array) -> Array:
+    def with_truncated_windows(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k), from a shorter window near the ends of a stretch."""
         return np.asarray(self.operator @ values)
 
@@ -297,7 +297,7 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
     time, measured = data.record_time[record], data.measured[record]
     in_record = depth_rate_filter(time, np.ones(len(record), dtype=np.bool_))
-    roll, pitch, turn_rate = np.radians([*measured[:, :2].T, in_record.cut_short_too(measured[:, 2])])
+    roll, pitch, turn_rate = np.radians([*measured[:, :2].T, in_record.with_truncated_windows(measured[:, 2])])
     attitude = MeasuredAttitude(roll, pitch, turn_rate, measured[:, 3])
     water = None if data.seawater is None else np.column_stack([measured[:, 3], data.seawater[record]])
     errors = hull_errors(platform, by_density=water is not None)

@@ -16,7 +16,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
@@ -25,7 +25,7 @@ from gliderhpc.tuning.record_checks.turns import TurnInformation
 Array = NDArray[np.float64]
 
 MIN_LENGTH = 1.0
-"""Smallest displacement through the water (m) of a glide; below it there are only rounding errors."""
+"""Minimum displacement through the water (m) of a glide; below it there are only rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,9 +186,16 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
     constant, error = np.degrees(fit.values[0]), np.degrees(np.sqrt(fit.covariance[0, 0]))
     threshold = max(fit.quantile(legs, checks.level) * error, checks.least_deviation)
     return Finding(
-        CHECK, CONSTANT, UNIT, constant, error, threshold, judged(constant, threshold),
-        f"--set records.heading_offset={constant:.1f}", f"{legs} legs; {_OPEN[fit.unknowns]}",
-    )  # fmt: skip
+        CHECK,
+        CONSTANT,
+        UNIT,
+        constant,
+        error,
+        threshold,
+        judge_size(constant, threshold),
+        f"--set records.heading_offset={constant:.1f}",
+        f"{legs} legs; {_OPEN[fit.unknowns]}",
+    )
 
 
 def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
@@ -226,9 +233,16 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
     remark = f"{harmonics_found}; {legs} legs, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in values)
     return Finding(
-        CHECK, DEVIATION, UNIT, amplitude, error, threshold, judged(amplitude, threshold),
-        f"--set records.heading_deviation=[{parts}] (times {', '.join(HARMONICS)} of the heading)", remark,
-    )  # fmt: skip
+        CHECK,
+        DEVIATION,
+        UNIT,
+        amplitude,
+        error,
+        threshold,
+        judge_size(amplitude, threshold),
+        f"--set records.heading_deviation=[{parts}] (times {', '.join(HARMONICS)} of the heading)",
+        remark,
+    )
 
 
 class _System:

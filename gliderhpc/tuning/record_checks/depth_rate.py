@@ -12,7 +12,7 @@ from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, with_values
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.platform import CUBIC_CENTIMETRE, GRAVITY, Platform
-from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweights, cluster_inflation, left_out_covariance, solve_normal_equations
 from gliderhpc.tuning.record_checks.finding import UndeterminedError
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -36,7 +36,7 @@ _PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
 _BLOCKS = 12
 """Parts of a mission, of consecutive profiles each, that are left out one by one, since errors may last for days."""
 _MIN_RESIDUAL = 1e-4
-"""Smallest scale of the residuals of the depth rate (m/s), for the detection of outliers."""
+"""Minimum scale of the residuals of the depth rate (m/s), for the detection of outliers."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def fit_depth_rates(
         weights = biweights(left, _MIN_RESIDUAL)
         weights /= cluster_inflation(np.sqrt(weights) * left, leg[known])
         normal = design.T @ (weights[:, None] * design) + np.diag(prior)
-        move = solved(normal, design.T @ (weights * left) - prior * steps)
+        move = solve_normal_equations(normal, design.T @ (weights * left) - prior * steps)
         steps = steps + np.clip(move, -_LONGEST, _LONGEST)
         if np.abs(move).max() < _CONVERGED:
             covariance = left_out_covariance(design, weights, left, block[known], prior)
@@ -228,7 +228,7 @@ def steady_depth_rate(
 
 
 def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str, float]) -> _Glide:
-    hull = with_values(platform, _moved(platform, errors, _COEFFICIENTS))
+    hull = with_values(platform, _with_errors(platform, errors, _COEFFICIENTS))
     pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
     diving = segments.depth_rate > 0.0
     path, drag = np.empty_like(pitch), np.empty_like(pitch)
@@ -243,7 +243,7 @@ def _rate(
     platform: Platform, segments: SteadySegments, errors: Mapping[str, float], glide: _Glide, *, by_density: bool
 ) -> Array:
     """Depth rate (n,) of glides, m/s."""
-    hull = with_values(platform, _moved(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
+    hull = with_values(platform, _with_errors(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
     weight = _net_weight(hull, segments, errors[LAYER], by_density=by_density)
     squared = -weight * np.sin(glide.path) / glide.drag
     speed = np.sqrt(np.where(squared > 0.0, squared, np.nan))
@@ -253,7 +253,7 @@ def _rate(
     return np.asarray(-speed * np.sin(glide.path))
 
 
-def _moved(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
+def _with_errors(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
     """Numbers of the platform file with their errors added, by key."""
     found: dict[str, float | None] = {}
     for key in keys:

@@ -91,7 +91,7 @@ def undetermined(check: str, quantity: str, unit: str, why: str) -> Finding:
     return Finding(check, quantity, unit, nan, nan, nan, CheckVerdict.UNDETERMINED, remark=why)
 
 
-def judged(size: float, threshold: float) -> CheckVerdict:
+def judge_size(size: float, threshold: float) -> CheckVerdict:
     """Judge an estimate by its threshold."""
     return CheckVerdict.FOUND if abs(size) > threshold else CheckVerdict.NOTHING
 

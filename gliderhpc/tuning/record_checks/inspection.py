@@ -23,13 +23,13 @@ from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
-from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, joined, segments_of
+from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, join_segments, segments_of
 
 Array = NDArray[np.float64]
 
@@ -38,14 +38,14 @@ _LAG = ("lag", LAG, "s")
 """Check, quantity and unit."""
 
 REACH = 4
-"""Largest lag tried, in sample intervals, in either direction."""
+"""Maximum lag tried, in sample intervals, in either direction."""
 
 _SHARE, _SHARE_OF_SLOW = 0.25, 0.6
 """Error of the lag in sample intervals, for fast and for slow sensors."""
 
 MIN_PROFILES = 3
 MIN_LENGTH = 30
-"""Smallest length of a profile, in sample intervals, without the ends that the lags cut off."""
+"""Minimum length of a profile, in sample intervals, without the ends that the lags cut off."""
 
 
 def lag_finding(
@@ -76,7 +76,11 @@ def lag_finding(
     the depth cannot be distinguished from an error of these times. With a threshold above the largest lag that has
     neighbours on both sides, no lag would be found; it is then not determined.
     """
-    series = [one for one in series if _inside(one)[1] - _inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step]
+    series = [
+        one
+        for one in series
+        if _rows_inside(one)[1] - _rows_inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step
+    ]
     if len(series) < MIN_PROFILES:
         return undetermined(*_LAG, f"{len(series)} profiles, but at least {MIN_PROFILES} are needed")
     interval = float(np.median([one.sample_interval for one in series]))
@@ -100,7 +104,7 @@ def lag_finding(
         lag,
         error,
         threshold,
-        judged(lag, threshold),
+        judge_size(lag, threshold),
         f"--set records.depth_lag={lag:.2f}",
         f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
@@ -128,7 +132,7 @@ def _log_likelihood(
     glider = Glider(platform)
     profiles = []
     for one in series:
-        first, last = _inside(one)
+        first, last = _rows_inside(one)
         whole = prepare_profile(glider, one)
         bodies, vibrating = whole.bodies[first:last], whole.vibrating[first : last + 1]
         profiles += [PreparedProfile(glider, _with_depth_earlier(one, lag), bodies, vibrating) for lag in lags]
@@ -148,7 +152,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         depth = scipy.ndimage.uniform_filter1d(depth, width, mode="nearest")
     measurements = series.measurements.copy()
     measurements[:, 3] = np.interp(series.time + lag, series.time, depth)
-    first, last = _inside(series)
+    first, last = _rows_inside(series)
     index = series.sample_index[(series.sample_index >= first) & (series.sample_index <= last)]
     return replace(
         series,
@@ -162,7 +166,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
     )
 
 
-def _inside(series: ProfileSeries) -> tuple[int, int]:
+def _rows_inside(series: ProfileSeries) -> tuple[int, int]:
     """First and last row of a series that stay inside the record for all lags tried and for the smoothing."""
     off = round((REACH + 2) * series.sample_interval / series.step)
     return off, len(series.time) - 1 - off
@@ -266,7 +270,7 @@ def inspect_profiles(
             gathered.add(platform, record, settings, current, keep=record.number in for_lag)
         except ProfileError as error:
             left_out[record.number] = str(error)
-    segments = joined(gathered.segments) if gathered.segments else None
+    segments = join_segments(gathered.segments) if gathered.segments else None
     turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),

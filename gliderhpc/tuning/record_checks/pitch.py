@@ -22,7 +22,7 @@ from gliderhpc.tuning.record_checks.finding import (
     CheckVerdict,
     Finding,
     UndeterminedError,
-    judged,
+    judge_size,
     undetermined,
     undetermined_if_insensitive,
 )
@@ -36,14 +36,14 @@ MIN_PROFILES = 3
 SEPARATED = np.radians(1.0)
 """Standard error (rad) beyond which the pitch offset is indistinguishable from errors of hull and water."""
 
-LARGEST_UNSEEN = 2.0
+MAX_UNDETECTED_OFFSET = 2.0
 """Threshold (degree) beyond which an offset of the pitch that is not found is not ruled out either."""
 
 SCALE_SEPARATED = 0.05
 """Standard error beyond which the scale of the pitch is not determined."""
 
-MOST_SEGMENTS = 60
-"""Largest number of segments of a dive or climb, spread over it; more would not reduce their common error."""
+MAX_SEGMENTS = 60
+"""Maximum number of segments of a dive or climb, spread over it; more would not reduce their common error."""
 
 _ANY_SIDES = 0.25
 """Relative difference of the drag between dives and climbs that must be allowed for before any correction."""
@@ -54,7 +54,7 @@ _FREE_SCALE = 0.3
 _IMPLAUSIBLE = 3.0
 """Largest plausible error of the hull, in prior standard deviations."""
 _MIN_VOLUME = 0.05
-"""Smallest offset of the neutral volume that is reported, in plausible deviations."""
+"""Minimum offset of the neutral volume that is reported, in plausible deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +131,9 @@ def pitch_findings(
 
     Two fits decide. In the first, drag may differ between dives and climbs by as much as on a fouled hull. An offset
     that is significant there, and known to `SEPARATED`, is found. In the second, dives and climbs have nearly the same
-    drag. An offset that is significant in this fit only is not determined; neither is an insignificant one with a
-    threshold beyond `LARGEST_UNSEEN`. The size reported is that of the second fit. If an error of the scale is found,
-    the offset is taken from the fit that found it. A correction is suggested for a calibrated hull only.
+    drag. An offset that is significant only in this fit is not determined; neither is an insignificant one with a
+    threshold beyond `MAX_UNDETECTED_OFFSET`. The size reported is that of the second fit. If an error of the scale is
+    found, the offset is taken from the fit that found it. A correction is suggested for a calibrated hull only.
     """
     try:
         glides = _glides(platform, segments, checks, RecordSettings() if records is None else records)
@@ -141,7 +141,7 @@ def pitch_findings(
         return [undetermined(CHECK, PITCH, UNIT, str(why)), undetermined(CHECK, GAIN, "1", str(why))]
     gain, scaled = _gain_finding(glides)
     if scaled is not None:
-        return [_separated_offset(glides, scaled), gain]
+        return [_offset_with_free_drag(glides, scaled), gain]
     return [*_offset_findings(glides), gain]
 
 
@@ -167,12 +167,12 @@ def _glides(
 
 
 def _spread(segments: SteadySegments) -> NDArray[np.bool_]:
-    """At most `MOST_SEGMENTS` of every dive and climb, evenly spread."""
+    """At most `MAX_SEGMENTS` of every dive and climb, evenly spread."""
     chosen = np.zeros(len(segments), dtype=bool)
     leg = 2 * segments.profile + (segments.depth_rate > 0.0)
     for number in np.unique(leg):
         places = np.flatnonzero(leg == number)
-        count = min(len(places), MOST_SEGMENTS)
+        count = min(len(places), MAX_SEGMENTS)
         chosen[places[np.linspace(0, len(places) - 1, count).round().astype(int)]] = True
     return chosen
 
@@ -190,9 +190,16 @@ def _gain_finding(glides: _Glides) -> tuple[Finding, DepthRateFit | None]:
         ), None
     threshold = glides.threshold(error, glides.checks.least_pitch_scale, fit.blocks)
     finding = Finding(
-        CHECK, GAIN, "1", size, error, threshold, judged(size, threshold),
-        glides.scale_correction(1.0 + size), "drag, lift and neutral volume fitted with it",
-    )  # fmt: skip
+        CHECK,
+        GAIN,
+        "1",
+        size,
+        error,
+        threshold,
+        judge_size(size, threshold),
+        glides.scale_correction(1.0 + size),
+        "drag, lift and neutral volume fitted with it",
+    )
     remedy = "more glides that differ more in steepness are needed"
     return undetermined_if_insensitive(finding, _FREE_SCALE, remedy), fit if finding.found else None
 
@@ -203,28 +210,37 @@ def _offset_findings(glides: _Glides) -> list[Finding]:
     except UndeterminedError as why:
         return [undetermined(CHECK, PITCH, UNIT, str(why))]
     finding = (
-        _separated_offset(glides, usual) if _separated_offset(glides, wary).found else _usual_offset(glides, usual)
+        _offset_with_free_drag(glides, usual)
+        if _offset_with_free_drag(glides, wary).found
+        else _offset_with_equal_drag(glides, usual)
     )
     return [finding] if finding.verdict is CheckVerdict.UNDETERMINED else [finding, _volume_finding(glides, usual)]
 
 
-def _separated_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
+def _offset_with_free_drag(glides: _Glides, fit: DepthRateFit) -> Finding:
     """Finding on the offset from a fit of all errors that act like it; not determined unless known to `SEPARATED`."""
     if fit.error(OFFSET) > SEPARATED:
-        return _vague(fit)
+        return _describe_uncertainty(fit)
     offset, error, threshold = glides.offset(fit)
     finding = Finding(
-        CHECK, PITCH, UNIT, offset, error, threshold, judged(offset, threshold), glides.offset_correction(offset),
+        CHECK,
+        PITCH,
+        UNIT,
+        offset,
+        error,
+        threshold,
+        judge_size(offset, threshold),
+        glides.offset_correction(offset),
         "drag of dives and of climbs, lift and neutral volume fitted with it",
-    )  # fmt: skip
-    return undetermined_if_insensitive(finding, LARGEST_UNSEEN, "more glides are needed")
+    )
+    return undetermined_if_insensitive(finding, MAX_UNDETECTED_OFFSET, "more glides are needed")
 
 
-def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
+def _offset_with_equal_drag(glides: _Glides, fit: DepthRateFit) -> Finding:
     """Finding on the offset if drag hardly differs between dives and climbs: nothing found, or not determined."""
     offset, error, threshold = glides.offset(fit)
-    if abs(offset) <= threshold and threshold > LARGEST_UNSEEN:
-        return _vague(fit)
+    if abs(offset) <= threshold and threshold > MAX_UNDETECTED_OFFSET:
+        return _describe_uncertainty(fit)
     if abs(offset) > threshold:
         return undetermined(
             CHECK,
@@ -247,7 +263,7 @@ def _usual_offset(glides: _Glides, fit: DepthRateFit) -> Finding:
     )
 
 
-def _vague(fit: DepthRateFit) -> Finding:
+def _describe_uncertainty(fit: DepthRateFit) -> Finding:
     error = np.degrees(fit.error(OFFSET))
     why = (
         f"known only to {error:.1f} degree; more glides, or glides that differ more in steepness or ballast, are needed"
@@ -259,7 +275,14 @@ def _volume_finding(glides: _Glides, fit: DepthRateFit) -> Finding:
     volume, error = fit.value(NEUTRAL_VOLUME), fit.error(NEUTRAL_VOLUME)
     threshold = glides.threshold(error, _MIN_VOLUME * fit.size(NEUTRAL_VOLUME), fit.blocks)
     finding = Finding(
-        CHECK, VOLUME, "cm3", volume, error, threshold, judged(volume, threshold), "calibrate the hull",
+        CHECK,
+        VOLUME,
+        "cm3",
+        volume,
+        error,
+        threshold,
+        judge_size(volume, threshold),
+        "calibrate the hull",
         "belongs to the hull, not to the records",
-    )  # fmt: skip
+    )
     return undetermined_if_insensitive(finding, fit.size(NEUTRAL_VOLUME), "more glides are needed")

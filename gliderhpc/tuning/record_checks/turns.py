@@ -10,7 +10,7 @@ from gliderhpc.estimation.preparation import harmonics, vibration_set
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solved
+from gliderhpc.tuning.least_squares import biweight_stiffness, biweights, left_out_covariance, solve_normal_equations
 
 Array = NDArray[np.float64]
 
@@ -21,11 +21,11 @@ MIN_RATE = np.radians(0.3)
 """Rate of turn (rad/s) above which a stretch is counted as turning."""
 
 MIN_PROFILES = 8
-"""Smallest number of profiles from which the scatter of the estimate can be judged."""
+"""Minimum number of profiles from which the scatter of the estimate can be judged."""
 
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8
-"""Part of the variance of the rate that roll and rudder must explain; otherwise the water turns the glider too."""
+"""Fraction of the rate's variance that roll and rudder must explain; otherwise the water turns the glider too."""
 
 _PASSES = 3
 _MIN_SCALE = 1e-6
@@ -118,19 +118,19 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
         weights = biweights(left, _MIN_SCALE)
         prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
         score = design.T @ (weights * left) - prior * np.append(coefficients, found)
-        step = solved(design.T @ (weights[:, None] * design) + np.diag(prior), score)
+        step = solve_normal_equations(design.T @ (weights[:, None] * design) + np.diag(prior), score)
         coefficients = coefficients + step[: line.shape[1]]
         found = found + step[line.shape[1] :]
     covariance = left_out_covariance(design, weights, left, profile, prior, biweight_stiffness(left, _MIN_SCALE))
     covariance = covariance[line.shape[1] :, line.shape[1] :]
-    information, known = np.zeros((5, 5)), _part_known(len(np.unique(profile)))
+    information, known = np.zeros((5, 5)), _hartlap_factor(len(np.unique(profile)))
     information[1:, 1:] = known * _without_prior(covariance, plausible)
     # The prior draws the estimate towards zero; the information vector must not contain this effect.
     vector = np.append(0.0, known * np.linalg.solve(covariance, found))
     return TurnInformation(information, vector, turning)
 
 
-def _part_known(profiles: int) -> float:
+def _hartlap_factor(profiles: int) -> float:
     """Factor on the inverse of a covariance estimated from few profiles that makes it unbiased (Hartlap 2007)."""
     return (profiles - _HARMONICS - 2) / (profiles - 1)
 

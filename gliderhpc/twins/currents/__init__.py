@@ -19,7 +19,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import MIN_TWINS, TERMS, Budget, budget_text
 from gliderhpc.findings.drawing import SMALL, TRUTH, footnote
 from gliderhpc.findings.findings import Comparison, Findings
-from gliderhpc.studies.library.passband import HALF, Passband, unseen
+from gliderhpc.studies.library.passband import HALF, Passband, describe_unresolved
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.cases import PRESETS
@@ -235,7 +235,7 @@ def draw_currents(results: CurrentsResults) -> Figure:
     for column, (score, name) in enumerate(scores):
         axes = figure.add_subplot(grid[1, column])
         _draw_transfer(axes, results.transfer, score, name)
-        _mark_unseen(axes, results.band)
+        _mark_unresolved(axes, results.band)
         if score == "gain_current":
             scales = np.geomspace(*axes.get_xlim(), 200)
             axes.plot(scales, results.band.response(scales / results.band.vertical_speed), color=TRUTH, lw=1.0, ls=":",
@@ -244,8 +244,8 @@ def draw_currents(results: CurrentsResults) -> Figure:
             axes.legend(fontsize=SMALL - 1, frameon=False, ncols=2, loc="upper left")
     footnote(
         figure,
-        unseen(results.band) + "\nGrey: scales removed by moving average and smoothing; dash-dotted: scale from which "
-        "the hull follows the water more than it slips.",
+        f"{describe_unresolved(results.band)}\nGrey: scales removed by moving average and smoothing; "
+        "dash-dotted: scale from which the hull follows the water more than it slips.",
     )
     return figure
 
@@ -296,7 +296,7 @@ def _draw_transfer(axes: Axes, transfer: Sequence[Row], score: str, name: str) -
     label_axes(axes, "vertical scale, m", name)
 
 
-def _mark_unseen(axes: Axes, band: Passband) -> None:
+def _mark_unresolved(axes: Axes, band: Passband) -> None:
     """Shade the scales that moving average and smoothing remove; mark where the hull begins to follow the water."""
     low, high = axes.get_xlim()
     axes.axvspan(min(band.baseline_limit, high), high, color=GREY, alpha=0.25, lw=0)

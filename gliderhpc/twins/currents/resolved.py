@@ -19,7 +19,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.studies.library.retrieval import (
     DepthResolvedSettings,
     sampled_flow,
-    smoothed,
+    smooth_stretches,
     starboard,
     without_baseline,
 )
@@ -41,7 +41,7 @@ SCALES = 2.0 ** (np.arange(-1 * BINS_PER_OCTAVE, 5 * BINS_PER_OCTAVE + 1) / BINS
 """Edges of the bins of vertical scale, m: 0.5 to 32."""
 
 MIN_TERMS = 20
-"""Smallest number of terms of a spectral sum; with fewer terms the coherence would be random."""
+"""Minimum number of terms of a spectral sum; with fewer terms the coherence would be random."""
 
 MEDIANS = (
     "lateral_rms", "forcing_rms", "shear_rms", "depth_rate", "correlation_current", "correlation_shear_dive",
@@ -90,7 +90,7 @@ def resolved_row(inversion: TwinInversion, platform: Platform, settings: DepthRe
     series = lateral_series(inversion, platform, settings)
     samples = round(settings.baseline / series.interval)
     forcing = without_baseline(series.rate, samples)
-    alike = smoothed(forcing, round(settings.smoothing / series.interval), settings.order)
+    alike = smooth_stretches(forcing, round(settings.smoothing / series.interval), settings.order)
     shear = np.where(np.abs(series.depth_rate) > _MIN_DEPTH_RATE, series.rate / series.depth_rate, np.nan)
     diving = series.depth_rate > 0.0
     lateral = (series.water * series.across).sum(axis=1)
@@ -215,7 +215,7 @@ def transfer_lines(rows: Sequence[Row]) -> list[Row]:
     return [{**dict(zip(GROUP, key, strict=True)), **line} for key, total in sums.items() for line in _by_scale(total)]
 
 
-def seen_band(lines: Sequence[Row]) -> tuple[float, float]:
+def resolved_band(lines: Sequence[Row]) -> tuple[float, float]:
     """Vertical scales (m) around the largest gain on the current over which at least half of it remains.
 
     Raises

@@ -25,7 +25,7 @@ from gliderhpc.studies.library.passband import Passband, passband
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
 from gliderhpc.twins.cases import PRESETS
-from gliderhpc.twins.currents.resolved import seen_band, summary_lines, transfer_lines
+from gliderhpc.twins.currents.resolved import resolved_band, summary_lines, transfer_lines
 from gliderhpc.twins.currents.runs import AVERAGED, GUSTS, LAGLESS, RESOLVED, STILL, WORLDS, CurrentsSize
 from gliderhpc.twins.scoring import Row
 from gliderhpc.twins.study import TwinPlan, select
@@ -50,7 +50,7 @@ RESOLVING = PRESETS[1]
 """Preset that determines the limits of the transfer function; it starts the lateral channels from zero."""
 
 _MAX_EXCESS = 2.0
-"""Largest deviation of a share from its nominal value, in binomial standard errors."""
+"""Maximum deviation of a share from its nominal value, in binomial standard errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +289,7 @@ def currents_results(plan: TwinPlan[CurrentsSize], rows: Sequence[Row], budget: 
     if not resolved:
         raise InputError("every twin in shear and gusts was refused, so there is no transfer function")
     transfer, summary = transfer_lines(resolved), summary_lines(resolved)
-    seen = {preset: seen_band(strongest(transfer, preset)) for preset in PRESETS}
+    seen = {preset: resolved_band(strongest(transfer, preset)) for preset in PRESETS}
     return CurrentsResults(
         averaged=averaged,
         resolved=resolved,

@@ -101,15 +101,15 @@ def _filter(twin: TwinCache) -> EstimatorResult:
 
 
 def _smoother(twin: TwinCache) -> EstimatorResult:
-    return _smoothed(twin, twin.case.settings)
+    return _smooth(twin, twin.case.settings)
 
 
 def _heavy_tailed(twin: TwinCache) -> EstimatorResult:
     smoother = twin.case.settings.smoother.model_dump() | {"degrees_of_freedom": DEGREES_OF_FREEDOM}
-    return _smoothed(twin, twin.settings(smoother=smoother))
+    return _smooth(twin, twin.settings(smoother=smoother))
 
 
-def _smoothed(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
+def _smooth(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
     estimate = twin.usual.estimate
     began = time.perf_counter()
     with threadpool_limits(limits=1):

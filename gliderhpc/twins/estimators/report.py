@@ -246,8 +246,16 @@ def _draw_errors(axes: Axes, summary: Sequence[Row], channel: str) -> None:
         lines = [first(summary, kind=kind, arm=estimator.name) for kind in _KINDS]
         at = np.arange(len(_KINDS)) + (index - 0.5 * (len(ESTIMATORS) - 1)) * width
         value, low, high = (_scores(lines, f"rmse_{channel}{end}") for end in ("", "_low", "_high"))
-        axes.errorbar(at, value, np.maximum([value - low, high - value], 0.0), fmt="o", ms=3, lw=0.9,
-                      color=_COLOURS[estimator.name], label=estimator.label)  # fmt: skip
+        axes.errorbar(
+            at,
+            value,
+            np.maximum([value - low, high - value], 0.0),
+            fmt="o",
+            ms=3,
+            lw=0.9,
+            color=_COLOURS[estimator.name],
+            label=estimator.label,
+        )
     truth = _scores([first(summary, kind=kind, arm=SMOOTHER.name) for kind in _KINDS], f"truth_{channel}")
     truth[truth == 0.0] = np.nan
     axes.plot(np.arange(len(_KINDS)), truth, "_", ms=26, color=TRUTH, lw=0.8, label="truth, RMS")

@@ -51,7 +51,7 @@ COEFFICIENTS = "coefficients within 15%"
 PRIOR = "drawn from the prior"
 
 EVENT_WIDTHS = 3.0
-"""Largest distance from the peak of an impulse that is inside the event, in widths of the impulse."""
+"""Maximum distance from the peak of an impulse that is inside the event, in widths of the impulse."""
 
 _COEFFICIENT_STREAM = 4_000
 _LABELS = ("kind", "arm", "seed", "outcome", "refused")
@@ -82,12 +82,12 @@ def estimator_runs(plan: TwinPlan[EstimatorsSize]) -> list[TwinRun]:
     runs = [
         labelled(case, kind=name)
         for seed in plan.seeds[: size.case_seeds]
-        for name, case in usual_cases(platform, size, seed).items()
+        for name, case in standard_cases(platform, size, seed).items()
     ]
     return runs + [labelled(prior_case(platform, size.depth, seed), kind=PRIOR) for seed in plan.seeds]
 
 
-def usual_cases(platform: Platform, size: EstimatorsSize, seed: int) -> dict[str, TwinCase]:
+def standard_cases(platform: Platform, size: EstimatorsSize, seed: int) -> dict[str, TwinCase]:
     """Twins of a seed by kind, except the one drawn from the prior."""
     impulsive = world(size.depth)
     calm = without_impulses(impulsive)

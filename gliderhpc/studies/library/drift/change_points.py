@@ -33,7 +33,7 @@ AXIAL = "B_cu"
 QUANTITIES = (AXIAL, DRAG)
 
 MIN_VALUES_SEARCHED = 4 * MIN_WINDOW
-"""Least number of values of a series that is searched."""
+"""Minimum number of values of a series that is searched."""
 
 SPIKE_DEVIATIONS = 4.0
 """Robust standard deviations from its neighbours beyond which a single profile is left out."""
@@ -60,7 +60,7 @@ class Size:
     high: float
 
     @property
-    def leaves_out_zero(self) -> bool:
+    def excludes_zero(self) -> bool:
         """Return whether the interval lies on one side of zero."""
         return self.low > 0.0 or self.high < 0.0
 
@@ -117,7 +117,7 @@ class Change:
             return Size(float("nan"), float("nan"), float("nan"))
         return Size(own[0].value, min(one.low for one in own), max(one.high for one in own))
 
-    def holds(self, numbers: Array) -> Mask:
+    def contains(self, numbers: Array) -> Mask:
         """Mask of the profile numbers that belong to the change."""
         return np.asarray((numbers >= self.first) & (numbers <= self.last), dtype=np.bool_)
 
@@ -145,16 +145,16 @@ class Changes:
 
     def outside(self, numbers: Array) -> Mask:
         """Mask of the profile numbers outside every episode."""
-        inside = [one.holds(numbers) for one in self.episodes]
+        inside = [one.contains(numbers) for one in self.episodes]
         return ~np.any(inside, axis=0) if inside else np.ones(len(numbers), dtype=np.bool_)
 
     @property
-    def leave_a_line(self) -> bool:
+    def allow_line(self) -> bool:
         """Return whether a line may still describe the series outside the episodes: no step and no ramp was found."""
         return len(self.episodes) == len(self.found)
 
     @property
-    def leave_an_onset(self) -> bool:
+    def allow_onset(self) -> bool:
         """Return whether at most one ramp, which continues to the end of the record, was found outside the episodes."""
         others = [one for one in self.found if one.kind != EPISODE]
         return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
@@ -309,7 +309,7 @@ def _with_shape(series: Sequence[_Series], found: Sequence[_FoundShape], new: _F
     for place, one in enumerate(found):
         if _overlap(one.shape, new.shape):
             others = [other.shape for other in found if other is not one]
-            return [*found[:place], _joined(series, one, new, others), *found[place + 1 :]]
+            return [*found[:place], _merge(series, one, new, others), *found[place + 1 :]]
     return [*found, new]
 
 
@@ -318,7 +318,7 @@ def _overlap(one: Shape, other: Shape) -> bool:
     return one.kind == other.kind == EPISODE and one.first < other.stop and other.first < one.stop
 
 
-def _joined(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
+def _merge(series: Sequence[_Series], one: _FoundShape, other: _FoundShape, others: Sequence[Shape]) -> _FoundShape:
     """Combine two episodes into one, fitted in the series in which the second was found.
 
     If the two were found in different phases, the one with the larger change of drag determines the series, because the
@@ -350,7 +350,7 @@ def _change(table: pd.DataFrame, series: Sequence[_Series], found: Sequence[_Fou
     shape, p, sizes = found[place].shape, found[place].p, _sizes(series, found, place)
     numbers, days = values_of(table, "profile"), days_of(table)
     over = shape.stop < len(numbers)
-    phases, estimates = _changed(sizes)
+    phases, estimates = _changed_phases(sizes)
     return Change(
         shape.kind,
         shape.form,
@@ -381,13 +381,13 @@ def _size(one: _Series, search: WindowSearch, shape: Shape) -> Size:
     return Size(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)
 
 
-def _changed(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _changed_phases(sizes: dict[SizeKey, Size]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Phases that changed according to the drag, or else to the axial force, and the estimates that show the change."""
     estimates = [name for name in PRIMARY if any(key[2] == name for key in sizes)]
     for quantity in (DRAG, AXIAL):
         own = {key: size for key, size in sizes.items() if key[0] == quantity and key[1] in PHASES}
         largest = max((abs(size.value) for size in own.values() if np.isfinite(size.value)), default=0.0)
-        shown = [key for key, size in own.items() if size.leaves_out_zero and abs(size.value) >= PHASE_SHARE * largest]
+        shown = [key for key, size in own.items() if size.excludes_zero and abs(size.value) >= PHASE_SHARE * largest]
         if shown:
             phases = tuple(phase for phase in PHASES if any(key[1] == phase for key in shown))
             return phases, tuple(name for name in estimates if any(key[2] == name for key in shown))

@@ -119,7 +119,7 @@ def joined_shape(
         Further columns of the fit, and the noise.
     """
     columns = np.column_stack([one.unit, other.unit])
-    course = columns @ _fitted(columns[known], values, baseline)
+    course = columns @ _fit_columns(columns[known], values, baseline)
     unit = course / course[np.argmax(np.abs(course))]
     changed = np.flatnonzero(np.abs(unit) >= _EDGE)
     first, stop = int(changed[0]), int(changed[-1]) + 1
@@ -194,12 +194,12 @@ def _unit_shape(one: _Candidate, values: Array, baseline: WeightedBaseline) -> S
 
 def _unit(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:
     """Course of columns (n, p) fitted to a series, with a largest value of 1."""
-    course = columns @ _fitted(columns, values, baseline)
+    course = columns @ _fit_columns(columns, values, baseline)
     largest = float(course[np.argmax(np.abs(course))])
     return np.asarray(course / largest if largest else columns[:, 0])
 
 
-def _fitted(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:
+def _fit_columns(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:
     squares, sums = columns.T @ baseline.projected @ columns, columns.T @ (baseline.projected @ values)
     return np.asarray(np.linalg.lstsq(squares, sums, rcond=None)[0])
 

@@ -60,7 +60,7 @@ def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: floa
     length : float
         Length of a segment, s.
     count : int
-        Number of segments; fewer are returned if not so many fit.
+        Maximum number of segments.
     """
     records = round(length / float(data.attributes["output_interval"]))
     fitting = [
@@ -99,12 +99,12 @@ def segment_series(data: ProfileData, platform: Platform, segment: Segment, step
         whole,
         step=step,
         time=fine - fine[0],
-        measurements=_interpolated(fine, time, whole.measurements[known]),
+        measurements=_interpolate(fine, time, whole.measurements[known]),
         weights=np.where(np.interp(fine, time, whole.weights[known]) == 1.0, 1.0, 0.0),
-        controls=_interpolated(middles, whole.time[:-1], whole.controls),
+        controls=_interpolate(middles, whole.time[:-1], whole.controls),
         gap_seconds=0.0,
         sample_index=np.rint((time[sampled] - time[0]) / step).astype(np.int64),
-        seawater=None if whole.seawater is None else _interpolated(middles, whole.time[:-1], whole.seawater),
+        seawater=None if whole.seawater is None else _interpolate(middles, whole.time[:-1], whole.seawater),
     )
 
 
@@ -113,7 +113,7 @@ def segments_by_phase(data: ProfileData, band: DepthBand, length: float, count: 
     return {phase: steady_segments(data, band, phase, length, count) for phase in PHASES}
 
 
-def _interpolated(
+def _interpolate(
     at: NDArray[np.float64], time: NDArray[np.float64], columns: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     return np.column_stack([np.interp(at, time, column) for column in columns.T])
@@ -206,12 +206,12 @@ def _tasks(
     for phase, name in enumerate(PHASES):
         for series in pieces[name]:
             for variant, by in enumerate((0.0, offset, -offset)):
-                yield (variant, phase), prepare_profile(own, _pitched(series, by))
+                yield (variant, phase), prepare_profile(own, _with_pitch_error(series, by))
             for variant, glider in enumerate(drawn, start=len(OWN)):
                 yield (variant, phase), prepare_profile(glider, series)
 
 
-def _pitched(series: ProfileSeries, by: float) -> ProfileSeries:
+def _with_pitch_error(series: ProfileSeries, by: float) -> ProfileSeries:
     """Return the records with a constant error of the pitch, rad."""
     measurements = series.measurements.copy()
     measurements[:, _PITCH] += by

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_VALUES_OF_SLOPE = 3
-"""Least number of values for the slope after an onset."""
+"""Minimum number of values for the slope after an onset."""
 
 _CANDIDATES, _RESAMPLES = 101, 400
 
@@ -160,7 +160,9 @@ class DragDrift:
     def slope_interval(self) -> Interval:
         """Return the 95 % interval of the shared slope, including errors of coefficients and heave, kg/m per day."""
         one = self.shared.trend
-        return combined(one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span)
+        return combine_errors(
+            one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span
+        )
 
     @property
     def change(self) -> float:
@@ -177,14 +179,14 @@ class DragDrift:
     def weight_interval(self) -> Interval:
         """Return the 95 % interval of the weight (N) equivalent to `apart`, including the error of heave."""
         one, span = self.apart.trend, self.apart.span
-        low, high = combined(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
+        low, high = combine_errors(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
         return low * span, high * span
 
     @property
     def cause(self) -> str:
         """Key of `CAUSES`; a change is significant if the robust test and its full interval both show it."""
-        together = self.shared.shown and _leaves_out_zero(self.change_interval)
-        apart = self.apart.shown and _leaves_out_zero(self.weight_interval)
+        together = self.shared.shown and _excludes_zero(self.change_interval)
+        apart = self.apart.shown and _excludes_zero(self.weight_interval)
         if not together:
             return "weight" if apart else "none"
         name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
@@ -290,7 +292,7 @@ def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> 
     return (low, high) if np.isfinite(low + high) and nominal != 0.0 else (1.0, 1.0)
 
 
-def combined(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
+def combine_errors(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
     """Combine the independent errors of a slope due to sampling, coefficients and unresolved changes into an interval.
 
     Parameters
@@ -310,7 +312,7 @@ def combined(slope: float, sampling: Interval, scale: Interval, unresolved: floa
     return float(slope - below), float(slope + above)
 
 
-def _leaves_out_zero(ends: Interval) -> bool:
+def _excludes_zero(ends: Interval) -> bool:
     return ends[0] > 0.0 or ends[1] < 0.0
 
 

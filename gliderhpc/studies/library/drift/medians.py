@@ -47,7 +47,7 @@ UNITS = {name: unit for name, (unit, _) in CHANNELS.items()} | {DRAG: "kg/m"}
 """Unit of every median."""
 
 MIN_RECORDS = 30
-"""Least number of records for a median."""
+"""Minimum number of records for a median."""
 
 NOT_COUNTED = ("window_not_converged", "prior_used_because_the_window_failed", "implausible_self_motion")
 """Quality bits of samples that medians exclude, in addition to vibration, gaps and a rotated battery."""
@@ -70,7 +70,7 @@ class CoefficientSettings(Settings):
     pitch_offset: float = Field(1.0, gt=0, le=10, description="constant error of the pitch that is tested, degree")
 
     @model_validator(mode="after")
-    def _leaves_something(self) -> Self:
+    def _longer_than_settling(self) -> Self:
         if self.settling >= self.length:
             raise ValueError(f"a segment of {self.length:g} s must be longer than its settling of {self.settling:g} s")
         return self
@@ -104,7 +104,7 @@ class DriftSettings(Settings):
     changes: ChangeSettings = ChangeSettings()
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if self.depth_band is not None and not 0.0 <= self.depth_band[0] < self.depth_band[1]:
             raise ValueError("a depth_band is two depths, the shallower one first")
         return self
@@ -118,7 +118,7 @@ class DepthBand:
     high: float
     remark: str = ""
 
-    def holds(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, depth: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Mask of the depths inside the band."""
         return np.asarray((depth >= self.low) & (depth <= self.high), dtype=np.bool_)
 
@@ -135,7 +135,7 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
         low,
         high,
         f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to {high:.0f} "
-        f"m in place of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
+        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
     )
 
 
@@ -187,7 +187,7 @@ def counted(data: ProfileData, band: DepthBand, phase: str) -> Mask:
     if turning[data.steady].sum() <= ROTATED_SHARE * data.steady.sum():
         samples &= ~turning
     known = np.isfinite(data.measured).all(axis=1)
-    return data.on_records(samples) & known & band.holds(data.measured[:, 3])
+    return data.on_records(samples) & known & band.contains(data.measured[:, 3])
 
 
 def medians_of(forces: Array, velocity: Array) -> dict[str, float]:

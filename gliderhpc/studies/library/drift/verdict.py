@@ -139,7 +139,7 @@ class DriftVerdict:
     @property
     def has_onset(self) -> bool:
         """Return whether the drag grows like a level that turns into a line."""
-        return self.grows and self.changes.leave_an_onset
+        return self.grows and self.changes.allow_onset
 
     @property
     def extrapolates(self) -> bool:
@@ -225,7 +225,7 @@ def _apart(drag: DragDrift) -> str:
 
 def _since(drag: DragDrift) -> str:
     onset = drag.onset
-    when = "from the first day on, as far as the record shows" if onset.from_the_start else f"since day {onset.day:.1f}"
+    when = "from the first day of the record or earlier" if onset.from_the_start else f"since day {onset.day:.1f}"
     return f"{drag.estimate}: grows {when} (95 % interval: day {onset.low:.1f} to {onset.high:.1f})"
 
 
@@ -341,7 +341,7 @@ def find_drift(
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
-        changes.leave_a_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
+        changes.allow_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
         counted,
     )
 

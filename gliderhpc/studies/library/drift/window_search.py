@@ -13,13 +13,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MIN_WINDOW = 3
-"""Least number of profiles in a window, and before and after it; a window may also last until the end."""
+"""Minimum number of profiles in a window, and before and after it; a window may also last until the end."""
 
 OWN_SLOPE = 4
-"""Least number of profiles in a window with its own slope."""
+"""Minimum number of profiles in a window with its own slope."""
 
 MODEL_MARGIN = 2.0
-"""Largest excess loss of a more persistent noise model that is preferred for the null series."""
+"""Maximum excess loss of a more persistent noise model that is preferred for the null series."""
 
 LARGEST_ERROR = 4.0
 """Robust standard deviations to which errors are limited."""
@@ -28,7 +28,7 @@ _FINE, _GROWTH = 6, 1.2
 """Number of candidate places in a window's length, and ratio of one candidate length to the next."""
 
 _ALL = 100
-"""Largest number of values for which all windows are candidates."""
+"""Maximum number of values for which all windows are candidates."""
 
 _TABLE = 2**17
 """Number of entries in a table of windows and series that fit into a core's cache."""

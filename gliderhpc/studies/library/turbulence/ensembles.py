@@ -19,8 +19,8 @@ ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 """Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
 
 
-NEWER = {"noise_window", "most_repeated"}
-"""Settings that older studies lack; they change none of the statistics that these have."""
+ADDED_SETTINGS = {"noise_window", "most_repeated"}
+"""Settings that older studies lack; none of them affects the statistics that those contain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def is_comparable(stored: object, settings: IntermittencySettings) -> bool:
     own = settings.model_dump(mode="json")
     if not isinstance(stored, dict):
         return False
-    free = {"seed", "draws", "block_draws", "surrogates", "groups"} | (NEWER - stored.keys())
+    free = {"seed", "draws", "block_draws", "surrogates", "groups"} | (ADDED_SETTINGS - stored.keys())
     return all(stored.get(key) == value for key, value in own.items() if key not in free)
 
 

@@ -33,7 +33,7 @@ from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.store_schema.columns import NOISE_MOMENTS
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, NullPasses, contrast_of
-from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, padded
+from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, pad_to
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
@@ -44,10 +44,10 @@ TESTED = ("B_cv", "B_cp")
 less, and the test then rejects Gaussian gusts too often (docs/turbulence.md)."""
 
 MIN_INDEPENDENT, MIN_LOCAL = 100.0, 10.0
-"""Least numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
+"""Minimum numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
 
-_FEWEST_PAIRS = 0.05
-"""Least number of pairs of values with a correlation, relative to the number of values."""
+_MIN_PAIR_FRACTION = 0.05
+"""Minimum number of pairs of values with a correlation, relative to the number of values."""
 
 _SAME_ROLL = 1e-4
 """Largest difference of rolls that are regarded as repeated, degree."""
@@ -79,7 +79,7 @@ class Noise:
 
     @property
     def repeated(self) -> float:
-        """Share of the rolls of the records used that equal the one before; 1 without any records."""
+        """Fraction of the used records whose roll equals the previous one; 1 without any records."""
         roll = self.roll[self.counted(TESTED[-1]) & np.isfinite(self.roll)]
         return float(np.mean(np.abs(np.diff(roll)) < _SAME_ROLL)) if len(roll) > 1 else 1.0
 
@@ -139,7 +139,7 @@ def noise_of_estimate(estimate: ProfileEstimate, every: int) -> Noise | None:
     time, depth, step = (series.time - series.time[0])[::every], series.measurements[::every, 3], every * series.step
     noise = dict(zip(CHANNELS, estimate.smoothed.standardised_noise.T, strict=True))
     channels = {
-        name: ChannelSeries(time, padded(column, len(time)), depth, quality, step, step)
+        name: ChannelSeries(time, pad_to(column, len(time)), depth, quality, step, step)
         for name, column in noise.items()
     }
     roll = np.where(series.weights > 0.0, np.degrees(series.measurements[:, 0]), np.nan)
@@ -214,7 +214,7 @@ def _correlation(values: Array, counted: NDArray[np.bool_], width: int) -> tuple
         for x in (values, counted.astype(np.float64))
     )
     pairs = np.rint(pairs)
-    known = pairs >= _FEWEST_PAIRS * pairs[0]
+    known = pairs >= _MIN_PAIR_FRACTION * pairs[0]
     correlation = np.divide(own, pairs, out=np.zeros_like(own), where=known) * pairs[0] / own[0]
     return np.concatenate([pairs[:0:-1], pairs]), np.concatenate([correlation[:0:-1], correlation])
 
@@ -225,9 +225,11 @@ def kurtosis_score(kurtosis: float, count: float) -> float:
     mean = 3.0 * (n - 1.0) / (n + 1.0)
     variance = 24.0 * n * (n - 2.0) * (n - 3.0) / ((n + 1.0) ** 2 * (n + 3.0) * (n + 5.0))
     skewness = (
-        6.0 * (n * n - 5.0 * n + 2.0) / ((n + 7.0) * (n + 9.0))
+        6.0
+        * (n * n - 5.0 * n + 2.0)
+        / ((n + 7.0) * (n + 9.0))
         * np.sqrt(6.0 * (n + 3.0) * (n + 5.0) / (n * (n - 2.0) * (n - 3.0)))
-    )  # fmt: skip
+    )
     freedom = 6.0 + 8.0 / skewness * (2.0 / skewness + np.sqrt(1.0 + 4.0 / skewness**2))
     base = 1.0 + (kurtosis - mean) / np.sqrt(variance) * np.sqrt(2.0 / (freedom - 4.0))
     root = np.sign(base) * np.cbrt((1.0 - 2.0 / freedom) / abs(base)) if base != 0.0 else 0.0

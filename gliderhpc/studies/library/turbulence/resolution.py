@@ -10,7 +10,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
 from gliderhpc.studies.library.turbulence.series import FastSettings, describe_unresolved, series_step
-from gliderhpc.studies.request import Request, own_settings
+from gliderhpc.studies.request import Request, study_settings
 
 EXAMINED_PROFILES = 5
 """Number of profiles, spread over those chosen, whose sample interval is compared with the band."""
@@ -47,7 +47,7 @@ def missing_band_of(name: str, model: type[FastSettings]) -> Callable[[Request],
     """Return the function `missing` of a study that needs its band, given its name and the model of its settings."""
 
     def missing(request: Request) -> str | None:
-        return describe_missing_band(request, own_settings(request, name, model))
+        return describe_missing_band(request, study_settings(request, name, model))
 
     return missing
 

@@ -40,7 +40,7 @@ MIN_RMS = 1e-9
 """Root mean square of a fast part (N or N m) below which it is zero to rounding, as in nulls that do not turn."""
 
 MIN_DURATION = 300.0
-"""Least duration of usable samples for the statistics of a profile, s."""
+"""Minimum duration of usable samples for the statistics of a profile, s."""
 
 
 class FastSettings(Settings):
@@ -121,7 +121,7 @@ class IntermittencySettings(SpectraSettings):
 # Filtering
 
 
-def bridged(signal: Array, usable: Mask) -> Array:
+def bridge_gaps(signal: Array, usable: Mask) -> Array:
     """Interpolate a signal ``(n,)`` linearly where it is not usable; without any usable sample return zeros."""
     if not usable.any():
         return np.zeros_like(signal)
@@ -289,10 +289,10 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
     series, column = estimate.series, list(CHANNELS).index(channel)
     time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
     if which != SMOOTHED or estimate.smoothed is None:
-        values = padded(estimate.solution.disturbances[:, column], len(time))
+        values = pad_to(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
     time, quality, depth = time[::every], quality[::every], depth[::every]
-    values = padded(estimate.smoothed.disturbances[:, column], len(time))
+    values = pad_to(estimate.smoothed.disturbances[:, column], len(time))
     return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
 
 
@@ -308,7 +308,7 @@ def series_step(archive: Archive, estimate: str) -> float:
     return float(archive.attrs["output_interval" if estimate == SMOOTHED else "step"])
 
 
-def padded(values: Array, count: int) -> Array:
+def pad_to(values: Array, count: int) -> Array:
     """Pad values to ``(count,)`` with NaN at the end: there is no disturbance after the last sample."""
     return np.concatenate([values[:count], np.full(max(0, count - len(values)), np.nan)])
 
@@ -331,7 +331,7 @@ def fast_part(channel: ChannelSeries, settings: FastSettings, *, actuated: bool)
     is zero. A record that does not resolve the band would give statistics of the interpolation between samples.
     """
     counted, lowest = channel.counted(actuated=actuated), settings.band[0]
-    values = high_passed(bridged(channel.values, counted), channel.step, settings.cutoff)
+    values = high_passed(bridge_gaps(channel.values, counted), channel.step, settings.cutoff)
     fast = gappy_series(values, counted, channel.step, 1.0 / settings.cutoff)
     if channel.nyquist <= lowest:
         return FastPart(fast, describe_unresolved(channel.sample_interval, channel.nyquist, lowest))

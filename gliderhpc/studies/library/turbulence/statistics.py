@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 MIN_FREQUENCIES = 6
-"""Least number of frequencies for the fit of a power law."""
+"""Minimum number of frequencies for the fit of a power law."""
 
 MIN_LAGS = 4
-"""Least number of lags for the fit of an exponent."""
+"""Minimum number of lags for the fit of an exponent."""
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 """Orders of the structure functions."""

@@ -44,7 +44,7 @@ def iaaft(values: Array, rng: np.random.Generator, *, max_iterations: int = 200,
     Parameters
     ----------
     values : (n,) array
-        Series, whose ends should meet (see `joined`).
+        Series, whose ends should meet (see `join_stretches`).
     rng : numpy.random.Generator
         Generator of the order from which the iteration starts.
     max_iterations : int
@@ -95,7 +95,7 @@ def rank_p_value(measured: float, surrogates: Array) -> float:
     return float((1 + np.count_nonzero(surrogates >= measured)) / (1 + len(surrogates)))
 
 
-def joined(series: GappySeries, fade: float) -> GappySeries:
+def join_stretches(series: GappySeries, fade: float) -> GappySeries:
     """Join the stretches of a series end to end for surrogates, each faded in and out over `fade` (s).
 
     Each stretch fades to zero at both ends, which avoids jumps where two stretches meet and where the end meets the
@@ -150,7 +150,7 @@ class SurrogateTest:
 
 def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
     """Make surrogates of a series, and rank its flatness among theirs: one-sided, at the lag of the settings."""
-    source = joined(series, settings.fade)
+    source = join_stretches(series, settings.fade)
     lags = lag_samples(settings.every_lag, source.step)
     band = (settings.cutoff, min(settings.band[1], 0.5 / source.step))
     own = float(structure_functions(source, lags).flatness_at(settings.lag))

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
-"""Largest distance of an exponent from She and Leveque's that the paper regards as turbulence."""
+"""Maximum distance of an exponent from She and Leveque's that the paper regards as turbulence."""
 
 _SMALL = 1e-9
 """P-value below which only this bound is given."""
@@ -89,7 +89,7 @@ class TurbulenceVerdict:
     gaussianity: Gaussianity | None = None
 
     @property
-    def stands(self) -> bool:
+    def is_supported(self) -> bool:
         """Return whether all features are passed."""
         return all(feature.outcome == PASSED for feature in self.features)
 
@@ -98,7 +98,9 @@ class TurbulenceVerdict:
         """Verdict in one line."""
         outcomes = ", ".join(f"{feature.name} {feature.outcome}" for feature in self.features)
         conclusion = (
-            "the three features of the paper are present" if self.stands else "the claim of turbulence is not supported"
+            "the three features of the paper are present"
+            if self.is_supported
+            else "the claim of turbulence is not supported"
         )
         return f"verdict over {self.profiles} profiles: {conclusion} ({outcomes})"
 
@@ -106,7 +108,7 @@ class TurbulenceVerdict:
         """Return the verdict as plain values."""
         return {
             "features": [{"name": f.name, "outcome": f.outcome, "figures": f.figures} for f in self.features],
-            "stands": self.stands,
+            "stands": self.is_supported,
             "null_share_inside": self.inside,
             "joint_probability": self.joint,
             "assumptions": list(ASSUMPTIONS),
@@ -147,15 +149,15 @@ def _null_passes(ensembles: Ensembles) -> NullPasses | None:
 
 def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
     """Return three sentences: the finding, its certainty, and the data or instrument that would settle the question."""
-    return _found(verdict), _how_sure(verdict), _what_would_settle_it(verdict)
+    return _describe_finding(verdict), _describe_certainty(verdict), _describe_next_step(verdict)
 
 
-def _found(verdict: TurbulenceVerdict) -> str:
+def _describe_finding(verdict: TurbulenceVerdict) -> str:
     passed = [feature.name for feature in verdict.features if feature.outcome == PASSED]
     features = f"{len(passed)} of the publication's {len(verdict.features)} features"
     parts = [f"Found: {features}" + (f" ({', '.join(passed)})" if passed else "")]
     if verdict.gaussianity is not None:
-        parts.append(_found_in_noise(verdict.gaussianity))
+        parts.append(_describe_noise_finding(verdict.gaussianity))
     if verdict.contrast is not None:
         parts.append(
             f"a flatness larger than that of Gaussian disturbances seen through the same pipeline in "
@@ -164,7 +166,7 @@ def _found(verdict: TurbulenceVerdict) -> str:
     return f"{'; '.join(parts)}."
 
 
-def _found_in_noise(found: Gaussianity) -> str:
+def _describe_noise_finding(found: Gaussianity) -> str:
     if not found.tested:
         return (
             "no profile in which it can be tested whether lateral disturbances are Gaussian, as the roll hardly "
@@ -176,11 +178,11 @@ def _found_in_noise(found: Gaussianity) -> str:
     )
 
 
-def _how_sure(verdict: TurbulenceVerdict) -> str:
+def _describe_certainty(verdict: TurbulenceVerdict) -> str:
     contrast, passes = verdict.contrast, verdict.null_passes
     parts = []
     if verdict.gaussianity is not None and verdict.gaussianity.tested:
-        parts.append(_sure_of_noise(verdict.gaussianity))
+        parts.append(_describe_noise_certainty(verdict.gaussianity))
     if contrast is not None:
         parts.append(
             f"{contrast.profiles} profiles of Gaussian disturbances would exceed {contrast.nulls} nulls by as much "
@@ -194,9 +196,9 @@ def _how_sure(verdict: TurbulenceVerdict) -> str:
     return f"How sure: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
 
 
-def _sure_of_noise(found: Gaussianity) -> str:
+def _describe_noise_certainty(found: Gaussianity) -> str:
     if found.nulls is None or found.contrast is None:
-        return f"if all of them were Gaussian, so many would be found with p = {_p_text(found.count_p_value)}"
+        return f"if all of them were Gaussian, as many would be found with p = {_p_text(found.count_p_value)}"
     allowed = (
         "as its level allows" if found.nulls.holds else "more than its level allows, so only the comparison counts"
     )
@@ -211,7 +213,7 @@ def _p_text(p: float) -> str:
     return f"{_SMALL:g} or less" if p <= _SMALL else number(p)
 
 
-def _what_would_settle_it(verdict: TurbulenceVerdict) -> str:
+def _describe_next_step(verdict: TurbulenceVerdict) -> str:
     contrast, noise, start = verdict.contrast, verdict.gaussianity, "What would settle it:"
     if noise is not None and noise.settled:
         return (

@@ -9,9 +9,9 @@ from support.hull_dives import PARAMETERS, dives
 from gliderhpc.api.alerts import Rules
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
-from gliderhpc.report import hull_news as module
-from gliderhpc.report.hull_news import HullNews, hull_news, hull_so_far
+from gliderhpc.report import recent_hull as module
 from gliderhpc.report.page.surfacing_page import surfacing_page
+from gliderhpc.report.recent_hull import RecentChange, hull_changes, recent_hull
 from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
@@ -31,7 +31,7 @@ def _news_at(swift_store, monkeypatch, number, course):
     monkeypatch.setattr(module, "read_dives", read)
     monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
     with open_for_reading(swift_store) as archive:
-        return {news.parameter: news for news in hull_news(hull_so_far(archive, number))}
+        return {news.parameter: news for news in hull_changes(recent_hull(archive, number))}
 
 
 @pytest.mark.compiled
@@ -55,7 +55,7 @@ def test_few_dives_bring_no_news(swift_store, monkeypatch):
 
 
 def test_probability_above_is_that_of_the_normal_distribution():
-    news = HullNews("viscous.K_D0", "drag", "kg/m", 10.0, 0.8, 3.0, 1.0, 5, 9)
+    news = RecentChange("viscous.K_D0", "drag", "kg/m", 10.0, 0.8, 3.0, 1.0, 5, 9)
     assert news.probability_above(0.3) == pytest.approx(0.4)
     assert news.probability_above(0.2) == pytest.approx(0.8 * 0.841345, rel=1e-5)
 
@@ -70,8 +70,8 @@ def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
         change=2.5, change_std=0.3, since=message.profile - 1, dives=12, above_20_percent=0.96,
     )  # fmt: skip
     changed = message.model_copy(update={"hull_changes": (change,)})
-    assert Rules(hull_changed=0.98, drag_up_fifth=0.98).broken(changed) == ()
-    (one, other) = Rules(hull_changed=0.95, drag_up_fifth=0.95).broken(changed)
+    assert Rules(hull_changed=0.98, drag_up_fifth=0.98).violations(changed) == ()
+    (one, other) = Rules(hull_changed=0.95, drag_up_fifth=0.95).violations(changed)
     assert one.startswith("drag at zero angle of attack: changed since dive 1 by +2.5")
     assert other.startswith("drag up by more than 20 %")
     hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")

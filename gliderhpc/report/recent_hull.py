@@ -1,20 +1,20 @@
-"""Changes of the hull over the dives so far."""
+"""Hull over the latest dives, and its changes since the first of them."""
 
 import math
 from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
-from gliderhpc.studies.hull import HullSettings, MissionDives, change_in_units, read_dives, sum_up
+from gliderhpc.studies.hull import HullSettings, MissionDives, change_in_units, combine_dives, read_dives
 from gliderhpc.tuning.hull_changes import HullChange
 from gliderhpc.tuning.mission_hull import MissionHull
 
 _DIVES = 100
-"""Largest number of dives that are combined; without a limit, the computing time would grow with the mission."""
+"""Maximum number of dives that are combined; without a limit, the computing time would grow with the mission."""
 
 
 @dataclass(frozen=True)
-class HullNews:
+class RecentChange:
     """Change of one number of the platform file over the dives so far, in its unit.
 
     Attributes
@@ -50,7 +50,7 @@ class HullNews:
 
 
 @dataclass(frozen=True, eq=False)
-class HullSoFar:
+class RecentHull:
     """Hull from the latest dives up to one: their information, its sum, and each suspect's change by its position."""
 
     mission: MissionDives
@@ -58,23 +58,32 @@ class HullSoFar:
     changes: dict[int, HullChange | None]
 
 
-def hull_so_far(archive: Archive, number: int) -> HullSoFar | None:
-    """Sum up the latest dives up to a profile; None if none of them has information on the hull."""
+def recent_hull(archive: Archive, number: int) -> RecentHull | None:
+    """Combine the latest dives up to a profile; None if none of them has information on the hull."""
     mission = read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
-    return HullSoFar(mission, *sum_up(mission, HullSettings())) if mission.dives else None
+    return RecentHull(mission, *combine_dives(mission, HullSettings())) if mission.dives else None
 
 
-def hull_news(hull: HullSoFar) -> tuple[HullNews, ...]:
+def hull_changes(hull: RecentHull) -> tuple[RecentChange, ...]:
     """Return the changes shown by the dives; empty if they are too few to show a change."""
     mission, found = hull.mission, hull.found
-    news = []
+    changes = []
     for i, change in hull.changes.items():
         if change is None:
             continue
         one, values = mission.parameters[i], change_in_units(mission, found, i, change)
         first = one.moved(mission.platform, float(found.smoothed[0].mean[i]))
-        news.append(HullNews(
-            one.key, one.meaning, one.unit, first, values["change_probability"], values["change_total"],
-            values["change_total_std"], int(values["onset"]), len(mission.dives),
-        ))  # fmt: skip
-    return tuple(news)
+        changes.append(
+            RecentChange(
+                one.key,
+                one.meaning,
+                one.unit,
+                first,
+                values["change_probability"],
+                values["change_total"],
+                values["change_total_std"],
+                int(values["onset"]),
+                len(mission.dives),
+            )
+        )
+    return tuple(changes)
