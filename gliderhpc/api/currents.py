@@ -135,10 +135,6 @@ def navigation_of(
     return merge_navigation([_plain_navigation(file, declination) for file in files])
 
 
-_WITH_DECLINATION = ("slocum", "og1")
-"""Kinds of records whose importers replace the declination in the files by a given one."""
-
-
 _WITH_DECLINATION = ("slocum", "seaexplorer")
 """Kinds of records whose importers replace the declination in the files by a given one; OG1 is read directly."""
 
