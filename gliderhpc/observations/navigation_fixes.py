@@ -10,7 +10,7 @@ import numpy.typing as npt
 from gliderhpc.observations.depth_screening import impossible_depths
 from gliderhpc.observations.fixes import SurfaceFixes, screen_fixes
 from gliderhpc.observations.navigation_columns import NavigationColumns
-from gliderhpc.observations.profiles import IntArray, surface_threshold
+from gliderhpc.observations.profiles import SURFACE_MARGIN, IntArray, floating_level
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.survey import MAX_GPS_DEPTH
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, plausible_times
@@ -138,11 +138,14 @@ def _surface(
     """Depth (m) above which samples are at the surface, their screened depth, and a remark on an offset."""
     depth = columns.depth(SurfaceFixes(time, latitude, longitude, time[:0], ()))
     depth[impossible_rows(time, depth)] = np.nan
-    known = depth[np.isfinite(depth)]
-    if not len(known) or known.min() <= SURFACE:
+    order = time_order(time)
+    order = order[np.isfinite(depth[order])]
+    if not len(order) or depth[order].min() <= SURFACE:
         return SURFACE, depth, []
-    lacking = f"the depth is nowhere less than {known.min():.3g} m: the sensor has an offset, or the surface is missing"
-    return surface_threshold(known), depth, [lacking]
+    level = floating_level((time[order] - time[order[0]]) / _SECOND, depth[order])
+    least = float(depth[order].min())
+    lacking = f"the depth is nowhere less than {least:.3g} m: the sensor has an offset, or the surface is missing"
+    return level + SURFACE_MARGIN, depth, [lacking]
 
 
 NEIGHBOURS, MIN_DOUBTS, DOUBTED = 5, 2, 0.25
