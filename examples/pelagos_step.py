@@ -13,7 +13,7 @@ class DepthAveragedCurrents(BaseStep):
     """Estimate the currents of the pipeline's data.
 
     Parameters of the step: ``output_path``, the netCDF file to write, and optionally ``platform``, a hull's name or
-    file, and ``declination`` (degree), which is added to a magnetic heading.
+    file, and ``declination`` (degree), which is added to a magnetic heading instead of the one in the file.
     """
 
     step_name = "Depth-averaged currents"
@@ -24,9 +24,7 @@ class DepthAveragedCurrents(BaseStep):
         given = self.parameters
         if "output_path" not in given:
             raise ValueError(f"step {self.name}: give output_path, the netCDF file to write")
-        found = gh.currents(
-            self.context["data"], platform=given.get("platform"), declination=float(given.get("declination", 0.0))
-        )
+        found = gh.currents(self.context["data"], platform=given.get("platform"), declination=given.get("declination"))
         found.to_netcdf(given["output_path"])
         self.context["currents"] = found
         self.log(f"{found.sizes['profile']} profiles, {int(found['dac_north'].notnull().sum())} with a current")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_doubt, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
+from gliderhpc.estimation.glide_pace import check_pace_of, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
@@ -31,7 +32,7 @@ def currents(
     records: xr.Dataset | str | Path | Iterable[str | Path],
     *,
     platform: Platform | str | Path | None = None,
-    declination: float = 0.0,
+    declination: float | None = None,
     errors: GlideErrors | None = None,
 ) -> xr.Dataset:
     """Estimate depth-averaged currents and positions under water without a flight model.
@@ -43,8 +44,9 @@ def currents(
         CF; or an instrument's own files, which are imported first.
     platform : Platform, str or Path, optional
         Hull whose drag and lift are used unchanged; by default those of the vehicle's make.
-    declination : float
-        Declination added to a magnetic heading, degree.
+    declination : float, optional
+        Declination to add to a magnetic heading, instead of the one in the file, degree. It is not added to a heading
+        that refers to true north according to its file.
     errors : GlideErrors, optional
         Errors of pitch, compass, fixes and water.
 
@@ -73,32 +75,35 @@ def estimate_currents(
     records: xr.Dataset | str | Path | Iterable[str | Path],
     *,
     platform: Platform | str | Path | None,
-    declination: float,
+    declination: float | None,
     errors: GlideErrors | None = None,
 ) -> xr.Dataset:
     """Estimate currents as `currents` does, with error messages in the words of the command line."""
-    navigation = navigation_of(records)
-    if declination:
-        navigation = replace(navigation, heading=navigation.heading + np.radians(declination))
+    navigation = navigation_of(records, declination)
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
     polar, remarks = with_measured_attack(_polar(navigation, platform), usable)
     navigation = replace(navigation, remarks=(*navigation.remarks, *remarks))
     tracks: list[GlideTrack | None] = []
     notes: list[str] = []
+    faults: list[str] = []
     for record in usable:
         try:
+            check_pace_of(record)
             track = glide_track(record, polar.hulls, chosen)
         except ProfileError as error:
             tracks.append(None)
+            faults.append(str(error))
             notes.append("; ".join([*record.notes, str(error)]))
             continue
         tracks.append(track)
         doubts = [] if track.current is None else describe_doubt(track.current.velocity)
         notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
-        raise InputError(f"{navigation.source}: no profile can be used; {notes[0]}")
-    return _dataset(navigation, usable, tracks, notes, polar, chosen, declination)
+        raise InputError(f"{navigation.source}: no profile can be used; {faults[0]}")
+    doubt = check_speed(navigation.source, [track for track in tracks if track is not None])
+    navigation = replace(navigation, remarks=(*navigation.remarks, *doubt))
+    return _dataset(navigation, usable, tracks, notes, polar, chosen)
 
 
 _SUMMARY = (
@@ -108,28 +113,37 @@ _SUMMARY = (
 )
 
 
-def navigation_of(records: xr.Dataset | str | Path | Iterable[str | Path]) -> Navigation:
+def navigation_of(
+    records: xr.Dataset | str | Path | Iterable[str | Path], declination: float | None = None
+) -> Navigation:
     """Read the navigation of records of any kind; an instrument's own files are imported first."""
     if isinstance(records, xr.Dataset):
-        return read_navigation(records)
+        return read_navigation(records, declination=declination)
     if isinstance(records, xr.DataTree | xr.DataArray):
         raise InputError(f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset, a file or files")
     paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
     if not paths:
         raise InputError("records: none given; give a file, files or a Dataset")
     # The importers load libraries that a plain file does not need.
-    from gliderhpc.api.records import import_records, is_instrument_file
+    from gliderhpc.api.records import import_records, is_instrument_file, kind_of
 
     if any(is_instrument_file(path) for path in paths):
-        return read_navigation(import_records(paths), str(paths[0]))
-    return merge_navigation([_plain_navigation(file) for path in paths for file in _plain_files(path)])
+        if declination is not None and kind_of(paths) in _WITH_DECLINATION:
+            return read_navigation(import_records(paths, declination=declination), str(paths[0]))
+        return read_navigation(import_records(paths), str(paths[0]), declination)
+    files = [file for path in paths for file in _plain_files(path)]
+    return merge_navigation([_plain_navigation(file, declination) for file in files])
 
 
-def _plain_navigation(path: Path) -> Navigation:
+_WITH_DECLINATION = ("slocum", "seaexplorer")
+"""Kinds of records whose importers replace the declination in the files by a given one; OG1 is read directly."""
+
+
+def _plain_navigation(path: Path, declination: float | None) -> Navigation:
     """Read the navigation from a text table, a netCDF file or a Zarr folder."""
     if is_table(path):
-        return read_navigation(read_table(path), str(path))
-    return open_navigation(path)
+        return read_navigation(read_table(path), str(path), declination)
+    return open_navigation(path, declination)
 
 
 def _plain_files(path: Path) -> list[Path]:
@@ -155,7 +169,6 @@ def _dataset(
     notes: Sequence[str],
     polar: GlidePolar,
     errors: GlideErrors,
-    declination: float,
 ) -> xr.Dataset:
     rows = [_row(record, track, note) for record, track, note in zip(records, tracks, notes, strict=True)]
     table = {name: ("profile", [row[name] for row in rows], _attributes(name)) for name in rows[0] if name != "profile"}
@@ -168,7 +181,7 @@ def _dataset(
             "profile": ("profile", np.array([row["profile"] for row in rows]), _attributes("profile")),
             "time": ("time", time, {"standard_name": "time", "long_name": "time of the sample", "axis": "T"}),
         },
-        attrs=_global_attributes(navigation, polar, errors, declination),
+        attrs=_global_attributes(navigation, polar, errors),
     )
     latitude, longitude, depth = (found[name].values for name in ("latitude", "longitude", "depth"))
     identifier = f"{Path(navigation.source).stem}_currents"
@@ -280,9 +293,7 @@ def _attributes(name: str) -> dict[str, Any]:
     return found | ({"standard_name": _STANDARD_NAMES[name]} if name in _STANDARD_NAMES else {})
 
 
-def _global_attributes(
-    navigation: Navigation, polar: GlidePolar, errors: GlideErrors, declination: float
-) -> dict[str, Any]:
+def _global_attributes(navigation: Navigation, polar: GlidePolar, errors: GlideErrors) -> dict[str, Any]:
     drag, lift = polar.platform.viscous.K_D0, polar.platform.viscous.K_L
     return {
         "Conventions": CONVENTIONS,
@@ -292,7 +303,7 @@ def _global_attributes(
         "drag_over_lift": drag / lift,
         "drag_over_lift_relative_std": polar.deviation,
         "drag_over_lift_hull": polar.make,
-        "declination_added": declination,
+        "declination_added": navigation.declination,
         "error_pitch_degree": float(np.degrees(errors.pitch_offset)),
         "error_course_degree": errors.course,
         "error_vertical_water_velocity": errors.vertical,

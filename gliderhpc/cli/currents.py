@@ -30,9 +30,7 @@ _WORDS = ("start", "remark")
 @click.option(
     "--declination",
     type=Finite(-180.0, 180.0),
-    default=0.0,
-    show_default=True,
-    help="Magnetic declination (degree), added to the heading.",
+    help="Declination (degree, east positive), added to a magnetic heading.  [default: the one in the file]",
 )
 @deployment
 @overwrite
@@ -40,7 +38,7 @@ def currents(
     files: tuple[Path, ...],
     out: Path,
     platform: str | None,
-    declination: float,
+    declination: float | None,
     deployment: Path | None,
     overwrite: bool,
 ) -> int:

@@ -10,6 +10,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
+from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix, ProfileRecord
@@ -117,13 +118,16 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
 
 
 def on_points(record: ProfileRecord) -> ProfileSeries:
-    """Interpolate a record to the points of a track.
+    """Interpolate a record to the points of a track; a depth with much noise is smoothed before (`noise_window`).
 
     Raises
     ------
     ProfileError
         Depth, pitch and heading have no time in common.
     """
+    window = noise_window(record.time, record.depth)
+    if window > 0.0:
+        record = replace(record, depth=smoothed_depth(record.time, record.depth, window))
     duration = float(record.time[-1])
     step = duration / math.ceil(duration / STEP)
     return resample(record, step, longest_bridged(sampling_intervals(record)))

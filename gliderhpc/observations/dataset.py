@@ -17,7 +17,7 @@ import xarray as xr
 from gliderhpc.errors import InputError, ProfileError, first_line
 from gliderhpc.observations.control_gaps import unlogged_movements
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.fixes import pair_fault
+from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
@@ -33,9 +33,6 @@ from gliderhpc.observations.survey import (
 _SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 """Options that leave times undecoded; `gliderhpc.observations.times` decodes and checks them."""
-
-_MAX_REASONS = 2
-"""Maximum number of reasons for omitted fixes that a profile's notes list one by one."""
 
 
 class Observations:
@@ -145,7 +142,7 @@ class Observations:
             surface_fixes_before=before,
             surface_fixes_after=after,
             notes=(
-                *_notes(before, after, reasons),
+                *describe_fixes(before, after, reasons, MAX_FIX_AGE),
                 *dive_notes(seconds, values["depth"], values["pitch"]),
                 *_actuator_notes(seconds, values),
             ),
@@ -231,23 +228,11 @@ class Observations:
         before, after = (self.survey.fixes.between(*side) for side in sides)
         reasons = [reason for side in sides for reason in self.survey.fixes.reasons_between(*side)]
         if not (before and after):
-            reasons += self._fixes_inside(span)
+            reasons += self.survey.fixes.notes_inside(span.start_time, span.end_time)
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
         return (), (), tuple(dict.fromkeys([fault, *reasons]))
-
-    def _fixes_inside(self, span: ProfileSpan) -> list[str]:
-        """Describe GPS fixes between the first and the last sample of a profile; empty if there are none."""
-        inside = [
-            fix
-            for fix in self.survey.fixes.between(span.start_time, span.end_time)
-            if span.start_time < fix.time < span.end_time
-        ]
-        if not inside:
-            return []
-        first = inside[0].time.astype("datetime64[s]")
-        return [f"GPS fix at {first} within the profile: its number must end at the surface"]
 
 
 def open_observations(path: str | Path, *, survey: Survey | None = None, in_memory: bool = False) -> Observations:
@@ -313,17 +298,6 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
     except ValueError as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
-
-
-def _notes(before: tuple[Fix, ...], after: tuple[Fix, ...], reasons: tuple[str, ...]) -> tuple[str, ...]:
-    more = len(reasons) - _MAX_REASONS
-    texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
-    missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
-    minutes = MAX_FIX_AGE / np.timedelta64(1, "m")
-    return (
-        *texts,
-        *([f"no GPS fix {' or '.join(missing)} the profile within {minutes:.0f} minutes"] if missing else []),
-    )
 
 
 def _actuator_notes(seconds: FloatArray, values: Mapping[str, FloatArray]) -> tuple[str, ...]:

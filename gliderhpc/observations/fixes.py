@@ -177,6 +177,13 @@ class SurfaceFixes:
         start, stop = self._places(self.left_out, first, last)
         return self.reasons[start:stop]
 
+    def notes_inside(self, first: np.datetime64, last: np.datetime64) -> list[str]:
+        """Describe usable fixes between the first and the last sample of a profile; empty if there are none."""
+        inside = [fix for fix in self.between(first, last) if first < fix.time < last]
+        if not inside:
+            return []
+        return [f"GPS fix at {_clock(inside[0].time)} within the profile: its number must end at the surface"]
+
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
         """Return the usable and the omitted fixes from one time to another, inclusive."""
         start, stop = self._places(self.time, first, last)
@@ -235,6 +242,21 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
         return None
     speed = _ground_speed(float(distance[0]), float(elapsed[0]))
     return f"{speed} between the fixes before and after the profile: neither is used"
+
+
+_MAX_REASONS = 2
+"""Maximum number of reasons for omitted fixes that a profile's notes list one by one."""
+
+
+def describe_fixes(
+    before: Sequence[Fix], after: Sequence[Fix], reasons: Sequence[str], limit: np.timedelta64 | None = None
+) -> tuple[str, ...]:
+    """Describe why fixes around a profile were left out, and the sides on which none remains within a time limit."""
+    more = len(reasons) - _MAX_REASONS
+    texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
+    missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
+    within = "" if limit is None else f" within {limit / np.timedelta64(1, 'm'):.0f} minutes"
+    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile{within}"] if missing else []))
 
 
 def _null_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:

@@ -4,31 +4,33 @@ Files of any source (the observation format, OG1, pyglider, data centres) are re
 their variables. Neither ballast nor battery is needed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
+from gliderhpc.observations.depth_screening import noise_window
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.fixes import SurfaceFixes, pair_fault, screen_fixes
+from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, screen_fixes
 from gliderhpc.observations.format import VELOCITY
+from gliderhpc.observations.navigation_checks import check_depth_unit, check_heading, check_pitch
 from gliderhpc.observations.navigation_columns import NavigationColumns
+from gliderhpc.observations.navigation_fixes import (
+    SURFACE,
+    find_positions,
+    impossible_rows,
+    time_order,
+    with_neighbours,
+)
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-from gliderhpc.observations.times import plausible_times
-
-RECEIVER_ERROR = 5.0
-"""Standard deviation of a GPS fix in each of north and east (m)."""
-
-POSITION_ERROR = 50.0
-"""Standard deviation, in each of north and east, of a surface position in a file without GPS variables (m)."""
-
-SURFACE = 2.0
-"""Positions above this depth (m) are taken as positions at the surface."""
+from gliderhpc.observations.survey import submerged_fixes, time_spans
+from gliderhpc.observations.validation import describe_time, profile_spans
 
 RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
@@ -37,8 +39,6 @@ MIN_SAMPLES = 10
 """Least number of samples with depth, pitch and heading in a usable profile."""
 
 _SECOND = np.timedelta64(1, "s")
-_RADIANS = 1.6
-"""Pitch of a diving glider that never exceeds this magnitude is in radians, even if its declared unit is degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,12 @@ class Navigation:
         Their standard deviation in each of north and east (m).
     remarks : tuple of str
         Remarks for the user on the reading of the file.
+    declination : float
+        Declination that is added to the heading (degree).
+    impossible : (n,) bool array
+        Samples whose depth is left out because no glider can have reached it.
+    without_fixes : mapping of int to str
+        Reasons why none of the fixes around a profile can be used, by number.
     velocity : (n, 3) array or None
         Measured velocity relative to the water in the body frame (m/s), NaN where missing; None without it.
     """
@@ -78,6 +84,9 @@ class Navigation:
     fixes: SurfaceFixes
     fix_error: float
     remarks: tuple[str, ...]
+    declination: float
+    impossible: npt.NDArray[np.bool_]
+    without_fixes: Mapping[int, str]
     velocity: FloatArray | None = None
 
     @property
@@ -93,33 +102,42 @@ class Navigation:
         time = self.time[span]
         still = np.zeros(len(time))
         seconds = (time - time[0]) / _SECOND
-        before, after, notes = self._fixes(span)
+        before, after, notes = self._fixes(number, span)
         return ProfileRecord(
             number=number, epoch=time[0], time=seconds,
             roll=np.nan_to_num(self.roll[span]), pitch=self.pitch[span], heading=self.heading[span],
             depth=self.depth[span], battery_position=still, battery_rotation=still, ballast_volume=still, rudder=still,
             entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
             surface_fixes_before=before, surface_fixes_after=after,
-            notes=(*notes, *dive_notes(seconds, self.depth[span], self.pitch[span])),
+            notes=(
+                *describe_fixes(before, after, notes),
+                *_describe_depth(seconds, self.depth[span], self.impossible[span]),
+                *dive_notes(seconds, self.depth[span], self.pitch[span]),
+            ),
             velocity=None if self.velocity is None else self.velocity[span],
         )  # fmt: skip
 
-    def _fixes(self, span: slice) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
-        """Fixes of the surface intervals before and after a profile."""
+    def _fixes(self, number: int, span: slice) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
+        """Fixes of the surface intervals before and after a profile, and the reasons why others are unused."""
+        doubt = self.without_fixes.get(number)
+        if doubt is not None:
+            return (), (), (doubt,)
         others = np.flatnonzero(self.profile > 0)
         earlier, later = others[others < span.start], others[others >= span.stop]
         begin = self.time[earlier[-1]] if len(earlier) else self.time[0] - np.timedelta64(1, "D")
         end = self.time[later[0]] if len(later) else self.time[-1] + np.timedelta64(1, "D")
-        first, last = self.time[span.start], self.time[span.stop - 1]
-        before, after = self.fixes.between(begin, first), self.fixes.between(last, end)
+        sides = ((begin, self.time[span.start]), (self.time[span.stop - 1], end))
+        before, after = (self.fixes.between(*side) for side in sides)
+        reasons = [reason for side in sides for reason in self.fixes.reasons_between(*side)]
+        if not (before and after):
+            reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
         fault = pair_fault(before[-1], after[0]) if before and after else None
-        if fault is not None:
-            return (), (), (fault,)
-        missing = [side for side, found in (("before", before), ("after", after)) if not found]
-        return before, after, (f"no GPS fix {' or '.join(missing)} the profile",) if missing else ()
+        if fault is None:
+            return before, after, tuple(dict.fromkeys(reasons))
+        return (), (), tuple(dict.fromkeys([fault, *reasons]))
 
 
-def open_navigation(path: Path) -> Navigation:
+def open_navigation(path: Path, declination: float | None = None) -> Navigation:
     """Read the navigation of a netCDF file or Zarr folder.
 
     Raises
@@ -128,10 +146,10 @@ def open_navigation(path: Path) -> Navigation:
         The file cannot be read, or lacks a quantity needed for a current; the message names it.
     """
     with open_stored(path) as dataset:
-        return read_navigation(dataset, str(path))
+        return read_navigation(dataset, str(path), declination)
 
 
-def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
+def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: float | None = None) -> Navigation:
     """Read the navigation of a Dataset, by the names, standard names and units of its variables.
 
     Parameters
@@ -140,33 +158,38 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
         Dataset with decoded or undecoded times.
     source : str
         Its name in messages.
+    declination : float, optional
+        Declination to add to a magnetic heading, instead of the one in the file (degree).
 
     Raises
     ------
     InputError
         The Dataset lacks time, depth or pressure, pitch, heading or positions, has too few samples or no dive, or a
-        unit cannot be converted.
+        quantity is in another unit than declared, or in one that cannot be converted.
     """
     columns = NavigationColumns(dataset, source)
     columns.check_complete()
     time = columns.times(columns.find("time"))
-    order = np.argsort(time, kind="stable")
-    order = order[plausible_times(time[order])]
-    _, first = np.unique(time[order], return_index=True)
-    order = order[first]
+    order = time_order(time)
     if len(order) < MIN_SAMPLES:
         raise InputError(
             f"{source}: {len(order)} samples have a time between 2000 and 2099, which is too few for a current"
         )
     time = time[order]
-    fixes, fix_error, remarks = _positions(columns)
-    depth = columns.depth(fixes)[order]
-    pitch = np.radians(columns.quantity("pitch")[order])
-    declination, magnetic = columns.declination()
-    remarks += magnetic
-    heading = np.radians(columns.quantity("heading")[order] + declination)
+    positions = find_positions(columns)
+    depth = columns.depth(positions.fixes)[order]
+    impossible = impossible_rows(time, depth)
+    added, remarks = columns.declination(declination)
+    remarks = [*positions.remarks, *remarks, *columns.undeclared(), *columns.out_of_range()]
+    measured = columns.quantity("heading")[order]
+    pitch, heading = np.radians(columns.quantity("pitch")[order]), np.radians(measured + added)
     roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
-    _check_plausible(source, pitch, depth)
+    check_pitch(source, pitch, depth, SURFACE)
+    if columns.find("depth") and columns.find("pressure") and columns.lies_along_samples("pressure"):
+        remarks += check_depth_unit(source, depth, columns.quantity("pressure")[order])
+    if impossible.any():
+        remarks.append(_describe_dropouts(time, depth, impossible))
+        depth = np.where(impossible, np.nan, depth)
     if len(order) < dataset.sizes[columns.dimension]:
         remarks.append(
             f"{dataset.sizes[columns.dimension] - len(order)} samples without a valid time, or with the time of "
@@ -178,10 +201,11 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset") -> Navigation:
             f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
             "estimate"
         )
+    remarks += check_heading(source, measured, profile, columns.find("heading"))
     velocity = _velocity(columns, order, remarks)
     return Navigation(
-        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, fixes, fix_error, tuple(remarks),
-        velocity,
+        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, positions.fixes, positions.error,
+        tuple(remarks), added, impossible, _submerged(time, depth, profile, positions.fixes), velocity,
     )  # fmt: skip
 
 
@@ -198,22 +222,50 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     if len(parts) == 1:
         return parts[0]
     order = np.unique(np.concatenate([part.time for part in parts]), return_index=True)[1]
-    time, depth, pitch, heading, roll = (
+    time, depth, pitch, heading, roll, impossible = (
         np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("time", "depth", "pitch", "heading", "roll")
+        for name in ("time", "depth", "pitch", "heading", "roll", "impossible")
     )
     at, latitude, longitude = (
         np.concatenate([getattr(part.fixes, name) for part in parts]) for name in ("time", "latitude", "longitude")
     )
-    found = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
+    fixes = screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool))
+    profile = _usable(detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK), depth, pitch, heading)
+    source = f"{parts[0].source} and {len(parts) - 1} more"
+    measured = np.concatenate([np.degrees(part.heading) - part.declination for part in parts])[order]
+    check_heading(source, measured, profile, "heading")
     return Navigation(
-        f"{parts[0].source} and {len(parts) - 1} more", parts[0].vehicle, time, depth, pitch, heading, roll,
-        _usable(found, depth, pitch, heading),
-        screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool)),
+        source, parts[0].vehicle, time, depth, pitch, heading, roll, profile, fixes,
         max(part.fix_error for part in parts),
         tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
-        _joined_velocity(parts, order),
+        float(np.median([part.declination for part in parts])), impossible,
+        _submerged(time, depth, profile, fixes), _joined_velocity(parts, order),
     )  # fmt: skip
+
+
+def _submerged(time: TimeArray, depth: FloatArray, profile: IntArray, fixes: SurfaceFixes) -> dict[int, str]:
+    """Profiles with a fix under water, and the reason why their fixes are not used."""
+    places, _ = profile_spans(profile)
+    return with_neighbours(submerged_fixes(time, depth, time_spans(time, places), {}, fixes), list(places))
+
+
+def _describe_dropouts(time: TimeArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> str:
+    """Remark on the depths of a file that are left out."""
+    first = int(np.flatnonzero(impossible)[0])
+    return (
+        f"{np.count_nonzero(impossible)} depths that no glider can have reached from those before and after them are "
+        f"left out, the first, {depth[first]:.4g} m, at {describe_time(time[first])}"
+    )
+
+
+def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> Iterator[str]:
+    """Notes on the depths of a profile that are left out or smoothed."""
+    count = np.count_nonzero(impossible)
+    if count:
+        yield f"{count} impossible {'depth is' if count == 1 else 'depths are'} left out"
+    window = noise_window(seconds, depth)
+    if window > 0.0:
+        yield f"the depth is noisy and is smoothed over {window:.0f} s"
 
 
 def _velocity(columns: NavigationColumns, order: IntArray, remarks: list[str]) -> FloatArray | None:
@@ -244,33 +296,6 @@ def _joined_velocity(parts: Sequence[Navigation], order: IntArray) -> FloatArray
     return np.concatenate(found)[order]
 
 
-def _positions(columns: NavigationColumns) -> tuple[SurfaceFixes, float, list[str]]:
-    """GPS fixes, or positions at the surface if there are none; their error; and remarks on them."""
-    if columns.find("fix_latitude") and columns.find("fix_longitude"):
-        latitude, longitude = columns.quantity("fix_latitude"), columns.quantity("fix_longitude")
-        time = columns.times(columns.find("fix_time") or columns.find("time"))
-        if len(time) == len(latitude) == len(longitude) and np.isfinite(latitude + longitude).any():
-            return screen_fixes(time, latitude, longitude, np.isfinite(latitude + longitude)), RECEIVER_ERROR, []
-    if not (columns.find("latitude") and columns.find("longitude")):
-        return SurfaceFixes.none(), RECEIVER_ERROR, ["the GPS variables contain no position"]
-    latitude, longitude, time = (
-        columns.quantity("latitude"),
-        columns.quantity("longitude"),
-        columns.times(columns.find("time")),
-    )
-    known = np.isfinite(latitude + longitude) if len(latitude) == len(longitude) == len(time) else np.zeros(0, bool)
-    if not known.any():
-        return SurfaceFixes.none(), RECEIVER_ERROR, ["no sample has a position"]
-    depth = columns.depth(SurfaceFixes(time, latitude[known], longitude[known], time[:0], ()))
-    with np.errstate(invalid="ignore"):
-        surfaced = known & (depth < SURFACE)
-    remark = (
-        f"no variables of the GPS receiver: positions above {SURFACE:g} m are taken as fixes, with an error of "
-        f"{POSITION_ERROR:g} m"
-    )
-    return screen_fixes(time, latitude, longitude, surfaced), POSITION_ERROR, [remark]
-
-
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
     """Number of the profile of every sample: the file's own in the observation format, else detected from depth."""
     if columns.find("profile") and columns.find("fix_time") == "fix_time":
@@ -285,18 +310,6 @@ def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: Floa
     complete = np.isfinite(depth) & np.isfinite(pitch) & np.isfinite(heading)
     counts = np.bincount(found[complete & (found > 0)], minlength=int(found.max(initial=0)) + 1)
     return np.where(counts[found] >= MIN_SAMPLES, found, 0)
-
-
-def _check_plausible(source: str, pitch: FloatArray, depth: FloatArray) -> None:
-    """Refuse records without any pitch or depth, and a pitch in radians that is declared in degrees."""
-    if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
-        raise InputError(f"{source}: pitch or depth has no value")
-    steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
-    if steepest < _RADIANS and deepest > SURFACE:
-        raise InputError(
-            f"{source}: the pitch never exceeds {steepest:.2g} degrees although the glider dives to {deepest:.0f} m; "
-            "if it is in radians, set its units to 'rad'"
-        )
 
 
 def _vehicle(dataset: xr.Dataset) -> str:

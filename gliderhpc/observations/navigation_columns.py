@@ -5,13 +5,13 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.columns import NamedColumns
 from gliderhpc.observations.fixes import SurfaceFixes
-from gliderhpc.observations.format import MAX_VELOCITY, VELOCITY
+from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
+from gliderhpc.observations.headings import VEHICLE_COLUMNS, North, file_declination, north_of
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
 
-_DECLINATION = ("MAGNETIC_VARIATION", "magnetic_variation", "m_gps_mag_var", "magvar", "declination")
 _LIMITS = {
     "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
@@ -19,6 +19,10 @@ _LIMITS = {
     **dict.fromkeys(VELOCITY, (-MAX_VELOCITY, MAX_VELOCITY)),
 }  # fmt: skip
 """Plausible ranges; values outside are undeclared fill values and are treated as missing."""
+
+
+MIN_DISTINCT = 10
+"""Number of different impossible values from which they are no fill values."""
 
 
 class NavigationColumns(NamedColumns):
@@ -93,30 +97,105 @@ class NavigationColumns(NamedColumns):
         if odd:
             raise InputError(f"{self.source}: {odd[0]} does not lie along {samples}, the dimension of the samples")
 
-    def declination(self) -> tuple[float, list[str]]:
-        """Declination (degree) to add if the heading is magnetic by its attributes, and remarks on it."""
-        array = self._dataset[self.find("heading")]
-        if "magnetic" not in " ".join(str(value) for value in array.attrs.values()).lower():
+    def declination(self, given: float | None) -> tuple[float, list[str]]:
+        """Declination (degree) to add to the heading, and remarks on it.
+
+        A given declination replaces the one in the file. Neither is added to a heading that already refers to true
+        north. A given one is also added where the file does not state the reference.
+        """
+        north, why = self._north()
+        if north is North.TRUE:
+            refused = f"{why}: the given declination, {given:g} degrees, is not added" if given else ""
+            return 0.0, [refused] if refused else []
+        if given is not None:
+            return given, [f"{why}: the given declination, {given:g} degrees, is added"] if why else []
+        if north is North.UNSTATED:
             return 0.0, []
-        name = find_name(map(str, self._dataset.variables), _DECLINATION)
-        values = np.zeros(0) if name is None else self.numbers(name)
-        if np.isfinite(values).any():
-            declination = float(np.nanmedian(values))
-            return declination, [
-                f"the heading is magnetic: the declination in the file, {declination:.1f} degrees, is added"
-            ]
-        return 0.0, ["the heading is magnetic and the file has no declination: give --declination"]
+        try:
+            found = file_declination(self, map(str, self._dataset.variables))
+        except InputError as error:
+            return 0.0, [f"{why}, and the declination in the file cannot be used ({error}): give --declination"]
+        if found is None:
+            return 0.0, [f"{why}, and the file has no declination: give --declination"]
+        return found.angle, [f"{why}: the declination in the file, {found.angle:.1f} degrees ({found.name}), is added"]
+
+    def _north(self) -> tuple[North, str]:
+        """Reference of the heading, and a clause that states it; empty if the file states none."""
+        attributes = self._dataset[self.find("heading")].attrs
+        # The format's own long name is the same for every file.
+        texts = [str(value) for value in attributes.values() if value != VARIABLES["heading"].long_name]
+        north = north_of(*texts)
+        if north is North.UNSTATED and str(attributes.get("source", "")).strip() in VEHICLE_COLUMNS:
+            return North.MAGNETIC, f"the heading is the vehicle's own ({attributes['source']}), which is magnetic"
+        if north is North.UNSTATED:
+            north = north_of(self.attribute("heading_comment"))
+        clauses = {North.TRUE: "the heading already refers to true north", North.MAGNETIC: "the heading is magnetic"}
+        return north, clauses.get(north, "")
+
+    def undeclared(self) -> list[str]:
+        """Remark on the needed quantities without a unit, which are read in the usual one; none if all have one."""
+        needed = ("depth" if self.find("depth") else "pressure", "pitch", "heading")
+        taken = [
+            f"{self.find(quantity)} (taken as {CURRENT_TERMS[quantity].unit})"
+            for quantity in needed
+            if not self.attribute("units", self.find(quantity)).strip()
+        ]
+        return [f"no units are declared for {', '.join(taken)}"] if taken else []
+
+    def out_of_range(self) -> list[str]:
+        """Remarks on pitch and heading where a tenth or more of their values are impossible, other than fill values.
+
+        Raises
+        ------
+        InputError
+            Most of the values are impossible.
+        """
+        remarks = []
+        for quantity in ("pitch", "heading"):
+            name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
+            values, (low, high) = self.converted(name, unit), _LIMITS[quantity]
+            known = values[np.isfinite(values)]
+            lost = known[(known < low) | (known > high)]
+            if len(lost) < 0.1 * len(known) or len(np.unique(lost)) < MIN_DISTINCT:
+                continue
+            text = f"{name} is outside {low:g} to {high:g} {unit} in {len(lost)} of {len(known)} samples"
+            if len(lost) > 0.5 * len(known):
+                raise InputError(f"{self.source}: {text}; convert it, or set its units to those that it is in")
+            remarks.append(f"{text}, which are treated as missing: check its unit")
+        return remarks
 
     def depth(self, fixes: SurfaceFixes) -> FloatArray:
-        """Depth (m), positive down; computed from pressure if there is no depth."""
+        """Depth (m), positive down; computed from pressure if there is no depth.
+
+        Raises
+        ------
+        InputError
+            Most values are negative, or deeper than any ocean.
+        """
         name = self.find("depth")
         if name:
             depth = self.quantity("depth", -1.0 if self.attribute("positive", name) == "up" else 1.0)
-            if np.count_nonzero(np.isfinite(self.numbers(name))) > 2 * np.count_nonzero(np.isfinite(depth)):
-                raise InputError(
-                    f"{self.source}: {name} is negative under water; make it positive down, or set the "
-                    "attribute positive = 'up'"
-                )
+            self._check_range(name, "depth", depth)
             return depth
         latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0
-        return np.asarray(-gsw.z_from_p(self.quantity("pressure"), latitude))
+        pressure = self.quantity("pressure")
+        self._check_range(self.find("pressure"), "pressure", pressure)
+        return np.asarray(-gsw.z_from_p(pressure, latitude))
+
+    def _check_range(self, name: str, quantity: str, usable: FloatArray) -> None:
+        """Refuse a depth or pressure most of whose values are impossible."""
+        values = self.converted(name, CURRENT_TERMS[quantity].unit)
+        lost = values[np.isfinite(values) & ~np.isfinite(usable)]
+        if len(lost) <= np.count_nonzero(np.isfinite(usable)):
+            return
+        unit = CURRENT_TERMS[quantity].unit
+        typical, high = float(np.median(lost)), _LIMITS[quantity][1]
+        if abs(typical) <= high:
+            raise InputError(
+                f"{self.source}: {name} is negative under water; make it positive down, or set the "
+                "attribute positive = 'up'"
+            )
+        raise InputError(
+            f"{self.source}: {name} is typically {typical:.3g} {unit}, but the ocean is at most {high:g} {unit} deep; "
+            "convert it, or set its units to those that it is in (such as 'cm' or 'Pa')"
+        )

@@ -16,6 +16,7 @@ from gliderhpc.observations.columns import FACTORS, Term
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
+from gliderhpc.observations.headings import North, file_declination, north_of
 from gliderhpc.observations.profiles import MIN_DEPTH
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns
@@ -55,7 +56,6 @@ FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
 FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
 FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
 DIVE = Term(("DIVE_NUMBER", "divenum", "SEGMENT_NUMBER"), "1")
-DECLINATION = Term(("MAGNETIC_VARIATION", "magnetic_variation"), "degree")
 TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
 TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
 CURRENT = {
@@ -285,12 +285,14 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
     """
     if given is not None:
         return Declination(given, "given by the user")
-    described = " ".join(file.attribute(name, heading) for name in ("comment", "long_name", "standard_name"))
-    if "magnetic" not in described.lower():
+    north = north_of(*(file.attribute(name, heading) for name in ("comment", "long_name", "standard_name")))
+    if north is North.TRUE:
+        return Declination(0.0, "none: the file describes its heading as true")
+    if north is North.UNSTATED:
         return Declination(0.0, "none: the file does not describe its heading as magnetic, so it is taken as true")
-    name = DECLINATION.find(file)
-    if name is not None and np.isfinite(file.converted(name, "degree")).any():
-        return Declination(float(np.nanmedian(file.converted(name, "degree"))), f"the file's {name}")
+    found = file_declination(file, file.names)
+    if found is not None:
+        return Declination(found.angle, f"the file's {found.name}")
     return _from_track(file, heading)
 
 

@@ -80,7 +80,7 @@ def detect_profiles(
     filled = _fill(time, depth)
     if filled is None:
         return numbers
-    level = _floating_level(time, filled, surface_margin) if surface_level is None else surface_level
+    level = floating_level(time, filled, surface_margin) if surface_level is None else surface_level
     below = filled - (level + surface_margin)
     runs = _split(stretches(below > 0.0), time, record_break)
     under_way = _merge_yos(runs, time, minimum_surface_time)
@@ -90,7 +90,7 @@ def detect_profiles(
     return numbers
 
 
-def _floating_level(time: FloatArray, depth: FloatArray, margin: float) -> float:
+def floating_level(time: FloatArray, depth: FloatArray, margin: float = SURFACE_MARGIN) -> float:
     """Depth reading of a floating glider (m), from the record alone.
 
     The pressure sensor is in the nose, which points down while the tail antenna transmits, so a floating glider reads

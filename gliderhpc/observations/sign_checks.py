@@ -117,7 +117,7 @@ def fault_of_signs(number: int, time: TimeArray, glide: Mapping[str, FloatArray]
     if means is None:
         return None
     rate = np.gradient(means["depth"], means["time"])
-    unit = _fault_of_depth(rate, means["pitch"]) if np.median(np.diff(means["time"])) <= MAX_SPACING else None
+    unit = _fault_of_depth(means["time"], rate, means["pitch"])
     if unit:
         return f"profile {number}: {unit}"
     phases = (_steady(rate > MIN_RATE), _steady(rate < -MIN_RATE))
@@ -131,6 +131,15 @@ def fault_of_signs(number: int, time: TimeArray, glide: Mapping[str, FloatArray]
     return f"profile {number}: {fault}" if fault else None
 
 
+def fault_of_depth_rate(number: int, time: TimeArray, depth: FloatArray, pitch: FloatArray) -> str | None:
+    """Fault of a depth (m) whose rate is impossible at the pitch (degree) of one profile; None if there is none."""
+    means = _bin_means(time, {"depth": depth, "pitch": pitch})
+    if means is None:
+        return None
+    fault = _fault_of_depth(means["time"], np.gradient(means["depth"], means["time"]), means["pitch"])
+    return f"profile {number}: {fault}" if fault else None
+
+
 def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, FloatArray] | None:
     """Means of the time (s) and the variables in bins of `BIN`; None if there are too few bins."""
     seconds = (time - time[0]) / np.timedelta64(1, "s")
@@ -139,12 +148,14 @@ def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, Fl
     if len(begins) < 2 * MIN_BINS:
         return None
     counts = np.diff(begins, append=np.count_nonzero(known))
-    filled = {"time": seconds} | {name: _filled(seconds, glide[name]) for name in GLIDE}
+    filled = {"time": seconds} | {name: _filled(seconds, glide[name]) for name in GLIDE if name in glide}
     return {name: np.add.reduceat(values[known], begins) / counts for name, values in filled.items()}
 
 
-def _fault_of_depth(rate: FloatArray, pitch: FloatArray) -> str | None:
+def _fault_of_depth(time: FloatArray, rate: FloatArray, pitch: FloatArray) -> str | None:
     """Fault of a depth whose rate (m/s) is impossible at this pitch (degree); None if there is none."""
+    if np.median(np.diff(time)) > MAX_SPACING:
+        return None
     steep = np.abs(pitch) > MIN_STEEP
     if np.count_nonzero(steep) < MIN_BINS:
         return None

@@ -190,8 +190,8 @@ def survey_of(stored: StoredVariables) -> Survey:
     faults |= check_signs(time, glide, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
-    spans = _spans(time, places)
-    doubts = _submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
+    spans = time_spans(time, places)
+    doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     return Survey(spans, faults, (*([doubtful_unit] if doubtful_unit else []), *warnings), fixes, doubts)
 
 
@@ -214,7 +214,7 @@ def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], 
     return places, faults
 
 
-def _spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
+def time_spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpan]:
     """Spans of the profiles with their times and surface intervals.
 
     A surface interval is limited by the adjacent profile and by the greatest age of a fix (`MAX_FIX_AGE`).
@@ -271,7 +271,7 @@ def _after_clock_steps(time: TimeArray, places: Mapping[int, Span], clock_faults
     return doubts
 
 
-def _submerged_fixes(
+def submerged_fixes(
     time: TimeArray,
     depth: FloatArray,
     spans: Mapping[int, ProfileSpan],

@@ -2,6 +2,7 @@
 
 import gzip
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -66,6 +67,16 @@ def test_a_heading_that_is_not_called_magnetic_is_true(tmp_path):
     summary, found = imported(tmp_path, magnetic=False)
     assert found["heading"].values == pytest.approx(350.0)
     assert summary.remarks == ()
+
+
+def test_a_heading_that_is_corrected_for_the_declination_is_true(tmp_path):
+    path = made.write_og1(tmp_path / "sg099_delayed.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["HEADING"].comment = "true heading, corrected for magnetic variation"
+        file.createVariable("MAGNETIC_VARIATION", "f8", ())[...] = made.DECLINATION
+    import_og1([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert found["heading"].values == pytest.approx(350.0)
 
 
 @pytest.mark.parametrize("wild", [True, False], ids=["contradictory", "absent"])
