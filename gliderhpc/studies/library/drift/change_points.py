@@ -128,8 +128,7 @@ class Change:
         """Moments that changed, beginning with the largest change."""
         sizes = {name: [self.size(name, phase) for phase in PHASES] for name in MOMENTS}
         shown = {
-            name: max((abs(one.value) for one in own if one.excludes_zero), default=0.0)
-            for name, own in sizes.items()
+            name: max((abs(one.value) for one in own if one.excludes_zero), default=0.0) for name, own in sizes.items()
         }
         largest = max(shown.values())
         names = [name for name in MOMENTS if shown[name] > 0.0 and shown[name] >= PHASE_SHARE * largest]

@@ -19,8 +19,11 @@ ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 """Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
 
 MIN_NULLS = 10
-"""Least number of nulls without any disturbance whose ceiling decides; a profile like them exceeds the largest of fewer
-with a probability of one in ten or more, and few errors of the hull are among them."""
+"""Minimum number of nulls without any disturbance whose ceiling decides.
+
+A profile like the nulls exceeds the largest of fewer with a probability of one in ten or more, and few errors of the hull
+are among them.
+"""
 
 ADDED_SETTINGS = {"noise_window", "most_repeated"}
 """Settings that older studies lack; none of them affects the statistics that those contain."""
