@@ -21,8 +21,8 @@ ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 MIN_NULLS = 10
 """Minimum number of nulls without any disturbance whose ceiling decides.
 
-A profile like the nulls exceeds the largest of fewer with a probability of one in ten or more, and few errors of the hull
-are among them.
+A profile like the nulls exceeds the largest of fewer with a probability of one in ten or more, and few errors of the
+hull are among them.
 """
 
 ADDED_SETTINGS = {"noise_window", "most_repeated"}
