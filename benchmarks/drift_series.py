@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from gliderhpc import load_platform
 from gliderhpc.findings.findings import markdown
 from gliderhpc.store_schema.columns import PHASES, median_column
-from gliderhpc.studies.library.drift.change_points import AXIAL, Change, find_changes
+from gliderhpc.studies.library.drift.change_points import (
+    AXIAL,
+    MOMENTS,
+    SEARCHES,
+    Change,
+    find_changes,
+    find_moment_changes,
+    moment_per_degree,
+)
 from gliderhpc.studies.library.drift.change_shapes import EPISODE
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
 from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test
@@ -57,6 +65,9 @@ DRAWN_LENGTHS, DRAWN_CORRELATIONS = (33, 55, 120), (0.0, 0.7, 0.9)
 SCATTER = 0.05
 """Relative standard deviation of the drawn medians of K_D0."""
 
+TILT_SCATTER = 0.5
+"""Standard deviation of the drawn medians of the moments, in degrees of the tilt that they cause."""
+
 PLANTED = ((3, 4.0), (4, 4.0), (8, 3.0), (8, 5.0), (16, 3.0), (16, 5.0))
 """Profiles of a planted episode, and its size in standard deviations of the medians."""
 
@@ -79,7 +90,7 @@ def drawn_medians(
     planted : dict of str to (length,) array, optional
         Relative changes of K_D0 by phase.
     """
-    reference = load_platform(HULL).viscous.K_D0
+    reference, moments = load_platform(HULL).viscous.K_D0, rng.spawn(1)[0]
     table: dict[str, Array] = {"profile": np.arange(1.0, length + 1.0), "elapsed_days": 0.2 * np.arange(length)}
     for phase, effect in zip(PHASES, (-2.5, 2.5), strict=True):
         table[f"weight_effect_{phase}"] = np.full(length, effect)
@@ -88,7 +99,19 @@ def drawn_medians(
             own = reference * (wander + 0.2 * SCATTER * rng.standard_normal(length))
             table[median_column(DRAG, phase, estimate)] = own
             table[median_column(AXIAL, phase, estimate)] = -0.1 * own + 0.01 * SCATTER * rng.standard_normal(length)
-    return pd.DataFrame(table)
+    return pd.DataFrame(table | drawn_moments(length, correlation, moments))
+
+
+def drawn_moments(length: int, correlation: float, rng: np.random.Generator) -> dict[str, Array]:
+    """Medians of the moments of a mission without a change, N m: wander that the estimates share, and own scatter."""
+    scatter, table = TILT_SCATTER * moment_per_degree(load_platform(HULL)), dict[str, Array]()
+    for name in MOMENTS:
+        for phase in PHASES:
+            wander = autoregressive(length, correlation, rng)
+            for estimate in PRIMARY:
+                own = wander + 0.2 * rng.standard_normal(length)
+                table[median_column(name, phase, estimate)] = scatter * own
+    return table
 
 
 def planted_course(length: int, first: int, profiles: int, size: float, remaining: float = 0.5) -> Array:
@@ -99,17 +122,22 @@ def planted_course(length: int, first: int, profiles: int, size: float, remainin
 
 
 def found_changes(table: pd.DataFrame, resamples: int = 200) -> tuple[Change, ...]:
-    """Change points of drawn medians."""
+    """Change points of drag and axial force in drawn medians."""
     settings = ChangeSettings(resamples=resamples)
     return find_changes(table, load_platform(HULL).viscous.K_D0, settings, 0).found
 
 
+def found_moment_changes(table: pd.DataFrame, resamples: int = 200) -> tuple[Change, ...]:
+    """Change points of the moments in drawn medians."""
+    return find_moment_changes(table, load_platform(HULL), ChangeSettings(resamples=resamples), 0).found
+
+
 def false_changes(length: int, correlation: float, series: int, resamples: int = 200) -> float:
-    """Share of drawn missions without a change in which one is found."""
+    """Share of drawn missions without a change in which one of drag or moments is found."""
     rng = np.random.default_rng(length)
-    return float(
-        np.mean([bool(found_changes(drawn_medians(length, correlation, rng), resamples)) for _ in range(series)])
-    )
+    tables = (drawn_medians(length, correlation, rng) for _ in range(series))
+    found = [bool(found_changes(one, resamples) or found_moment_changes(one, resamples)) for one in tables]
+    return float(np.mean(found))
 
 
 def is_found(changes: Sequence[Change], first: int, last: int) -> bool:
@@ -146,8 +174,8 @@ def changes_text(series: int) -> str:
         for profiles, deviations in PLANTED
     ]
     return (
-        f"Drawn medians, {series} missions per cell without a change, twelve series each: share in which a step, ramp or "
-        f"episode is named (p below {level:g}).\n\n" + markdown(columns, rows, columns)
+        f"Drawn medians, {series} missions per cell without a change, 24 series each: share in which a step, ramp or "
+        f"episode of drag or of a moment is named (p below {level / SEARCHES:g} for each of both).\n\n" + markdown(columns, rows, columns)
         + f"\n\nEpisodes planted in climbs, {POWER_SERIES} missions per cell, correlation {POWER_CORRELATION:g}; size at the "
         "beginning in standard deviations of a median, half of this at the end. Share found and, in brackets, share found "
         "with first and last profile correct within two.\n\n" + markdown(heads, cells, heads[1:])

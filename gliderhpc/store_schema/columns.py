@@ -193,6 +193,9 @@ CATALOGUE = tuple(variable for variable in STUDIES["events"].variables if variab
 CHANGE = "change"
 """Dimension of the change points."""
 
+MOMENT_CHANGE = "moment_change"
+"""Dimension of the change points of the moments."""
+
 PHASES = ("dive", "climb")
 
 FORWARD_ERROR_COLUMN = "forward_rmse"
@@ -212,3 +215,8 @@ def phase_column(name: str, phase: str) -> str:
 def change_column(quantity: str, part: str, estimate: str, end: str = "") -> str:
     """Return the name of a change's size: ``K_D0_change_together_adjoint``; ``_low`` and ``_high`` end its interval."""
     return f"{quantity}_change_{part}_{estimate}{end}"
+
+
+def moment_column(channel: str, phase: str, end: str = "") -> str:
+    """Return the name of the size of a change of a moment: ``B_cp_change_dive``; ends as in `change_column`."""
+    return f"{channel}_change_{phase}{end}"

@@ -18,9 +18,9 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, PHASES, median_column
+from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, PHASES, median_column
 from gliderhpc.studies.archived import chosen_profiles, platform_of, settings_of, windows_start
-from gliderhpc.studies.library.drift.change_points import Changes, find_changes
+from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
 from gliderhpc.studies.library.drift.change_text import stored_changes
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
@@ -38,6 +38,7 @@ from gliderhpc.studies.library.drift.medians import (
     depth_band,
     profile_row,
 )
+from gliderhpc.studies.library.drift.moment_text import stored_moment_changes
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
 from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES
@@ -126,15 +127,23 @@ class MissionDrift:
 
     @cached_property
     def changes(self) -> Changes:
-        """Change points of the mission."""
+        """Change points of drag and axial force."""
         settings = self.settings
         return find_changes(self.table, self.mission.hull.viscous.K_D0, settings.changes, settings.seed)
+
+    @cached_property
+    def moments(self) -> Changes:
+        """Change points of the moments."""
+        settings = self.settings
+        return find_moment_changes(self.table, self.mission.hull, settings.changes, settings.seed)
 
     @cached_property
     def found(self) -> DriftFindings:
         """Trends, drag and verdict."""
         counted = counted_estimates(self.mission.windows_start)
-        return find_drift(self.table, self.mission.hull, self.settings, self.slopes, self.changes, counted)
+        return find_drift(
+            self.table, self.mission.hull, self.settings, self.slopes, self.changes, counted, self.moments
+        )
 
 
 def study_mission(request: Request, settings: DriftSettings) -> MissionDrift:
@@ -186,15 +195,16 @@ def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
         Fewer than four profiles have medians.
     """
     studied = _mission_drift(plan, rows)
-    changes, band = studied.changes, studied.mission.band
+    changes, moments, band = studied.changes, studied.moments, studied.mission.band
     return GroupContent(
-        sizes={CHANGE: max(1, len(changes.found))},
+        sizes={CHANGE: max(1, len(changes.found)), MOMENT_CHANGE: max(1, len(moments.found))},
         labels=slope_labels(studied.slopes),
-        variables={**stored_slopes(studied.slopes), **stored_changes(changes)},
+        variables={**stored_slopes(studied.slopes), **stored_changes(changes), **stored_moment_changes(moments)},
         attributes={
             "depth_band": (band.low, band.high),
             "segments": studied.segments,
             "p_of_next_change": changes.p,
+            "p_of_next_moment_change": moments.p,
         },
         remarks=(band.remark,) if band.remark else (),
         columns=tuple(map(str, studied.table)),

@@ -26,7 +26,7 @@ from gliderhpc.store_schema import check_archive
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.drift.change_points import Changes, find_changes, spikes
+from gliderhpc.studies.library.drift.change_points import Changes, find_changes
 from gliderhpc.studies.library.drift.change_text import (
     change_lines,
     change_rows,
@@ -60,6 +60,7 @@ from gliderhpc.studies.library.drift.series import (
     noise_floor,
     series_trend,
 )
+from gliderhpc.studies.library.drift.series_search import spikes
 from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
 from gliderhpc.studies.library.drift.window_search import NOISE_MODELS, OWN_SLOPE, WindowSearch
 from gliderhpc.studies.library.trends import (
@@ -384,7 +385,10 @@ def test_an_episode_of_climbs_that_decays_is_found():
     assert one.size("B_cu", "climb").value == pytest.approx(-0.1 * size.value, rel=0.05)
     text = describe_change(one, HULL.viscous.K_D0)
     assert text.startswith(f"an episode: profiles {one.first} to {one.last} (day ")
-    assert f"climbs: drag {100.0 * size.value / HULL.viscous.K_D0:+.0f} % at its maximum (95 % interval " in text
+    assert (
+        f"climbs: equivalent drag {100.0 * size.value / HULL.viscous.K_D0:+.0f} % at its maximum (95 % interval "
+        in text
+    )
     assert f"back to the former level from profile {one.back}, day " in text
     assert "begins abruptly, decays" in text
     assert not changes.outside(table["profile"].to_numpy())[24]
@@ -437,7 +441,8 @@ def test_growth_and_single_profiles_are_no_change_points():
     few = changed(9)[1]
     assert few.found == ()
     assert change_lines(few, 1.0) == (
-        "steps, ramps and episodes were not searched for: too few profiles, or a quick study",
+        "no step, ramp or episode of drag or axial force is named: too few profiles, a quick study, or none that is "
+        "large enough",
     )
 
 
@@ -494,7 +499,9 @@ def test_trends_are_those_outside_an_episode():
     found = find_drift(table, HULL, SETTINGS, changes=changes)
     assert found.verdict.cause == "none"
     lines = verdict_lines(found.verdict, found.trends, 0.5)
-    assert lines[0].startswith("verdict: an episode (profiles 18 to 29, dives and climbs); in addition, no drift")
+    assert lines[0].startswith(
+        "verdict: an episode of the drag (profiles 18 to 29, dives and climbs); in addition, no drift"
+    )
     assert not any("on day" in line or "grows since" in line for line in lines)
 
 

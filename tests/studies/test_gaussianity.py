@@ -19,6 +19,9 @@ from gliderhpc.simulator import simulate_profile
 from gliderhpc.studies.library.turbulence.contrast import NullPasses
 from gliderhpc.studies.library.turbulence.ensembles import ADDED_SETTINGS, Ensembles, is_comparable
 from gliderhpc.studies.library.turbulence.gaussianity import (
+    NO_ESTIMATE,
+    REPEATED_ROLL,
+    TOO_FEW,
     Noise,
     gaussianity_row,
     judged_gaussianity,
@@ -174,6 +177,29 @@ def test_a_roll_that_is_only_rounding_is_not_tested():
         assert np.isfinite(row["noise_score"]).all()
     still = profile_of(values, np.full(1000, np.nan))
     assert still.repeated == 1.0
+
+
+def test_a_profile_that_is_not_tested_has_a_message():
+    values = np.random.default_rng(6).standard_normal(1000)
+    assert noise_rows(profile_of(values), SETTINGS)["gaussianity_message"] == ""
+    rounded = noise_rows(profile_of(values, np.full(1000, 0.1)), SETTINGS)
+    assert rounded["gaussianity_message"] == REPEATED_ROLL
+    assert noise_rows(profile_of(values[:50]), SETTINGS)["gaussianity_message"] == TOO_FEW
+    # As of a dive with a burst of gusts that the smoother has no estimate of.
+    assert noise_rows(profile_of(np.full(1000, np.nan)), SETTINGS)["gaussianity_message"] == NO_ESTIMATE
+
+
+def test_the_verdict_counts_profiles_that_are_not_tested():
+    rows = [with_score(MEASURED, score) | {"profile": at} for at, score in enumerate([5.0, 6.0, np.nan, np.nan], 6)]
+    for row, message in zip(rows, (np.nan, np.nan, NO_ESTIMATE, REPEATED_ROLL), strict=True):
+        row["gaussianity_message"] = message
+    verdict = judge(Ensembles(pd.DataFrame(rows), pd.DataFrame(), SETTINGS))
+    assert verdict.gaussianity.untested == {NO_ESTIMATE: (8,), REPEATED_ROLL: (9,)}
+    text = conclusion(verdict)[0]
+    assert "not Gaussian in 2 of the 2 profiles in which this can be tested (at 5% each); 2 of 4 not tested (" in text
+    assert f"profile 8, since {NO_ESTIMATE}; profile 9, since {REPEATED_ROLL})" in text
+    none = judge(Ensembles(pd.DataFrame(rows[2:]), pd.DataFrame(), SETTINGS))
+    assert "lateral disturbances are Gaussian; 2 of 2 not tested (profile 8, since" in conclusion(none)[0]
 
 
 def test_p_of_the_largest_score():

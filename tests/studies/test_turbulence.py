@@ -320,6 +320,12 @@ def test_what_cannot_be_tested_does_not_pass():
     assert gaussian.features[1].outcome == NOT_TESTED
 
 
+def test_the_ceiling_of_few_nulls_decides_nothing():
+    few = judged(nulls=pd.DataFrame([NULL] * 4)).features[1]
+    assert few.outcome == NOT_TESTED
+    assert "4 nulls without any disturbance are too few" in few.figures
+
+
 def gaussian_nulls(flatness):
     return pd.DataFrame(
         [NULL | {"family": "gaussian", "flatness": value} for value in flatness] + [NULL | {"p_value": 0.025}] * 4

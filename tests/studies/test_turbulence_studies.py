@@ -189,7 +189,7 @@ def nulls_of(peak, estimate="adjoint"):
 
 
 def test_events_ask_for_nulls_only_where_there_are_none():
-    floor, remarks = null_floor(nulls_of([0.4, 0.5]), "adjoint", EventSettings())
+    floor, remarks = null_floor(nulls_of([0.4] * 9 + [0.5]), "adjoint", EventSettings())
     assert (floor.ceiling, remarks) == (0.5, ())
     floor, (remark,) = null_floor(nulls_of([np.nan, np.nan]), "adjoint", EventSettings())
     assert floor is None
@@ -199,6 +199,14 @@ def test_events_ask_for_nulls_only_where_there_are_none():
         floor, (remark,) = null_floor(archive, "adjoint", EventSettings())
         assert floor is None
         assert "run the study nulls" in remark
+
+
+def test_events_are_not_judged_by_the_ceiling_of_few_nulls():
+    """As after ``nulls --quick``: two nulls each of sensor noise and of wrong coefficients."""
+    floor, (remark,) = null_floor(nulls_of([0.4] * 3 + [0.5]), "adjoint", EventSettings())
+    assert (floor.ceiling, floor.nulls, floor.decides) == (0.5, 4, False)
+    assert "the events cannot be judged: the ceiling is that of 4 nulls" in remark
+    assert "without --quick" in remark
 
 
 @pytest.mark.compiled

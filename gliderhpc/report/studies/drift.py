@@ -29,11 +29,12 @@ from gliderhpc.studies.archived import (
     windows_start,
 )
 from gliderhpc.studies.drift import NAME
-from gliderhpc.studies.library.drift.change_points import Change
+from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Change
 from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
 from gliderhpc.studies.library.drift.coefficients import read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, DriftSettings, counted_estimates
+from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_rows, read_moment_changes
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,
@@ -63,7 +64,11 @@ _NOTE = (
 
 
 def figure_9(
-    title: str, table: pd.DataFrame, found: Sequence[EstimateTrends], changes: Sequence[Change] = ()
+    title: str,
+    table: pd.DataFrame,
+    found: Sequence[EstimateTrends],
+    changes: Sequence[Change] = (),
+    moments: Sequence[Change] = (),
 ) -> Figure:
     """Draw Figure 9: the longitudinal plane in the upper row, the lateral plane in the lower row.
 
@@ -76,7 +81,9 @@ def figure_9(
     found : sequence of EstimateTrends
         Trends of each estimate to draw.
     changes : sequence of Change
-        Changes to shade.
+        Changes of drag and axial force to shade.
+    moments : sequence of Change
+        Changes of the moments to shade in their panels.
     """
     figure, axes = panels(2, 3, LANDSCAPE, f"Drift of the disturbances: {title}")
     for letter, channel, one in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
@@ -85,7 +92,7 @@ def figure_9(
             for phase in PHASES:
                 name, trend = median_column(channel, phase, own.estimate), own.trends[channel, phase]
                 _draw(one, table, name, trend, phase, own.estimate)
-        _shade(one, table, changes)
+        _shade(one, table, moments if channel in MOMENTS else changes)
     legend(axes[0])
     footnote(figure, _NOTE)
     return figure
@@ -161,13 +168,16 @@ def captions(
         f"A drift counts as shown where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
     )
-    changes = " ".join(f"{line[0].upper()}{line[1:]}." for line in change_lines(found.changes, reference))
+    changes, moments = (
+        " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
+        for lines in (change_lines(found.changes, reference), moment_lines(found.moments, found.per_degree))
+    )
     low, high = (100.0 * end / found.verdict.drags[0].reference for end in found.verdict.interval)
     return {
         "figure_9": (
             f"Medians of the six disturbances over the mission by {whose}, separately for dive and climb: {data}. "
             f"{robust} Axial and heave force are weakly observed: their levels depend on the prior and the "
-            f"coefficients. {changes}"
+            f"coefficients. {changes} {moments}"
         ),
         "drag": (
             f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb "
@@ -177,8 +187,15 @@ def captions(
         "changes": (
             f"Steps, ramps and episodes of axial force and drag on dives, climbs and both together, by {whose}: "
             f"{describe_data(made)}; one row per change and part of the dive. A change is named if p is below "
-            f"{settings.changes.level:g}, by {settings.changes.resamples} bootstrap missions over all positions, "
-            f"lengths and series. {changes}"
+            f"{settings.changes.level / SEARCHES:g}, by {settings.changes.resamples} bootstrap missions over all "
+            f"positions, lengths and series. {changes}"
+        ),
+        "moment_changes": (
+            f"Steps, ramps and episodes of the moments about the axes of roll, pitch and yaw, by {whose}: "
+            f"{describe_data(made)}; one row per change, moment and phase, with 95 % intervals. A change is named if "
+            f"p is below {settings.changes.level / SEARCHES:g}, by {settings.changes.resamples} bootstrap missions "
+            f"over all positions, lengths and series, and if it tilts the hull by {settings.changes.smallest_tilt:g} "
+            f"degree or more. {moments}"
         ),
         "medians": (
             "One row per profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
@@ -217,9 +234,9 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
-    changes = read_changes(archive)
+    changes, moments = read_changes(archive), read_moment_changes(archive)
     counted = counted_estimates(windows_start(archive))
-    found = find_drift(table, platform_of(archive), settings, slopes, changes, counted)
+    found = find_drift(table, platform_of(archive), settings, slopes, changes, counted, moments)
     increase = settings.drag_increase
     rows_5 = table_5(found.trends)
     rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
@@ -236,11 +253,11 @@ def show(archive: Archive) -> Findings:
         "table_5": rows_5,
         "table_6": rows_6,
     }
-    further = {"table_6": rows_6, "changes": change_table}
+    further = {"table_6": rows_6, "changes": change_table, "moment_changes": moment_rows(moments)}
     tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
     tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
     figures = {
-        "figure_9": partial(figure_9, mission_of(archive), table, found.primary, changes.found),
+        "figure_9": partial(figure_9, mission_of(archive), table, found.primary, changes.found, moments.found),
         "drag": partial(drag_figure, mission_of(archive), table, found.verdict.drags, changes.found),
     }
     by_medians = verdict_lines(found.verdict, found.primary, increase)

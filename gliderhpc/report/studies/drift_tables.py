@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.findings.findings import Comparison, markdown, number
+from gliderhpc.store_schema.columns import PHASES
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.medians import DRAG, UNITS, CoefficientSettings
+from gliderhpc.studies.library.drift.moment_text import NAMES
 from gliderhpc.studies.library.drift.series import EstimateTrends
 from gliderhpc.studies.library.drift.verdict import DriftVerdict, ForwardModelCheck
 
@@ -17,6 +19,10 @@ PAPER_DRIFTS = {("B_cu", "dive"): -0.56, ("B_cu", "climb"): -1.39, ("B_cw", "cli
 PAPER_SAME_SIGN, PAPER_RISE, PAPER_WITH_DAY, PAPER_WITH_AXIAL = 1.0, 0.66, 0.69, 0.75
 """Values from the paper's Table 6: fraction of draws that keep the slope's sign, relative rise of the forward model's
 error, and Spearman correlations of this error with the day and with |B_cu| on the climb."""
+
+
+_SHARED = "of K_D0 on dive and climb"
+"""Name of a change of the drag that dive and climb share."""
 
 
 def comparisons(
@@ -80,15 +86,33 @@ def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
 def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
     reference = verdict.drags[0].reference
     for one in verdict.changes.found:
-        for phase in one.phases:
-            size = one.size(DRAG, phase)
+        name = f"{one.kind} from profile {one.first} to {one.last}: largest change"
+        sizes = {f"of equivalent K_D0, {phase}": one.size(DRAG, phase) for phase in one.phases}
+        errors = {}
+        if one.is_drag:
+            sizes = {_SHARED: one.drag, **sizes}
+            errors = {_SHARED: ", the hull's other errors included"}
+        for of, size in sizes.items():
             yield Comparison(
-                f"{one.kind} from profile {one.first} to {one.last}: largest change of K_D0, {phase}",
+                f"{name} {of}",
                 UNITS[DRAG],
                 size.value,
                 spread=(size.low, size.high),
-                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(one.p)}; spread: 95 % interval",
+                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(one.p)}; spread: 95 % interval"
+                f"{errors.get(of, '')}",
             )
+    for one in verdict.moments.found:
+        for channel in one.moments:
+            for phase in PHASES:
+                size = one.size(channel, phase)
+                yield Comparison(
+                    f"{one.kind} from profile {one.first} to {one.last}: largest change of the {NAMES[channel]}, "
+                    f"{phase}",
+                    UNITS[channel],
+                    size.value,
+                    spread=(size.low, size.high),
+                    remark=f"p {number(one.p)}; spread: 95 % interval",
+                )
 
 
 def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:

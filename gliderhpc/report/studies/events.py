@@ -103,9 +103,15 @@ def _comparisons(
 ) -> tuple[Comparison, ...]:
     unit = unit_of(settings.channel)
     amplitudes, ratios = strongest["amplitude"].abs(), strongest["over_ceiling"]
+    few = "" if floor is None or floor.decides else f"of {floor.nulls} nulls, too few to judge events"
     return (
-        Comparison("null ceiling", unit, float("nan") if floor is None else floor.ceiling, PAPER_CEILING),
-        Comparison("events, all profiles", "1", float(studied["count"].sum()) if len(studied) else float("nan")),
+        Comparison("null ceiling", unit, float("nan") if floor is None else floor.ceiling, PAPER_CEILING, remark=few),
+        Comparison(
+            "events, all profiles",
+            "1",
+            float(studied["count"].sum()) if len(studied) else float("nan"),
+            remark="cannot be judged" if few else "",
+        ),
         Comparison(
             "amplitude of the strongest, median",
             unit,
@@ -164,7 +170,8 @@ def _describe_threshold(settings: EventSettings, floor: NullFloor | None, ranked
         return f"the {ranked_by}, {number(settings.threshold)} {unit}"
     if floor is None:
         return f"{settings.sigma:g} times each profile's own {ranked_by}, as there are no nulls to rank them by"
-    return f"the {ranked_by}, {number(floor.ceiling)} {unit}"
+    few = "" if floor.decides else f" (of {floor.nulls} nulls, too few to judge events)"
+    return f"the {ranked_by}, {number(floor.ceiling)} {unit}{few}"
 
 
 # Figure

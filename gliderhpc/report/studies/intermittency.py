@@ -28,6 +28,7 @@ from gliderhpc.store_schema.columns import FLATNESS_BY_LAG, NOISE_MOMENTS, RANGE
 from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
 from gliderhpc.studies.intermittency import NAME
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles, stored_nulls
+from gliderhpc.studies.library.turbulence.gaussianity import describe_untested
 from gliderhpc.studies.library.turbulence.series import IntermittencySettings, series_step
 from gliderhpc.studies.library.turbulence.statistics import ORDERS
 from gliderhpc.studies.library.turbulence.verdict import TurbulenceVerdict, judge
@@ -89,7 +90,10 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
 
 def _noise_remarks(verdict: TurbulenceVerdict, studied: pd.DataFrame) -> tuple[str, ...]:
     """Explain why it is not tested whether disturbances are Gaussian, if they have statistics at all."""
-    if verdict.gaussianity is not None or not len(studied):
+    found = verdict.gaussianity
+    if found is not None and found.untested:
+        return (f"whether lateral disturbances are Gaussian: {describe_untested(found)}",)
+    if found is not None or not len(studied):
         return ()
     return (
         "the archive has no noise of the smoother, so it is not tested whether lateral disturbances are Gaussian; run "

@@ -1,6 +1,6 @@
-"""Change points in words, in the archive's group and in tables."""
+"""Change points of drag and axial force in words, in the archive's group and in tables."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,18 +10,10 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.store_schema.columns import PHASES, change_column
 from gliderhpc.studies.archived import stored_attribute
-from gliderhpc.studies.library.drift.change_points import (
-    AXIAL,
-    PARTS,
-    QUANTITIES,
-    TOGETHER,
-    Change,
-    Changes,
-    Size,
-    SizeKey,
-)
+from gliderhpc.studies.library.drift.change_points import AXIAL, MISSING, QUANTITIES, Change, Changes
 from gliderhpc.studies.library.drift.change_shapes import EPISODE, FORMS, RAMP
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY
+from gliderhpc.studies.library.drift.series_search import PARTS, TOGETHER, Size, SizeKey
 
 _GROUP, _KIND = "drift", "change_kind"
 _AND = " and "
@@ -29,6 +21,20 @@ _ENDS = ("", "_low", "_high")
 _MISSING = float("nan")
 
 _ARTICLES = {EPISODE: "an episode", RAMP: "a ramp"}
+
+EQUIVALENT = "equivalent drag"
+"""Name of a change along the path that a change of the hull's drag does not explain."""
+
+SEARCHED_DRAG = "drag or axial force"
+
+_OPPOSITE = (
+    "so not a change of the hull's drag: vertical motion of the water, weight in water (ballast, payload, density of "
+    "the water) or the pitch sensor's offset"
+)
+_ONE_LEG = (
+    "on one leg alone, so not a drag that dives and climbs share: ballast not as recorded on that leg, vertical motion "
+    "of the water, or something that drags on that leg alone"
+)
 
 _NEARLY = 0.95
 """Ratio of a change's mean to its largest value above which the mean is not reported as well."""
@@ -56,11 +62,21 @@ def read_changes(archive: Archive) -> Changes:
 
 def _row(change: Change) -> dict[str, Any]:
     sizes = {
-        change_column(*key, end): getattr(change.sizes.get(key, Size(*[_MISSING] * 3)), field)
+        change_column(*key, end): value
         for key in _keys()
-        for end, field in zip(_ENDS, ("value", "low", "high"), strict=True)
+        for end, value in size_ends(change.sizes.get(key, MISSING)).items()
     }
-    return {
+    return stored_course(change) | sizes
+
+
+def size_ends(size: Size) -> dict[str, float]:
+    """Return value and ends of an interval by the ending of their column."""
+    return dict(zip(_ENDS, (size.value, size.low, size.high), strict=True))
+
+
+def stored_course(change: Change, prefix: str = "") -> dict[str, Any]:
+    """Variables of a change other than its sizes; names begin with a prefix."""
+    values = {
         _KIND: change.kind,
         "change_form": change.form,
         "change_phases": _AND.join(change.phases),
@@ -73,24 +89,32 @@ def _row(change: Change) -> dict[str, Any]:
         "back_day": change.back_day,
         "change_p": change.p,
         "change_mean": change.mean,
-        **sizes,
     }
+    return {f"{prefix}{name}": value for name, value in values.items()}
 
 
 def _change(entry: xr.Dataset) -> Change | None:
-    def number(name: str) -> float:
-        return float(entry[name].values)
+    return read_change(entry, {key: change_column(*key) for key in _keys()})
 
-    kind = str(entry[_KIND].values)
-    if not kind or not np.isfinite(number("first_profile")):
+
+def read_change(entry: xr.Dataset, columns: Mapping[SizeKey, str], prefix: str = "") -> Change | None:
+    """Read a change whose sizes are in given columns, with names that begin with a prefix; None if it is missing."""
+
+    def number(name: str) -> float:
+        return float(entry[f"{prefix}{name}"].values)
+
+    def text(name: str) -> str:
+        return str(entry[f"{prefix}{name}"].values)
+
+    if not text(_KIND) or not np.isfinite(number("first_profile")):
         return None
     back = number("back_profile")
-    sizes = {key: Size(*(number(change_column(*key, end)) for end in _ENDS)) for key in _keys()}
+    sizes = {key: Size(*(float(entry[f"{name}{end}"].values) for end in _ENDS)) for key, name in columns.items()}
     return Change(
-        kind,
-        form=str(entry["change_form"].values),
-        phases=tuple(str(entry["change_phases"].values).split(_AND)),
-        estimates=tuple(str(entry["change_estimates"].values).split(_AND)),
+        text(_KIND),
+        form=text("change_form"),
+        phases=tuple(text("change_phases").split(_AND)),
+        estimates=tuple(text("change_estimates").split(_AND)),
         first=int(number("first_profile")),
         last=int(number("last_profile")),
         back=int(back) if np.isfinite(back) else None,
@@ -117,14 +141,27 @@ def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
         K_D0 of the hull, kg/m.
     """
     if not changes.found:
-        if changes.p != changes.p:
-            return ("steps, ramps and episodes were not searched for: too few profiles, or a quick study",)
-        return (f"no step, ramp or episode is shown (p {number(changes.p)})",)
+        return (no_change_text(changes, SEARCHED_DRAG),)
     return tuple(describe_change(one, reference) for one in changes.found)
 
 
+def no_change_text(changes: Changes, searched: str) -> str:
+    """Describe a search that found nothing, or that was not made."""
+    if changes.p != changes.p:
+        return (
+            f"no step, ramp or episode of {searched} is named: too few profiles, a quick study, or none that is large "
+            "enough"
+        )
+    return f"no step, ramp or episode of {searched} is shown (p {number(changes.p)})"
+
+
 def describe_change(change: Change, reference: float) -> str:
-    """Describe a change point: kind, profiles, phases, size, form, and return to the former state."""
+    """Describe a change of drag: kind, profiles, phases, size, form, and return to the former state."""
+    return describe_course(change, f"{_sizes_text(change, reference)}; {_meaning(change, reference)}")
+
+
+def describe_course(change: Change, content: str) -> str:
+    """Describe a change with a text on its sizes and their meaning."""
     first, last = change.days
     when = f"day {first:.1f} to {last:.1f}" if change.kind == EPISODE else f"day {first:.1f}"
     back = (
@@ -132,21 +169,28 @@ def describe_change(change: Change, reference: float) -> str:
         if change.back is not None
         else ""
     )
-    sizes = "; ".join(_size_text(change, phase, reference) for phase in change.phases)
     return (
-        f"{_ARTICLES.get(change.kind, f'a {change.kind}')}: {_profiles_text(change)} ({when}), {phases_text(change)}: "
-        f"{sizes}; {FORMS[change.form]}{back}; {_apart(change)}by {' and '.join(change.estimates)}, "
-        f"p {number(change.p)}"
+        f"{with_article(change)}: {_profiles_text(change)} ({when}), {phases_text(change)}: {content}; "
+        f"{FORMS[change.form]}{back}; by {' and '.join(change.estimates)}, p {number(change.p)}"
     )
 
 
-def kinds_text(changes: Changes) -> str:
+def with_article(change: Change) -> str:
+    """Return the kind of a change with its article."""
+    return _ARTICLES.get(change.kind, f"a {change.kind}")
+
+
+def kinds_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
     """Name the change points briefly, for the beginning of the verdict; empty if there are none."""
-    named = "; ".join(
-        f"{_ARTICLES.get(one.kind, f'a {one.kind}')} ({_profiles_text(one)}, {phases_text(one)})"
+    return "; ".join(
+        f"{with_article(one)} of the {name_of(one)} ({_profiles_text(one)}, {phases_text(one)})"
         for one in changes.found
     )
-    return f"{named}; in addition, " if named else ""
+
+
+def drag_name(change: Change) -> str:
+    """Return ``drag`` for a change that dives and climbs share, else `EQUIVALENT`."""
+    return "drag" if change.is_drag else EQUIVALENT
 
 
 def _profiles_text(change: Change) -> str:
@@ -175,6 +219,7 @@ def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
             "back_day": one.back_day,
             "p": one.p,
             "estimates": " and ".join(one.estimates),
+            "quantity": drag_name(one),
             "part": part,
             **_of_part(one, part, reference),
         }
@@ -189,7 +234,9 @@ def changes_as_json(changes: Changes, reference: float) -> dict[str, Any]:
 
 
 def _of_part(change: Change, part: str, reference: float) -> dict[str, float]:
-    drag, axial = change.size(DRAG, part), change.size(AXIAL, part)
+    """Sizes of a part; that of both legs together contains the hull's part if both show the drag's change."""
+    axial = change.size(AXIAL, part)
+    drag = change.drag if part == TOGETHER and change.is_drag else change.size(DRAG, part)
     return {
         "K_D0_change": drag.value,
         "K_D0_change_low": drag.low,
@@ -202,23 +249,43 @@ def _of_part(change: Change, part: str, reference: float) -> dict[str, float]:
     }
 
 
-def _size_text(change: Change, phase: str, reference: float) -> str:
-    drag, axial = change.size(DRAG, phase), change.size(AXIAL, phase)
-    low, high = (100.0 * end / reference for end in (drag.low, drag.high))
-    name = f"{phase}s, drag" if len(change.phases) > 1 else "drag"
-    mean = f", {100.0 * drag.value * change.mean / reference:+.0f} % on average" if change.mean < _NEARLY else ""
+def _sizes_text(change: Change, reference: float) -> str:
+    """Describe the drag that dives and climbs share, or the equivalent drag of each phase that changed."""
+    if not change.is_drag:
+        return "; ".join(
+            f"{_leg_name(change, phase)}{EQUIVALENT} {_percent(change, change.size(DRAG, phase), reference)}, axial "
+            f"force {change.size(AXIAL, phase).value:+.2g} N"
+            for phase in change.phases
+        )
+    dive, climb = (100.0 * change.size(DRAG, phase).value / reference for phase in PHASES)
+    forces = [change.size(AXIAL, phase).value for phase in PHASES]
     return (
-        f"{name} {100.0 * drag.value / reference:+.0f} % at its maximum (95 % interval {low:+.0f} to {high:+.0f} "
-        f"%){mean}, axial force {axial.value:+.2g} N"
+        f"drag {_percent(change, change.drag, reference)}, mean of dives ({dive:+.0f} %) and climbs ({climb:+.0f} %), "
+        "whose difference, as from other errors of the hull, is contained in the interval; axial force "
+        f"{forces[0]:+.2g} and {forces[1]:+.2g} N"
     )
 
 
-def _apart(change: Change) -> str:
-    """Return a remark if dive and climb change in opposite directions, which a change of drag cannot explain."""
-    signs = [change.size(DRAG, phase).value > 0.0 for phase in change.phases]
-    if len(set(signs)) < len(PHASES):
-        return ""
-    return "opposite on dive and climb, as for a change of weight in water or of the pitch sensor's offset; "
+def _leg_name(change: Change, phase: str) -> str:
+    return f"{phase}s, " if len(change.phases) > 1 else ""
+
+
+def _percent(change: Change, size: Size, reference: float) -> str:
+    value, low, high = (100.0 * part / reference for part in (size.value, size.low, size.high))
+    mean = f", {value * change.mean:+.0f} % on average" if change.mean < _NEARLY else ""
+    return f"{value:+.0f} % at its maximum (95 % interval {low:+.0f} to {high:+.0f} %){mean}"
+
+
+def _meaning(change: Change, reference: float) -> str:
+    """Describe what a change may be, in view of the phases that show it."""
+    if change.is_drag:
+        return "the same direction on dives and climbs, as for a change of the hull's drag"
+    if not change.is_opposite:
+        return _ONE_LEG
+    others = [phase for phase in PHASES if phase not in change.phases]
+    other = "".join(f" ({phase}s {100.0 * change.size(DRAG, phase).value / reference:+.0f} %)" for phase in others)
+    ballast = ", or ballast not as recorded on one leg" if others else ""
+    return f"opposite on dives and climbs{other}, {_OPPOSITE}{ballast}"
 
 
 def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, str]]:

@@ -80,10 +80,17 @@ class ChangeSettings(Settings):
     """Settings of the search for steps, ramps and episodes."""
 
     level: float = Field(
-        0.02, gt=0, lt=1, description="probability of chance below which a change counts; rates in docs/drift.md"
+        0.02,
+        gt=0,
+        lt=1,
+        description="probability of chance below which a change counts, half of it for the drag and half for the "
+        "moments; rates in docs/drift.md",
     )
     resamples: int = Field(400, ge=100, description="null series of the bootstrap")
     smallest: float = Field(0.05, ge=0, description="smallest relative change of K_D0 that is named")
+    smallest_tilt: float = Field(
+        0.25, ge=0, description="smallest change of a moment that is named, in degrees of tilt that it causes"
+    )
     most: int = Field(4, ge=0, description="largest number of changes; 0 for no search")
 
 

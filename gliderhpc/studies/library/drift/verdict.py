@@ -14,8 +14,8 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, PHASES, median_column
-from gliderhpc.studies.library.drift.change_points import MIN_VALUES_SEARCHED, Changes
-from gliderhpc.studies.library.drift.change_text import change_lines, changes_as_json, kinds_text
+from gliderhpc.studies.library.drift.change_points import Changes, moment_per_degree
+from gliderhpc.studies.library.drift.change_text import change_lines, changes_as_json, drag_name, kinds_text
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.drag import (
     CAUSES,
@@ -29,6 +29,7 @@ from gliderhpc.studies.library.drift.drag import (
     weight_effects,
 )
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, PRIOR, DriftSettings
+from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_name, moments_as_json
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,
@@ -40,6 +41,7 @@ from gliderhpc.studies.library.drift.series import (
     trend_of,
     values_of,
 )
+from gliderhpc.studies.library.drift.series_search import MIN_VALUES_SEARCHED
 from gliderhpc.studies.library.drift.window_search import amplitude
 from gliderhpc.studies.library.trends import MIN_VALUES, known_pairs
 
@@ -104,14 +106,20 @@ class DriftVerdict:
     drags : tuple of DragDrift
         Changes of drag outside the episodes, by each available estimate used for the verdict.
     changes : Changes
-        Steps, ramps and episodes.
+        Steps, ramps and episodes of drag and axial force.
     straight : bool
         True if a line describes the drag outside the episodes.
+    moments : Changes
+        Steps, ramps and episodes of the moments.
+    per_degree : float
+        Moment that tilts the hull by one degree, N m.
     """
 
     drags: tuple[DragDrift, ...]
     changes: Changes
     straight: bool
+    moments: Changes
+    per_degree: float
 
     @property
     def cause(self) -> str:
@@ -170,6 +178,7 @@ class DriftVerdict:
             "days_until_interval": span,
             "straight": self.straight,
             "changes": changes_as_json(self.changes, self.drags[0].reference),
+            "moment_changes": moments_as_json(self.moments),
             "estimates": {drag.estimate: _drag_as_json(drag, self.has_onset) for drag in self.drags},
         }
 
@@ -188,8 +197,9 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     low, high = (100.0 * end / reference for end in verdict.interval)
     where = " outside the episodes" if verdict.changes.episodes else ""
     lines = [
-        f"verdict: {kinds_text(verdict.changes)}{verdict.meaning}{where}",
+        f"verdict: {_kinds(verdict)}{verdict.meaning}{where}",
         *change_lines(verdict.changes, reference),
+        *moment_lines(verdict.moments, verdict.per_degree),
         f"drag common to dive and climb: K_D0 changes by {100.0 * verdict.change / reference:+.1f} % over the mission "
         f"(95 % interval {low:+.1f} to {high:+.1f} %)",
     ]
@@ -200,9 +210,16 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
         lines.append(_until(verdict, increase))
     elif verdict.grows:
         lines.append("the drag does not grow linearly, so no day is given for its further growth")
-    if verdict.cause != "none" or verdict.changes.found:
+    if verdict.cause != "none" or verdict.changes.found or verdict.moments.found:
         lines.append(OTHER_CAUSES)
     return tuple(lines)
+
+
+def _kinds(verdict: DriftVerdict) -> str:
+    """Name all change points, for the beginning of the verdict; empty if there are none."""
+    named = [kinds_text(verdict.changes, drag_name), kinds_text(verdict.moments, moment_name)]
+    text = "; ".join(filter(None, named))
+    return f"{text}; in addition, " if text else ""
 
 
 def _plane(own: EstimateTrends) -> str:
@@ -292,6 +309,8 @@ class DriftFindings:
     changes: Changes
     straight: bool
     counted: tuple[str, ...]
+    moments: Changes
+    per_degree: float
 
     @property
     def primary(self) -> list[EstimateTrends]:
@@ -302,7 +321,7 @@ class DriftFindings:
     def verdict(self) -> DriftVerdict:
         """Joint verdict of the estimates used."""
         drags = tuple(drag for drag in self.drags if drag.estimate in self.counted)
-        return DriftVerdict(drags, self.changes, self.straight)
+        return DriftVerdict(drags, self.changes, self.straight, self.moments, self.per_degree)
 
 
 def find_drift(
@@ -312,6 +331,7 @@ def find_drift(
     slopes: Sequence[CoefficientSlopes] = (),
     changes: Changes | None = None,
     counted: tuple[str, ...] = PRIMARY,
+    moments: Changes | None = None,
 ) -> DriftFindings:
     """Find trends and drag in a table of medians, and interpret them.
 
@@ -326,9 +346,11 @@ def find_drift(
     slopes : sequence of CoefficientSlopes
         Slopes over segments of the same profiles, if coefficients were drawn.
     changes : Changes, optional
-        Change points of the mission; none by default. Trends of drag are those outside the episodes.
+        Change points of drag and axial force; none by default. Trends of drag are those outside the episodes.
     counted : tuple of str
         Estimates used for the verdict (`counted_estimates`).
+    moments : Changes, optional
+        Change points of the moments; none by default.
     """
     changes = Changes() if changes is None else changes
     table = of_epochs(table)
@@ -343,6 +365,8 @@ def find_drift(
         changes,
         changes.allow_line and all(is_straight(table, name, outside) for name in estimates if name in counted),
         counted,
+        Changes() if moments is None else moments,
+        moment_per_degree(hull),
     )
 
 

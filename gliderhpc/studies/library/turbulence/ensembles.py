@@ -18,6 +18,12 @@ Array = NDArray[np.float64]
 ARTEFACTS = (NOISE_ONLY, MODEL_ERROR)
 """Families of nulls without any disturbance, which determine the ceiling; a Gaussian null has a disturbance."""
 
+MIN_NULLS = 10
+"""Minimum number of nulls without any disturbance whose ceiling decides.
+
+A profile like the nulls exceeds the largest of fewer with a probability of one in ten or more, and few errors of the
+hull are among them.
+"""
 
 ADDED_SETTINGS = {"noise_window", "most_repeated"}
 """Settings that older studies lack; none of them affects the statistics that those contain."""
@@ -56,6 +62,11 @@ class Ensembles:
     def ceiling(self) -> float:
         """Largest magnitude in the nulls without any disturbance, in the channel's unit; NaN without nulls."""
         return float(self.artefacts["peak"].max()) if len(self.artefacts) else float("nan")
+
+    @property
+    def ceiling_count(self) -> int:
+        """Number of nulls without any disturbance that determine the ceiling."""
+        return len(finite(self.artefacts["peak"])) if len(self.artefacts) else 0
 
     def measured_values(self, name: str) -> Array:
         """Finite values of a statistic of the measured profiles."""
@@ -114,14 +125,30 @@ def _attributes(archive: Archive, name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class NullFloor:
-    """Magnitudes without turbulence: the nulls' ceiling, and the root mean square due to sensor noise alone."""
+    """Magnitudes without turbulence, in the channel's unit.
+
+    Attributes
+    ----------
+    ceiling : float
+        Largest magnitude in the nulls.
+    noise : float
+        Root mean square due to sensor noise alone.
+    nulls : int, optional
+        Number of nulls that determine the ceiling; None if an earlier version of this program determined it.
+    """
 
     ceiling: float
     noise: float
+    nulls: int | None = None
+
+    @property
+    def decides(self) -> bool:
+        """Return whether there are enough nulls for events to be judged by the ceiling."""
+        return self.nulls is None or self.nulls >= MIN_NULLS
 
 
 def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple[NullFloor | None, tuple[str, ...]]:
-    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None and the reason."""
+    """Return ceiling and noise of an archive's nulls of the same channel and high-pass, or None, and remarks."""
     own_noise = "events are ranked by each profile's own noise floor"
     attributes = _attributes(archive, "nulls")
     if not attributes.get(COMPLETE, False) or attributes.get("estimate") != estimate:
@@ -134,7 +161,14 @@ def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple
         return None, (f"none of the archive's nulls has statistics, so there is no ceiling: {own_noise}",)
     noise = ensembles.family(NOISE_ONLY)
     floor = noise if len(noise) else ensembles.artefacts
-    return NullFloor(ensembles.ceiling, float(floor["rms"].median())), ()
+    found = NullFloor(ensembles.ceiling, float(floor["rms"].median()), ensembles.ceiling_count)
+    if found.decides:
+        return found, ()
+    return found, (
+        f"the events cannot be judged: the ceiling is that of {found.nulls} nulls without any disturbance, and "
+        f"{MIN_NULLS} are needed; errors of the hull alone may exceed it in every profile. The list is a ranking only; "
+        "run the study nulls without --quick",
+    )
 
 
 def finite(column: pd.Series) -> Array:

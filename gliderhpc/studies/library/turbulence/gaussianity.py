@@ -19,7 +19,7 @@ F. J. Anscombe, W. J. Glynn (1983), Distribution of the kurtosis statistic b2 fo
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,14 @@ less, and the test then rejects Gaussian gusts too often (docs/turbulence.md).""
 
 MIN_INDEPENDENT, MIN_LOCAL = 100.0, 10.0
 """Minimum numbers of independent values for a test: in a profile, and in the window of the local root mean square."""
+
+NO_ESTIMATE = "the smoother has no estimate of the profile, as may happen where a disturbance is strongest"
+REPEATED_ROLL = "the roll hardly changes by more than its resolution"
+TOO_FEW = "there are too few independent samples"
+"""Reasons why a profile is not tested."""
+
+_MAX_LISTED = 8
+"""Maximum number of profiles that are named."""
 
 _MIN_PAIR_FRACTION = 0.05
 """Minimum number of pairs of values with a correlation, relative to the number of values."""
@@ -76,6 +84,11 @@ class Noise:
     def counted(self, channel: str) -> NDArray[np.bool_]:
         """Mask ``(m,)`` of the records that are used of a channel."""
         return self.channels[channel].counted(actuated=False) & self.sampled
+
+    @property
+    def is_estimated(self) -> bool:
+        """Return whether the smoother has an estimate of the profile."""
+        return any(bool(np.isfinite(self.channels[name].values).any()) for name in TESTED)
 
     @property
     def repeated(self) -> float:
@@ -253,7 +266,15 @@ def noise_rows(noise: Noise | None, settings: IntermittencySettings) -> Row:
         name: np.array([getattr(found[channel], name.removeprefix("noise_")) for channel in CHANNELS])
         for name in NOISE_MOMENTS
     }
-    return columns | {"repeated_roll": noise.repeated} | _test_row(noise, found, settings)
+    row = _test_row(noise, found, settings)
+    reason = "" if np.isfinite(row["gaussianity_p_value"]) else _untested_reason(noise, settings)
+    return columns | {"repeated_roll": noise.repeated, "gaussianity_message": reason} | row
+
+
+def _untested_reason(noise: Noise, settings: IntermittencySettings) -> str:
+    if not noise.is_estimated:
+        return NO_ESTIMATE
+    return REPEATED_ROLL if noise.repeated > settings.most_repeated else TOO_FEW
 
 
 def _test_row(noise: Noise | None, found: Mapping[str, NoiseMoments], settings: IntermittencySettings) -> Row:
@@ -287,6 +308,8 @@ class Gaussianity:
     contrast : Contrast, optional
         Comparison of the profiles' scores with those of the Gaussian nulls. It has its level even if the scores of
         Gaussian disturbances are not exactly standard normal.
+    untested : mapping of str to tuple of int
+        Profiles that are not tested, by the reason; empty if the archive records none.
     """
 
     profiles: int
@@ -294,6 +317,7 @@ class Gaussianity:
     rejected: int
     nulls: NullPasses | None = None
     contrast: Contrast | None = None
+    untested: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     @property
     def count_p_value(self) -> float:
@@ -324,9 +348,35 @@ def judged_gaussianity(measured: pd.DataFrame, nulls: pd.DataFrame) -> Gaussiani
     if "gaussianity_p_value" not in measured:
         return None
     scores, p = (measured[name].to_numpy(dtype=np.float64) for name in ("gaussianity_score", "gaussianity_p_value"))
-    found = Gaussianity(len(measured), int(np.isfinite(p).sum()), int((p <= LEVEL).sum()))
+    counts = (len(measured), int(np.isfinite(p).sum()), int((p <= LEVEL).sum()))
+    found = Gaussianity(*counts, untested=_untested(measured))
     if "gaussianity_p_value" not in nulls or not np.isfinite(nulls["gaussianity_p_value"]).any():
         return found
     null_scores, null_p = (nulls[name].dropna().to_numpy() for name in ("gaussianity_score", "gaussianity_p_value"))
     passes = NullPasses(int((null_p <= LEVEL).sum()), len(null_p), LEVEL)
     return replace(found, nulls=passes, contrast=contrast_of(scores, null_scores))
+
+
+def _untested(measured: pd.DataFrame) -> dict[str, tuple[int, ...]]:
+    """Profiles that are not tested, by the reason in their message."""
+    if "gaussianity_message" not in measured:
+        return {}
+    known = measured[measured["gaussianity_message"].notna()]
+    return {
+        str(reason): tuple(int(number) for number in rows["profile"])
+        for reason, rows in known.groupby("gaussianity_message", sort=False)
+        if reason
+    }
+
+
+def describe_untested(found: Gaussianity) -> str:
+    """Describe the profiles that are not tested, and why."""
+    parts = [f"{_listed(numbers)}, since {reason}" for reason, numbers in found.untested.items()]
+    count = sum(len(numbers) for numbers in found.untested.values())
+    return f"{count} of {found.profiles} not tested ({'; '.join(parts)})"
+
+
+def _listed(numbers: tuple[int, ...]) -> str:
+    if len(numbers) > _MAX_LISTED:
+        return f"{len(numbers)} profiles"
+    return f"{'profile' if len(numbers) == 1 else 'profiles'} {', '.join(map(str, numbers))}"

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from gliderhpc.findings.findings import number
 from gliderhpc.store_schema.columns import GAUSSIAN
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, NullPasses, contrast_of
-from gliderhpc.studies.library.turbulence.ensembles import Ensembles, finite
-from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, judged_gaussianity
+from gliderhpc.studies.library.turbulence.ensembles import MIN_NULLS, Ensembles, finite
+from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, describe_untested, judged_gaussianity
 from gliderhpc.vocabulary import she_leveque
 
 Array = NDArray[np.float64]
@@ -167,14 +167,13 @@ def _describe_finding(verdict: TurbulenceVerdict) -> str:
 
 
 def _describe_noise_finding(found: Gaussianity) -> str:
+    untested = f"; {describe_untested(found)}" if found.untested else ""
     if not found.tested:
-        return (
-            "no profile in which it can be tested whether lateral disturbances are Gaussian, as the roll hardly "
-            "changes or there are too few samples"
-        )
+        why = "" if untested else ", as the roll hardly changes or there are too few samples"
+        return f"no profile in which it can be tested whether lateral disturbances are Gaussian{why}{untested}"
     return (
         f"lateral disturbances that are not Gaussian in {found.rejected} of the {found.tested} profiles in which this "
-        f"can be tested (at {LEVEL:.0%} each)"
+        f"can be tested (at {LEVEL:.0%} each){untested}"
     )
 
 
@@ -260,6 +259,9 @@ def _amplitudes(ensembles: Ensembles) -> Feature:
     values, ceiling = ensembles.measured_values("peak"), ensembles.ceiling
     if not len(values) or not np.isfinite(ceiling):
         return Feature(name, NOT_TESTED, "there are no nulls of these settings")
+    if ensembles.ceiling_count < MIN_NULLS:
+        few = f"{ensembles.ceiling_count} nulls without any disturbance are too few for a ceiling ({MIN_NULLS} needed)"
+        return Feature(name, NOT_TESTED, few)
     above = values > ceiling
     figures = (
         f"ceiling {number(ceiling)}, amplitudes {number(float(values.min()))} to {number(float(values.max()))}, "
