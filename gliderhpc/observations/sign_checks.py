@@ -36,8 +36,14 @@ MIN_RATE = 0.03
 MIN_STEEP = 10.0
 """Magnitude of the pitch (degree) from which depth must change."""
 
+MIN_DEPTH_RANGE = 5.0
+"""Range of depths (m) from which their rate is judged; within less, the glider floats or the sensor is stuck."""
+
 SLOWEST_FLIGHT = 0.08
-"""Speed (m/s) along the pitch that a glide exceeds for a tenth of the time; 0.2 to 0.6 m/s on 236 real dives."""
+"""Speed (m/s) along the pitch that some part of every glide exceeds."""
+
+MIN_FLOWN = 0.03
+"""This part: a parked glider may move as little. On 236 real dives its speed is at least 0.29 to 0.63 m/s."""
 
 FASTEST_FLIGHT = 1.5
 """Median speed (m/s) along the pitch that no glider reaches."""
@@ -117,7 +123,7 @@ def fault_of_signs(number: int, time: TimeArray, glide: Mapping[str, FloatArray]
     if means is None:
         return None
     rate = np.gradient(means["depth"], means["time"])
-    unit = _fault_of_depth(means["time"], rate, means["pitch"])
+    unit = _fault_of_depth(means)
     if unit:
         return f"profile {number}: {unit}"
     phases = (_steady(rate > MIN_RATE), _steady(rate < -MIN_RATE))
@@ -136,7 +142,7 @@ def fault_of_depth_rate(number: int, time: TimeArray, depth: FloatArray, pitch: 
     means = _bin_means(time, {"depth": depth, "pitch": pitch})
     if means is None:
         return None
-    fault = _fault_of_depth(means["time"], np.gradient(means["depth"], means["time"]), means["pitch"])
+    fault = _fault_of_depth(means)
     return f"profile {number}: {fault}" if fault else None
 
 
@@ -152,16 +158,17 @@ def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, Fl
     return {name: np.add.reduceat(values[known], begins) / counts for name, values in filled.items()}
 
 
-def _fault_of_depth(time: FloatArray, rate: FloatArray, pitch: FloatArray) -> str | None:
-    """Fault of a depth whose rate (m/s) is impossible at this pitch (degree); None if there is none."""
-    if np.median(np.diff(time)) > MAX_SPACING:
+def _fault_of_depth(means: Mapping[str, FloatArray]) -> str | None:
+    """Fault of a depth whose rate is impossible at the pitch, from the means of bins; None if there is none."""
+    time, depth, pitch = means["time"], means["depth"], means["pitch"]
+    if np.median(np.diff(time)) > MAX_SPACING or np.ptp(depth) < MIN_DEPTH_RANGE:
         return None
-    steep = np.abs(pitch) > MIN_STEEP
+    rate, steep = np.gradient(depth, time), np.abs(pitch) > MIN_STEEP
     if np.count_nonzero(steep) < MIN_BINS:
         return None
     rise, slope = np.abs(rate[steep]), np.abs(pitch[steep])
     speed = rise / np.sin(np.radians(slope))
-    if np.quantile(speed, 0.9) < SLOWEST_FLIGHT:
+    if np.quantile(speed, 1.0 - MIN_FLOWN) < SLOWEST_FLIGHT:
         wrong = (
             "too slowly for a glide; check the unit of depth (bar and decametres are a tenth of the depth in metres)"
         )

@@ -470,6 +470,18 @@ def test_a_depth_in_another_unit_is_named(scale, said):
     assert said in fault_of_signs(time, scale * depth, *others)
 
 
+def test_a_glider_that_is_stuck_on_the_bottom_has_its_depth_in_metres():
+    time, depth, pitch, ballast = glide()
+    bottom = len(time) // 2
+    hours = time[bottom] + np.arange(10 * 3600).astype("timedelta64[s]")
+    longer = np.concatenate([time[:bottom], hours, time[bottom:] + np.timedelta64(10, "h")])
+    columns = [
+        np.concatenate([one[:bottom], np.full(len(hours), one[bottom - 1]), one[bottom:]])
+        for one in (depth, pitch, ballast)
+    ]
+    assert fault_of_signs(longer, *columns) is None
+
+
 @pytest.mark.parametrize("every", [1, 20, 100])
 def test_a_reversed_sign_is_named_with_its_values(every):
     assert fault_of_signs(*glide(every=every)) is None
