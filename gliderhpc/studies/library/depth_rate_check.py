@@ -169,7 +169,9 @@ def _samples(data: ProfileData, index: int, platform: Platform) -> GlideSamples 
     time, measured = data.record_time[record], data.measured[record]
     usable = undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH)
     rate = depth_rate_filter(time, usable).of(measured[:, 3])
-    turn_rate = np.radians(depth_rate_filter(time, np.ones(len(record), np.bool_)).cut_short_too(measured[:, 2]))
+    turn_rate = np.radians(
+        depth_rate_filter(time, np.ones(len(record), np.bool_)).with_truncated_windows(measured[:, 2])
+    )
     known = np.flatnonzero(np.isfinite(rate))
     taken = known[np.unique(np.linspace(0, max(len(known) - 1, 0), min(_SAMPLES, len(known))).round().astype(int))]
     roll, pitch = np.radians(measured[taken, :2].T)
