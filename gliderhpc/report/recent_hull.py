@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
-from gliderhpc.studies.hull import HullSettings, MissionDives, change_in_units, combine_dives, read_dives
+from gliderhpc.studies.hull import (
+    HullSettings,
+    MissionDives,
+    agreeing_dives,
+    change_in_units,
+    combine_dives,
+    read_dives,
+)
 from gliderhpc.tuning.hull_changes import HullChange
 from gliderhpc.tuning.mission_hull import MissionHull
 
@@ -51,17 +58,34 @@ class RecentChange:
 
 @dataclass(frozen=True, eq=False)
 class RecentHull:
-    """Hull from the latest dives up to one: their information, its sum, and each suspect's change by its position."""
+    """Hull from the latest dives up to one.
+
+    Attributes
+    ----------
+    mission : MissionDives
+        The dives and their information.
+    found : MissionHull
+        Sum of the information.
+    changes : dict of int to HullChange or None
+        Change of each parameter that may change, by its position.
+    warning : str
+        Reason to doubt the values, if the depth rate of the steady glides gives one; otherwise empty.
+    """
 
     mission: MissionDives
     found: MissionHull
     changes: dict[int, HullChange | None]
+    warning: str = ""
 
 
 def recent_hull(archive: Archive, number: int) -> RecentHull | None:
     """Combine the latest dives up to a profile; None if none of them has information on the hull."""
     mission = read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
-    return RecentHull(mission, *combine_dives(mission, HullSettings())) if mission.dives else None
+    if not mission.dives:
+        return None
+    settings = HullSettings()
+    mission, check = agreeing_dives(archive, mission, robust=settings.robust)
+    return RecentHull(mission, *combine_dives(mission, settings), "" if check is None else check.warning)
 
 
 def hull_changes(hull: RecentHull) -> tuple[RecentChange, ...]:

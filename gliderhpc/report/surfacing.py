@@ -109,6 +109,7 @@ def surfacing_message(
         hull=_hull(archive, number) if smoothed else (),
         hull_changes=() if hull is None else _hull_changes(hull),
         trim=() if hull is None else tuple(Trim(**asdict(one)) for one in trim_of(hull)),
+        hull_warning="" if hull is None else hull.warning,
     )
 
 

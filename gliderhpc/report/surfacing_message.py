@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.report.facts import polar
 
-MESSAGE_VERSION = "1.1"
+MESSAGE_VERSION = "1.2"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
 
 
@@ -152,6 +152,7 @@ class SurfacingMessage(_Part):
     trim: tuple[Trim, ...] = Field(
         (), description="ballast, battery and offsets, where the dives so far determine them"
     )
+    hull_warning: str = Field("", description="reason to doubt trim and changes of the hull, from its steady glides")
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:
         """List the differences from an earlier message, which is passed as JSON."""

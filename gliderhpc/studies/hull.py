@@ -7,7 +7,7 @@ results are added to the same group.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.studies.archived import chosen_profiles, platform_of
+from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, in_agreement, read_glides
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
@@ -150,7 +151,23 @@ def _is_sound(dive: DiveTerm) -> bool:
     return all(semidefinite(matrix) for matrix in (dive.information, *(matrix for _, matrix in dive.others)))
 
 
-def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSettings) -> Preparation:
+def agreeing_dives(
+    archive: Archive, mission: MissionDives, *, robust: bool
+) -> tuple[MissionDives, DepthRateCheck | None]:
+    """Compare the sum of the dives with the depth rate of their steady glides; weaken their information if they differ.
+
+    Without enough steady glides there is no comparison, and the dives are returned as they are.
+    """
+    glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
+    if glides is None:
+        return mission, None
+    dives, check = in_agreement(
+        glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust
+    )
+    return replace(mission, dives=dives), check
+
+
+def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: HullSettings) -> Preparation:
     """Read the dives; a first look uses all of them too, since the sum is quick.
 
     Raises
@@ -166,7 +183,14 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], __: HullSett
             "estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
-    return Preparation(inputs=mission, numbers=numbers, caveats=(MODEL_ERRORS, *((CALIBRATED,) if stated else ())))
+    mission, check = agreeing_dives(archive, mission, robust=settings.robust)
+    return Preparation(
+        inputs=mission,
+        numbers=numbers,
+        attributes={} if check is None else {"depth_rate_check": asdict(check)},
+        remarks=() if check is None or not check.warning else (check.warning,),
+        caveats=(MODEL_ERRORS, *((CALIBRATED,) if stated else ())),
+    )
 
 
 def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:

@@ -79,6 +79,11 @@ class DiveTerm:
         score, information = self.others[other]
         return replace(self, score=score, information=information)
 
+    def weakened(self, divisor: float) -> "DiveTerm":
+        """Return the dive with all its information divided by a number."""
+        others = tuple((score / divisor, information / divisor) for score, information in self.others)
+        return replace(self, score=self.score / divisor, information=self.information / divisor, others=others)
+
     @property
     def term_with_current(self) -> Information:
         """Log-likelihood of eta and the current's unknowns, with the information of the current."""

@@ -67,6 +67,7 @@ def heavier(swift_store, monkeypatch):
     }  # fmt: skip
     every = dives(8, courses, seed=2, information=400.0)
     monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, every, ()))
+    monkeypatch.setattr(recent_hull_module, "agreeing_dives", lambda _, mission, **__: (mission, None))
     with open_for_reading(swift_store) as archive:
         yield archive
 
@@ -104,6 +105,7 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
 def test_a_quantity_that_the_dives_do_not_determine_is_left_out(swift_store, monkeypatch):
     vague = dives(4, {}, information=1e-3)
     monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
+    monkeypatch.setattr(recent_hull_module, "agreeing_dives", lambda _, mission, **__: (mission, None))
     with open_for_reading(swift_store) as archive:
         assert list(trim_of(recent_hull(archive, 3))) == []
 

@@ -29,6 +29,7 @@ def _news_at(swift_store, monkeypatch, number, course):
         return MissionDives(HULL, PARAMETERS, tuple(dive for dive in every if dive.number in numbers), ())
 
     monkeypatch.setattr(module, "read_dives", read)
+    monkeypatch.setattr(module, "agreeing_dives", lambda _, mission, **__: (mission, None))
     monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
     with open_for_reading(swift_store) as archive:
         return {news.parameter: news for news in hull_changes(recent_hull(archive, number))}

@@ -59,7 +59,8 @@ def answers(message: SurfacingMessage) -> dict[str, str]:
 
 def hull_blocks(message: SurfacingMessage) -> tuple[Block, ...]:
     """Return changes of the hull, and the differences from the platform file that a pilot can change or correct."""
-    return (*_hull_changes(message), *_trim(message))
+    doubt = (Notice(message.hull_warning, "warning"),) if message.hull_warning else ()
+    return (*doubt, *_hull_changes(message), *_trim(message))
 
 
 def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:

@@ -305,7 +305,7 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.suspects)
     # A glide that would end after a small change of pitch or of a parameter is not used.
     glides = np.isfinite(glide.depth_rate + by_pitch + by_hull.sum(axis=1))
-    usable = _undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH) & glides
+    usable = undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH) & glides
     rates = depth_rate_filter(time, usable)
     return VerticalVelocity(
         record,
@@ -373,7 +373,7 @@ class _Hull:
         return glider.bodies(model_controls(glider.platform, self._actuators, self._water))
 
 
-def _undisturbed(data: ProfileData) -> Mask:
+def undisturbed(data: ProfileData) -> Mask:
     """Mask (m,) of the records in steady glide, settled after the vibration set."""
     steady = data.steady.copy()
     for _, end in stretches(data.flagged("vibration")):

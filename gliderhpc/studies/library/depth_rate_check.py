@@ -1,0 +1,294 @@
+"""Comparison of a mission's hull with the depth rate of its steady glides, by which vertical motion of the water shows.
+
+In the smoother's model the water acts on a glider by forces. Water that moves vertically also carries it, which is not
+a force. The smoother explains some of this motion by a hull with less drag and lift, which forces move more, in every
+dive alike. The mean depth rate of steady glides contradicts such a hull: over many glides, the water's motion averages
+out. Where the two disagree, the dives' information is divided by a number that makes them agree.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from gliderhpc.archive.profile import ProfileData, read_profile_data
+from gliderhpc.archive.reader import Archive
+from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
+from gliderhpc.platform import Platform
+from gliderhpc.studies.archived import CONTROLS_SI
+from gliderhpc.studies.library.vertical_velocity import (
+    KEYS,
+    MIN_DEPTH,
+    depth_rate_filter,
+    undisturbed,
+)
+from gliderhpc.tuning.gaussian_chain import Gaussian
+from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, HullPrior, MissionHull, solve_mission
+from gliderhpc.tuning.steady_balance import MeasuredAttitude, still_water_glide
+
+Array = NDArray[np.float64]
+
+MOST_DIVES = 40
+"""Largest number of dives that are compared, evenly distributed over the mission."""
+
+MODEL_ERROR = 0.002
+"""Standard deviation of the mean depth rate of the still-water glide due to its simplifications, m/s; about 0.001 on
+twins of a known hull."""
+
+MOVING = 0.005
+"""Vertical motion (m/s) from which on it is reported, the accuracy that users require of vertical velocities."""
+
+_PITCH = ("sensors.pitch_offset", "sensors.pitch_scale")
+_SAMPLES = 120
+"""Largest number of samples of a dive that are compared."""
+_DIFFERENCE = 0.05
+"""Difference, in plausible deviations, of the derivatives."""
+_PROBABILITY = 0.99
+"""Probability of the quantile of chi-square from which on the hull contradicts the depth rates."""
+_LEGS = 2
+"""Number of means that are compared, and expectation of their chi-square."""
+_LEAST_FACTOR = 1.4
+"""Smallest factor between two divisors that are tried."""
+_ROUNDS = 20
+"""Largest number of divisors that are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class GlideSamples:
+    """Samples of steady glides with their depth rate.
+
+    Attributes
+    ----------
+    dive : (n,) of int
+        Index of the dive of each sample.
+    climbing : (n,) of bool
+        Mask of the samples with a negative depth rate.
+    attitude : MeasuredAttitude
+        Roll, pitch, rate of turn and depth.
+    actuators, water : (n, 4), (n, 4) or None
+        Controls in SI units, and depth with the water's density, temperature and pressure where the buoyancy used them.
+    depth_rate : (n,)
+        Measured depth rate, m/s.
+    """
+
+    dive: NDArray[np.int64]
+    climbing: NDArray[np.bool_]
+    attitude: MeasuredAttitude
+    actuators: Array
+    water: Array | None
+    depth_rate: Array
+
+
+@dataclass(frozen=True)
+class DepthRateCheck:
+    """Comparison of a hull with the depth rates of steady glides.
+
+    Attributes
+    ----------
+    motion : float
+        Root mean square of the depth rate within a leg that errors of the hull do not explain, m/s.
+    dive, climb : float
+        Mean depth rate of the hull minus the measured one, on dives and climbs, m/s.
+    dive_std, climb_std : float
+        Their standard deviations, from the hull's covariance and from the scatter of the dives.
+    chi_square : float
+        Chi-square of the two means.
+    divisor : float
+        Number by which the information of all dives is divided.
+    """
+
+    motion: float
+    dive: float
+    climb: float
+    dive_std: float
+    climb_std: float
+    chi_square: float
+    divisor: float = 1.0
+
+    @property
+    def contradicts(self) -> bool:
+        """Return whether the depth rates contradict the hull.
+
+        Where the depth rate also varies within the legs by more than the hull explains, a chi-square beyond its
+        expectation is enough; elsewhere it must exceed its 99 % quantile.
+        """
+        return self.chi_square > (_LEGS if self.motion > MOVING else float(scipy.stats.chi2.ppf(_PROBABILITY, _LEGS)))
+
+    @property
+    def warning(self) -> str:
+        """Sentence for the reader, empty if there is nothing to warn of."""
+        within = f"{100.0 * self.motion:.1f} cm/s within a dive or climb (root mean square)"
+        if self.contradicts:
+            return (
+                "WARNING: the values of the hull that the dives gave contradict the depth rate of the steady glides by "
+                f"{_cm(self.dive, self.dive_std)} on dives and {_cm(self.climb, self.climb_std)} on climbs, as where "
+                "water moves vertically or its density is not that of the model; the depth rate varies by "
+                f"{within} more than the hull explains; the dives' information was divided by {self.divisor:.0f}, "
+                "which widens the intervals until the two agree; do not ballast or trim by these values"
+            )
+        if self.motion > MOVING:
+            return (
+                "the water moves vertically, or its density is not that of the model: the depth rate varies by "
+                f"{within} more than the hull explains; such motion may shift drag and lift in every dive alike, "
+                "although the mean depth rate does not contradict the values"
+            )
+        return ""
+
+
+def _cm(mean: float, std: float) -> str:
+    return f"{100.0 * mean:+.1f} ± {100.0 * std:.1f} cm/s"
+
+
+def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) -> GlideSamples | None:
+    """Read the steady glides of at most `MOST_DIVES` dives; None if fewer than four have them on dive and climb."""
+    chosen = np.linspace(0, len(numbers) - 1, min(MOST_DIVES, len(numbers))).round().astype(int).tolist()
+    found = [_samples(read_profile_data(archive, numbers[i]), i, platform) for i in chosen]
+    parts = [part for part in found if part is not None]
+    if len(parts) < MIN_COMPARED or len({part.water is None for part in parts}) > 1:
+        return None
+    columns = ("roll", "pitch", "turn_rate", "depth")
+    attitude = MeasuredAttitude(*(np.concatenate([getattr(part.attitude, name) for part in parts]) for name in columns))
+    dive, climbing, actuators, rate = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("dive", "climbing", "actuators", "depth_rate")
+    )
+    waters = [part.water for part in parts if part.water is not None]
+    return GlideSamples(dive, climbing, attitude, actuators, np.concatenate(waters) if waters else None, rate)
+
+
+def _samples(data: ProfileData, index: int, platform: Platform) -> GlideSamples | None:
+    """Samples of one profile at which the hull has a steady glide; None unless on both dive and climb."""
+    record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
+    if len(record) < _SAMPLES // 10:
+        return None
+    time, measured = data.record_time[record], data.measured[record]
+    usable = undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH)
+    rate = depth_rate_filter(time, usable).of(measured[:, 3])
+    turn_rate = np.radians(
+        depth_rate_filter(time, np.ones(len(record), np.bool_)).with_truncated_windows(measured[:, 2])
+    )
+    known = np.flatnonzero(np.isfinite(rate))
+    taken = known[np.unique(np.linspace(0, max(len(known) - 1, 0), min(_SAMPLES, len(known))).round().astype(int))]
+    roll, pitch = np.radians(measured[taken, :2].T)
+    water = None if data.seawater is None else np.column_stack([measured[:, 3], data.seawater[record]])[taken]
+    attitude = MeasuredAttitude(roll, pitch, turn_rate[taken], measured[taken, 3])
+    found = GlideSamples(
+        np.full(len(taken), index), rate[taken] < 0.0, attitude,
+        data.controls[record[taken]] * CONTROLS_SI, water, rate[taken],
+    )  # fmt: skip
+    glides = np.isfinite(_depth_rate(found, platform, 0.0, 1.0))
+    both = glides.sum() > _LEGS and len(np.unique(found.climbing[glides])) == _LEGS
+    return _part(found, glides) if both else None
+
+
+def _part(samples: GlideSamples, mask: NDArray[np.bool_]) -> GlideSamples:
+    old = samples.attitude
+    attitude = MeasuredAttitude(old.roll[mask], old.pitch[mask], old.turn_rate[mask], old.depth[mask])
+    return GlideSamples(
+        samples.dive[mask], samples.climbing[mask], attitude, samples.actuators[mask],
+        None if samples.water is None else samples.water[mask], samples.depth_rate[mask],
+    )  # fmt: skip
+
+
+def _depth_rate(samples: GlideSamples, platform: Platform, pitch_offset: float, pitch_scale: float) -> Array:
+    """Depth rate (n,) of a hull's glide in still water, at the pitch without an offset (rad) and scale."""
+    glider, old = Glider(platform), samples.attitude
+    bodies = glider.bodies(model_controls(platform, samples.actuators, samples.water))
+    pitch = pitch_scale * (old.pitch - pitch_offset)
+    return still_water_glide(glider, bodies, MeasuredAttitude(old.roll, pitch, old.turn_rate, old.depth)).depth_rate
+
+
+def compare(
+    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], found: MissionHull
+) -> DepthRateCheck | None:
+    """Compare the hull of a mission with the depth rates of its steady glides; None if fewer than four dives have them.
+
+    Notes
+    -----
+    The mean residuals of dives and climbs have the covariance ``J C J' + S / n + s^2 1``: the hull's covariance through
+    the derivatives of the means, the scatter of the residuals between ``n`` dives, and `MODEL_ERROR`. The motion within
+    a leg is the residual of a fit of the errors, with their prior, to the deviations from the legs' means.
+    """
+    chosen = [i for i, p in enumerate(parameters) if p.key in (*KEYS, *_PITCH)]
+    errors: Gaussian = found.overall
+    mean = errors.mean[chosen]
+
+    def residual(eta: Array) -> Array:
+        moved = np.zeros(len(parameters))
+        moved[chosen] = eta
+        hull = moved_platform(platform, parameters, moved)
+        old, new = platform.sensors, hull.sensors
+        offset = np.radians(new.pitch_offset - old.pitch_offset)
+        return _depth_rate(samples, hull, float(offset), new.pitch_scale / old.pitch_scale) - samples.depth_rate
+
+    at_mean = residual(mean)
+    slopes = np.column_stack([
+        (residual(mean + step) - residual(mean - step)) / (2.0 * _DIFFERENCE)
+        for step in _DIFFERENCE * np.eye(len(chosen))
+    ])  # fmt: skip
+    known = np.isfinite(at_mean + slopes.sum(axis=1))
+    legs = [
+        [known & (samples.dive == dive) & (samples.climbing == up) for up in (False, True)]
+        for dive in np.unique(samples.dive)
+    ]
+    legs = [pair for pair in legs if all(leg.any() for leg in pair)]
+    if len(legs) < MIN_COMPARED:
+        return None
+    means = np.array([[at_mean[leg].mean() for leg in pair] for pair in legs])
+    by_hull = np.mean([[slopes[leg].mean(axis=0) for leg in pair] for pair in legs], axis=0)
+    covariance = by_hull @ errors.covariance[np.ix_(chosen, chosen)] @ by_hull.T
+    covariance += np.cov(means.T) / len(means) + MODEL_ERROR**2 * np.eye(_LEGS)
+    dive, climb = means.mean(axis=0).tolist()
+    dive_std, climb_std = np.sqrt(np.diag(covariance)).tolist()
+    chi_square = float(np.array([dive, climb]) @ np.linalg.solve(covariance, [dive, climb]))
+    motion = _motion_within(at_mean, slopes, [leg for pair in legs for leg in pair])
+    return DepthRateCheck(motion, dive, climb, dive_std, climb_std, chi_square)
+
+
+def _motion_within(residual: Array, slopes: Array, legs: Sequence[NDArray[np.bool_]]) -> float:
+    """Root mean square of the deviations from the legs' means that no error of the hull explains, m/s."""
+    left = np.concatenate([residual[leg] - residual[leg].mean() for leg in legs])
+    by_hull = np.concatenate([slopes[leg] - slopes[leg].mean(axis=0) for leg in legs])
+    variance = float(np.mean(left**2))
+    for _ in range(3):
+        matrix = by_hull.T @ by_hull / max(variance, MODEL_ERROR**2) + np.eye(by_hull.shape[1])
+        eta = np.linalg.solve(matrix, by_hull.T @ left / max(variance, MODEL_ERROR**2))
+        variance = float(np.mean((left - by_hull @ eta) ** 2))
+    return float(np.sqrt(variance))
+
+
+def in_agreement(
+    samples: GlideSamples,
+    platform: Platform,
+    parameters: Sequence[HullParameter],
+    dives: Sequence[DiveTerm],
+    prior: HullPrior,
+    *,
+    robust: bool = True,
+) -> tuple[tuple[DiveTerm, ...], DepthRateCheck | None]:
+    """Return dives whose sum does not contradict the depth rates of steady glides, and the comparison of the original.
+
+    If chi-square exceeds the 99 % quantile, the information of all dives is divided by the number that brings it to
+    its expectation. The comparison has the figures before, and the number.
+    """
+
+    def comparison(terms: Sequence[DiveTerm]) -> DepthRateCheck | None:
+        return compare(samples, platform, parameters, solve_mission(terms, prior, robust=robust))
+
+    with threadpool_limits(limits=1):
+        first = now = comparison(dives)
+        if first is None or not first.contradicts:
+            return tuple(dives), first
+        divisor, weakened = 1.0, tuple(dives)
+        for _ in range(_ROUNDS):
+            if now is not None and now.chi_square <= _LEGS:
+                break
+            divisor *= _LEAST_FACTOR if now is None else max(now.chi_square / _LEGS, _LEAST_FACTOR)
+            weakened = tuple(dive.weakened(divisor) for dive in dives)
+            now = comparison(weakened)
+    return weakened, replace(first, divisor=divisor)
