@@ -90,6 +90,8 @@ class MissionDives:
         Numbers of the profiles without information.
     labels : tuple of str
         Keys along the archive's dimension ``parameter``; an archive of an earlier version has fewer.
+    divisor : float
+        Number by which the sum divides the information of every dive (`gliderhpc.studies.library.depth_rate_check`).
     """
 
     platform: Platform
@@ -97,6 +99,7 @@ class MissionDives:
     dives: tuple[DiveTerm, ...]
     without: tuple[int, ...]
     labels: tuple[str, ...] = HULL_PARAMETERS
+    divisor: float = 1.0
 
     @property
     def prior(self) -> HullPrior:
@@ -154,17 +157,15 @@ def _is_sound(dive: DiveTerm) -> bool:
 def agreeing_dives(
     archive: Archive, mission: MissionDives, *, robust: bool
 ) -> tuple[MissionDives, DepthRateCheck | None]:
-    """Compare the sum of the dives with the depth rate of their steady glides; weaken their information if they differ.
+    """Compare the sum of the dives with the depth rate of their steady glides; state a divisor if the two differ.
 
-    Without enough steady glides there is no comparison, and the dives are returned as they are.
+    Without enough steady glides there is no comparison, and the mission is returned as it is.
     """
     glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
     if glides is None:
         return mission, None
-    dives, check = in_agreement(
-        glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust
-    )
-    return replace(mission, dives=dives), check
+    _, check = in_agreement(glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust)
+    return mission if check is None else replace(mission, divisor=check.divisor), check
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: HullSettings) -> Preparation:
@@ -216,7 +217,8 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
     """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters.
 
     Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the
-    hulls before and after.
+    hulls before and after. Changes are sought in the whole information of the dives: what divides it has the same
+    effect in every dive, and cancels in their differences.
     """
     with threadpool_limits(limits=1):
         found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
@@ -224,8 +226,9 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
             mission.dives, found, mission.suspects, mission.prior, settings.change, mission.companions
         )
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
-        if probable:
-            found = solve_mission(mission.dives, _with_changes(mission, probable, settings), robust=settings.robust)
+        if probable or mission.divisor > 1.0:
+            dives = [dive.weakened(mission.divisor) for dive in mission.dives]
+            found = solve_mission(dives, _with_changes(mission, probable, settings), robust=settings.robust)
     return found, changes
 
 

@@ -128,7 +128,10 @@ def test_the_study_warns_first_and_stores_the_figures(brief_store, monkeypatch):
         prepared = study.prepare(request, archive, (), study.HullSettings())
     assert prepared.remarks[0].startswith("WARNING: the values of the hull")
     assert prepared.attributes["depth_rate_check"]["divisor"] > 10.0
-    assert prepared.inputs.dives[0].information[0, 0] < BIASED[0].information[0, 0] / 10.0
+    divided, _ = study.combine_dives(prepared.inputs, study.HullSettings())
+    whole, _ = study.combine_dives(MissionDives(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
+    drag = [p.key for p in PARAMETERS].index("viscous.K_D0")
+    assert divided.std[-1, drag] > 2.0 * whole.std[-1, drag]
 
 
 def test_a_surfacing_message_and_its_page_carry_the_warning(brief_store, monkeypatch):

@@ -33,7 +33,7 @@ from gliderhpc.tuning.steady_balance import MeasuredAttitude, still_water_glide
 
 Array = NDArray[np.float64]
 
-MOST_DIVES = 40
+MOST_DIVES = 24
 """Largest number of dives that are compared, evenly distributed over the mission."""
 
 MODEL_ERROR = 0.002
