@@ -26,7 +26,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.studies.archived import chosen_profiles, platform_of
-from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, in_agreement, read_glides
+from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, check_hull, read_glides
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
@@ -164,7 +164,7 @@ def agreeing_dives(
     glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
     if glides is None:
         return mission, None
-    _, check = in_agreement(glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust)
+    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust)
     return mission if check is None else replace(mission, divisor=check.divisor), check
 
 

@@ -95,7 +95,7 @@ def find_changes(
     which are equally plausible: a change that only some of them show is not certain.
 
     While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
-    of the same course of its companion, join the unknowns, and the remaining suspects are judged anew.
+    of the same course of its companion, join the unknowns, and the remaining suspects are judged given them.
     """
     if len(dives) < _MIN_DIVES:
         return dict.fromkeys(suspects)

@@ -19,8 +19,8 @@ from gliderhpc.studies.library.depth_rate_check import (
     MOVING,
     DepthRateCheck,
     GlideSamples,
+    check_hull,
     compare,
-    in_agreement,
     read_glides,
 )
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
@@ -54,7 +54,10 @@ def glides(motion):
 
 
 def checked(samples, terms):
-    return in_agreement(samples, HULL, PARAMETERS, terms, PRIOR)
+    check = check_hull(samples, HULL, PARAMETERS, terms, PRIOR)
+    return tuple(
+        terms if check is None or check.divisor == 1.0 else (one.weakened(check.divisor) for one in terms)
+    ), check
 
 
 @pytest.mark.parametrize("motion", [0.0, 0.0177])

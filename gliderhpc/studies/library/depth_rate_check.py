@@ -262,7 +262,7 @@ def _motion_within(residual: Array, slopes: Array, legs: Sequence[NDArray[np.boo
     return float(np.sqrt(variance))
 
 
-def in_agreement(
+def check_hull(
     samples: GlideSamples,
     platform: Platform,
     parameters: Sequence[HullParameter],
@@ -270,25 +270,25 @@ def in_agreement(
     prior: HullPrior,
     *,
     robust: bool = True,
-) -> tuple[tuple[DiveTerm, ...], DepthRateCheck | None]:
-    """Return dives whose sum does not contradict the depth rates of steady glides, and the comparison of the original.
+) -> DepthRateCheck | None:
+    """Compare the sum of the dives with the depth rates of steady glides, and find the divisor if the two disagree.
 
-    If chi-square exceeds the 99 % quantile, the information of all dives is divided by the number that brings it to
-    its expectation. The comparison has the figures before, and the number.
+    If the depth rates contradict the hull, the divisor of the dives' information is the number that brings chi-square
+    to its expectation; otherwise it is one. All other figures are those of the undivided information.
     """
 
-    def comparison(terms: Sequence[DiveTerm]) -> DepthRateCheck | None:
+    def comparison(divisor: float) -> DepthRateCheck | None:
+        terms = [dive.weakened(divisor) for dive in dives]
         return compare(samples, platform, parameters, solve_mission(terms, prior, robust=robust))
 
     with threadpool_limits(limits=1):
-        first = now = comparison(dives)
+        first = now = comparison(1.0)
         if first is None or not first.contradicts:
-            return tuple(dives), first
-        divisor, weakened = 1.0, tuple(dives)
+            return first
+        divisor = 1.0
         for _ in range(_ROUNDS):
             if now is not None and now.chi_square <= _LEGS:
                 break
             divisor *= _LEAST_FACTOR if now is None else max(now.chi_square / _LEGS, _LEAST_FACTOR)
-            weakened = tuple(dive.weakened(divisor) for dive in dives)
-            now = comparison(weakened)
-    return weakened, replace(first, divisor=divisor)
+            now = comparison(divisor)
+    return replace(first, divisor=divisor)

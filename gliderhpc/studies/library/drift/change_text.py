@@ -204,21 +204,28 @@ def phases_text(change: Change) -> str:
     return " and ".join(f"{phase}s" for phase in change.phases)
 
 
+def course_row(change: Change) -> dict[str, Any]:
+    """Return the columns that all tables of changes have: kind, form, phases, profiles, days, p and estimates."""
+    return {
+        "kind": change.kind,
+        "form": FORMS[change.form],
+        "phases": phases_text(change),
+        "first_profile": change.first,
+        "last_profile": change.last,
+        "back_profile": change.back,
+        "first_day": change.days[0],
+        "last_day": change.days[1],
+        "back_day": change.back_day,
+        "p": change.p,
+        "estimates": " and ".join(change.estimates),
+    }
+
+
 def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
     """Rows of the table of change points, one for each change and part of a profile; sizes in kg/m, percent and N."""
     return [
         {
-            "kind": one.kind,
-            "form": FORMS[one.form],
-            "phases": phases_text(one),
-            "first_profile": one.first,
-            "last_profile": one.last,
-            "back_profile": one.back,
-            "first_day": one.days[0],
-            "last_day": one.days[1],
-            "back_day": one.back_day,
-            "p": one.p,
-            "estimates": " and ".join(one.estimates),
+            **course_row(one),
             "quantity": drag_name(one),
             "part": part,
             **_of_part(one, part, reference),

@@ -6,11 +6,10 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import MOMENT_CHANGE, PHASES, moment_column
 from gliderhpc.studies.library.drift.change_points import MOMENTS, Change, Changes
-from gliderhpc.studies.library.drift.change_shapes import FORMS
 from gliderhpc.studies.library.drift.change_text import (
+    course_row,
     describe_course,
     no_change_text,
-    phases_text,
     read_change,
     size_ends,
     stored_course,
@@ -101,17 +100,7 @@ def moment_rows(changes: Changes) -> list[dict[str, Any]]:
     """Rows of the table of changes of the moments, one for each change, moment and phase; sizes in N m."""
     return [
         {
-            "kind": one.kind,
-            "form": FORMS[one.form],
-            "phases": phases_text(one),
-            "first_profile": one.first,
-            "last_profile": one.last,
-            "back_profile": one.back,
-            "first_day": one.days[0],
-            "last_day": one.days[1],
-            "back_day": one.back_day,
-            "p": one.p,
-            "estimates": " and ".join(one.estimates),
+            **course_row(one),
             "moment": NAMES[name],
             "channel": name,
             "phase": phase,
