@@ -174,7 +174,8 @@ def dive_notes(time: FloatArray, depth: FloatArray, pitch: FloatArray) -> Iterat
         minutes = sum(last - first for first, last in still) / 60.0
         level = np.median(np.interp(np.mean(still, axis=1), time[known], depth[known]))
         parts = f", in {len(still)} parts" if len(still) > 1 else ""
-        yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} (parked, on the bottom or under ice)"
+        cause = "parked, on the bottom, under ice or at a density step"
+        yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} ({cause})"
     begin, end = (
         float(np.interp(time[at], time[known], depth[known]))
         for at in (max(known[0], attitude[0]), min(known[-1], attitude[-1]))

@@ -147,7 +147,9 @@ def test_a_record_without_depth_or_pitch():
 
 def test_notes():
     assert notes(*dive()) == []
-    assert notes(*dive(still=1200.0)) == ["stationary for 20 min at 100 m (parked, on the bottom or under ice)"]
+    assert notes(*dive(still=1200.0)) == [
+        "stationary for 20 min at 100 m (parked, on the bottom, under ice or at a density step)"
+    ]
     time, depth, _ = cut(65.0, climbing=True)
     unrecorded = "which makes a current uncertain by the way that it lacks"
     assert notes(time, depth) == [f"the record ends at 65 m depth, {unrecorded}"]
