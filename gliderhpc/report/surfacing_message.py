@@ -96,6 +96,11 @@ class HullChange(_Part):
     dives: int = _of("1", "number of dives used")
     above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
 
+    @property
+    def size_text(self) -> str:
+        """Change with its standard deviation and unit."""
+        return f"{self.change:+.3g} ± {self.change_std:.2g} {self.unit}"
+
     def rests_on(self, profile: int) -> bool:
         """Return whether only this dive, the last one, shows the change."""
         return self.since >= profile

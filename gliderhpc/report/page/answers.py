@@ -50,8 +50,8 @@ def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
     """Yield a sentence for each probable change of the hull."""
     for one in message.hull_changes:
         if one.probability >= PROBABLE:
-            size = f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
-            yield f"{one.meaning}: changed since profile {one.since}, by {size} (probability {one.probability:.2f})"
+            since = f"changed since profile {one.since}, by {one.size_text}"
+            yield f"{one.meaning}: {since} (probability {one.probability:.2f})"
 
 
 def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:

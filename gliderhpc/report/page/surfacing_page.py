@@ -116,8 +116,7 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
         return (Words("No change of the hull can be stated: this needs at least four dives with information on it."),)
     rows = {
         one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
-        f"{one.change:+.3g} ± {one.change_std:.2g} {one.unit}"
-        + (", and the next dive must confirm it" if one.rests_on(message.profile) else "")
+        f"{one.size_text}" + (", and the next dive must confirm it" if one.rests_on(message.profile) else "")
         for one in message.hull_changes
     }
     return Words(f"Changes of the hull over the last {message.hull_changes[0].dives} dives."), Facts(rows)
