@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc import Glider, load_platform, open_mission
-from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import controls_of, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.quality import SEGMENT, first_stretch
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.windows import misfit
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers

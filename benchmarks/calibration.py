@@ -15,7 +15,7 @@ from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
 from gliderhpc.api.hulls import chosen_profiles, split_segments
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.flight.steady_glide import glides_stably

@@ -22,8 +22,9 @@ from gliderhpc import Glider, load_platform
 from gliderhpc.errors import GliderhpcError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import cycles_of, depth_averaged_current, smoothed_current
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import markdown

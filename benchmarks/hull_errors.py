@@ -22,7 +22,7 @@ from gliderhpc.estimation.smoother.posterior import after_dive, with_hull_errors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.observations.resample import averages_between
+from gliderhpc.observations.series import averages_between
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.twins.cases import course_of, with_coefficient_errors, world

@@ -12,7 +12,8 @@ from benchmarks.hull_commands import UNSPREAD
 from gliderhpc import Glider
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information

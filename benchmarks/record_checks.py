@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.estimation.preparation import harmonics
+from gliderhpc.estimation.resample import harmonics
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.settings import MissionSettings

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import run_filters
-from gliderhpc.estimation.preparation import by_density, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import by_density, prepare_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import depth_rate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.findings.findings import markdown

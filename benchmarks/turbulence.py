@@ -26,8 +26,9 @@ from gliderhpc import load_platform
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.drawing import render_image
 from gliderhpc.findings.findings import as_plain, markdown, number
 from gliderhpc.flight.glider import Glider

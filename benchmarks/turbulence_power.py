@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_limits
 from benchmarks.turbulence_series import Figures
 from gliderhpc import load_platform
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.drawing import label, legend, new_figure, style_axes
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.glider import Glider

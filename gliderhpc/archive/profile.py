@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.profiles import describe_numbers
-from gliderhpc.observations.resample import averages_between
+from gliderhpc.observations.series import averages_between
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
 from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER

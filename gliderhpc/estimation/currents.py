@@ -12,7 +12,7 @@ from gliderhpc.observations import cycle_boundaries
 from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 
 Array = NDArray[np.float64]
 

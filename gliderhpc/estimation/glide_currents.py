@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
+from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
 from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.observations.records import Fix, ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries, longest_bridged, resample, sampling_intervals
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from gliderhpc.estimation.relative_velocity import MIN_DEPTH, MIN_GLIDE_PITCH, R
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glide_polar import GlidePolar, with_drag
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]

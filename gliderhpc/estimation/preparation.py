@@ -4,22 +4,19 @@
 samples: the mask of those used, the interval at which they are fed, and their variance.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.errors import InputError
 from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
-from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import excess_weight
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries, resample, sampling_intervals
-from gliderhpc.observations.rows import nearest_rows
-from gliderhpc.observations.seawater import with_seawater
-from gliderhpc.platform import Platform, Sensors, ballast_masses
+from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
 
@@ -57,83 +54,6 @@ def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array 
     vibrating = vibration_set(platform, series)
     velocity = measured_velocity(platform, series, ~vibrating)
     return PreparedProfile(glider, series, bodies, vibrating, initial_error, velocity)
-
-
-def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
-    """Interpolate a corrected record to the integration steps, with the seawater along it.
-
-    The errors of the platform's sensors are removed first, as in the estimation, and then those of the settings.
-    Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
-    since the sampling rate may change with depth.
-
-    Raises
-    ------
-    ProfileError
-        There is no time with all four measurements, or hardly any sample of one of them; or the settings require
-        density and the record has none.
-    """
-    lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
-    record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
-    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
-    if settings.seawater == "depth_slope":
-        return series
-    series = with_seawater(series, record)
-    if settings.seawater == "density" and series.seawater is None:
-        raise ProfileError(
-            f"profile {record.number}: {series.without_seawater}, but seawater=density requires the density; give "
-            "--set seawater=auto to use the depth slope here"
-        )
-    return series
-
-
-_LAG_WINDOW = 11
-"""Number of samples over which the record is smoothed for shifts by fractions of a sample interval."""
-
-HARMONICS = ("sin", "cos", "sin 2", "cos 2")
-"""Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
-
-
-def harmonics(heading: ArrayLike) -> Array:
-    """Return sine and cosine ``(n, 4)`` of headings ``(n,)`` (rad) and of twice them, in the order of `HARMONICS`."""
-    psi = np.asarray(heading, dtype=np.float64)
-    return np.column_stack([np.sin(psi), np.cos(psi), np.sin(2.0 * psi), np.cos(2.0 * psi)])
-
-
-def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> ProfileRecord:
-    """Remove the errors given by settings or a platform's sensors from a record; return it unchanged without any.
-
-    The lag of the actuators is left in: `resample` removes it.
-    """
-    if all(getattr(errors, name) == error for name, error in RecordSettings().model_dump().items()):
-        return record
-    error = np.radians(errors.heading_offset + harmonics(record.heading) @ np.array(errors.heading_deviation))
-    return replace(
-        record,
-        roll=record.roll - np.radians(errors.roll_offset),
-        pitch=errors.pitch_scale * (record.pitch - np.radians(errors.pitch_offset)),
-        heading=np.mod(record.heading - error, 2.0 * np.pi),
-        depth=_earlier(record.time, record.depth, errors.depth_lag),
-    )
-
-
-def _earlier(time: Array, values: Array, lag: float) -> Array:
-    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
-
-    Each value is that of the nearest sample, plus the change of the smoothed record from there to the shifted time. A
-    value interpolated between two samples would have less noise than either, and the most likely lag would be half an
-    interval.
-    """
-    known = np.isfinite(values)
-    if lag == 0.0 or not known.any():
-        return values
-    shifted = time + lag
-    nearest = nearest_rows(time, shifted)
-    # Times are smoothed in the same way, since intervals may be uneven.
-    window = min(_LAG_WINDOW, 2 * ((int(known.sum()) - 1) // 2) + 1)
-    at, smooth = (scipy.signal.savgol_filter(x[known], window, min(2, window - 1)) for x in (time, values))
-    moved = values[nearest] + np.interp(shifted, at, smooth) - np.interp(time[nearest], at, smooth)
-    inside = (shifted >= time[0]) & (shifted <= time[-1])
-    return np.where(inside, moved, np.nan)
 
 
 def controls_of(platform: Platform, series: ProfileSeries) -> Array:

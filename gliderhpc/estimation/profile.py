@@ -27,7 +27,7 @@ from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, with_hull_errors, with_velocity_errors
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 
 Array = NDArray[np.float64]
 Key = TypeVar("Key")

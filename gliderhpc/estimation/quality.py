@@ -12,7 +12,7 @@ from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.vocabulary import QUALITY

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.estimation.self_motion import angle_of_attack, depth_rate
 from gliderhpc.observations.format import MAX_VELOCITY
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]

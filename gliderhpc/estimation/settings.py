@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gliderhpc.observations.resample import longest_bridged
+from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.platform_sections import SixPositive
 from gliderhpc.yaml_text import shown

@@ -16,7 +16,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowLength, WindowPlan, plan_windows
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]

@@ -18,7 +18,8 @@ from gliderhpc.errors import CalibrationError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import smoothed_current
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
@@ -32,7 +33,7 @@ from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors

@@ -21,8 +21,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import GliderhpcError, ProfileError
-from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor, one_line, was_killed
 from gliderhpc.mission.lock import check_held

@@ -3,7 +3,7 @@
 from gliderhpc.observations.dataset import Observations, open_observations
 from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
 from gliderhpc.observations.records import Fix, ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries, resample
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import ProfileSpan, Survey
 from gliderhpc.observations.writer import write_observations
 
@@ -17,6 +17,5 @@ __all__ = [
     "cycle_boundaries",
     "detect_profiles",
     "open_observations",
-    "resample",
     "write_observations",
 ]

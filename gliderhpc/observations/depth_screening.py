@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.resample import usual_interval, without_gaps
 
 Mask = npt.NDArray[np.bool_]
 

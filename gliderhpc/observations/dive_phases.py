@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.resample import ProfileSeries
 from gliderhpc.observations.rows import nearest_rows
+from gliderhpc.observations.series import ProfileSeries
 
 Mask = npt.NDArray[np.bool_]
 

@@ -15,9 +15,9 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profile_checks import check_length, check_values, fault_of_pace
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.observations.rows import ClockStep, Columns, without_doubtful
 from gliderhpc.observations.sign_checks import GLIDE, fault_of_signs
 from gliderhpc.observations.validation import Span

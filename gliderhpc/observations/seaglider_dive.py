@@ -20,9 +20,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.resample import local_intervals
 from gliderhpc.observations.rows import Columns, increasing, onto_nearest
 from gliderhpc.observations.validation import clock_set_back
 

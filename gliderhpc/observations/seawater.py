@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy
 
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 
 CELL = 2.0
 """Height of a cell of the grid (dbar)."""

@@ -16,7 +16,7 @@ from gliderhpc.findings.findings import as_plain
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
-from gliderhpc.observations.resample import usual_interval, without_gaps
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 from gliderhpc.store_schema.maintenance import OUTDATED
 from gliderhpc.store_schema.schema import PROFILE

@@ -20,8 +20,9 @@ from gliderhpc.archive.mission import open_for_job, open_for_reading
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import PreparedProfile, model_controls, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, model_controls, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import RecordSettings, Settings
 from gliderhpc.flight.coefficients import coefficients_of, with_errors
 from gliderhpc.flight.glider import Glider

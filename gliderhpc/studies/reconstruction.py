@@ -13,9 +13,10 @@ from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, u
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import controls_of, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.quality import SEGMENT, first_stretch
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.jobs import is_made_from

@@ -19,7 +19,8 @@ from gliderhpc.archive.profile import SETTLING
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps, vibration_set
+from gliderhpc.estimation.preparation import check_seawater, controls_of, vibration_set
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, flight_guesses, glide_angle_motion, smoothed_slope
 from gliderhpc.findings.findings import as_plain
 from gliderhpc.flight.glider import Glider

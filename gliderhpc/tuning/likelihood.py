@@ -20,9 +20,9 @@ from gliderhpc.estimation.preparation import (
     check_seawater,
     fed_samples,
     measurement_variance,
-    on_steps,
     prepare_profile,
 )
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileSeries

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import on_steps, vibration_set
+from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform

@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.profile import SETTLING
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
-from gliderhpc.observations.resample import averages_between
+from gliderhpc.observations.series import averages_between
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.twins.cases import TwinCase

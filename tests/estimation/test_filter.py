@@ -9,11 +9,11 @@ from gliderhpc.estimation.filter import filter_with_priors, run_filters
 from gliderhpc.estimation.preparation import measurement_variance, prepare_profile, vibration_set
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.self_motion import flight_guesses, smoothed_slope
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.observations import resample
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.simulator import load_scenario, simulate_profile

@@ -7,7 +7,8 @@ import pytest
 from support.hull_errors import profile_of, steady_controls
 from support.smoothing import GLIDE, MEASURED, PETREL, H, fly, with_measured
 
-from gliderhpc.estimation.preparation import corrected, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.resample import corrected, on_steps
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback

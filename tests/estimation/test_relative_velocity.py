@@ -10,6 +10,7 @@ from support.records import record
 
 import gliderhpc as gh
 from gliderhpc.estimation.relative_velocity import USUAL_STD, assess_velocity
+from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.information import (
     Sensitivity,
@@ -22,7 +23,6 @@ from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.kernels.sensitivity_memory import Information
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
-from gliderhpc.observations.resample import resample
 from gliderhpc.platform import read_platform
 from gliderhpc.platform_sections import Uncertainty
 from gliderhpc.simulator import Scenario, simulate_mission

@@ -7,7 +7,8 @@ import pytest
 from support.smoothing import DEVIATION, PETREL, controls, fly
 
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import on_steps, prepare_profile, repetitions
+from gliderhpc.estimation.preparation import prepare_profile, repetitions
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import (
     ROUGH_WATER,
     SLOW_RECORD,

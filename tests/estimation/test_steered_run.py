@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import controls_of, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import controls_of, prepare_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import information, iterate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information

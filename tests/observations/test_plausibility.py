@@ -15,8 +15,8 @@ from gliderhpc.mission.planning import memory_limit, plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.fixes import screen_fixes
+from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profile_checks import check_pace
-from gliderhpc.observations.resample import local_intervals
 from gliderhpc.observations.sign_checks import check_signs
 from gliderhpc.observations.times import decode_times
 

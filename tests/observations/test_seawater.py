@@ -12,15 +12,15 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import check_seawater, controls_of, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import check_seawater, controls_of, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
+from gliderhpc.estimation.resample import on_steps, resample
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.mission.run import MissionResult, _warn_of_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
-from gliderhpc.observations.resample import resample
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import GRAVITY, platform_yaml, read_platform, with_overrides

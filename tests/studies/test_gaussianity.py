@@ -10,8 +10,9 @@ from scipy.stats import binom
 from benchmarks.known_series import cascade
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
-from gliderhpc.estimation.preparation import on_steps, prepare_profile
+from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from gliderhpc.estimation.preparation import on_steps, vibration_set
+from gliderhpc.estimation.preparation import vibration_set
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

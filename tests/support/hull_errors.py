@@ -4,7 +4,7 @@ import numpy as np
 
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.flight.hull_parameters import hull_parameters, with_values
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import CUBIC_CENTIMETRE
 from support import reference
 from support.dense_least_squares import ORDER

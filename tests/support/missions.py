@@ -13,7 +13,8 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.cli import main
-from gliderhpc.estimation.preparation import controls_of, on_steps
+from gliderhpc.estimation.preparation import controls_of
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.mission.executors import local_executor

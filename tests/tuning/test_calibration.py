@@ -14,7 +14,7 @@ from gliderhpc import load_platform
 from gliderhpc.api import hulls
 from gliderhpc.api.calibration import CalibrateSettings
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
-from gliderhpc.estimation.preparation import on_steps
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from gliderhpc.estimation.preparation import harmonics
+from gliderhpc.estimation.resample import harmonics
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import (
     CONSTANT,

@@ -5,7 +5,7 @@ import pytest
 import scipy
 from support.missions import glide_series, replaced
 
-from gliderhpc.estimation.preparation import harmonics
+from gliderhpc.estimation.resample import harmonics
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks.turns import (
     TurnStretches,

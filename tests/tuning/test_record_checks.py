@@ -13,7 +13,8 @@ from support.missions import program
 from benchmarks.record_checks import SETTINGS, expected, inspect_open, spoilt, twin_records, twin_scenario
 from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
-from gliderhpc.estimation.preparation import corrected, harmonics, on_steps, vibration_set
+from gliderhpc.estimation.preparation import vibration_set
+from gliderhpc.estimation.resample import corrected, harmonics, on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.flight.hull_parameters import with_covariance, with_values

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.preparation import PreparedProfile, controls_of, harmonics
+from gliderhpc.estimation.preparation import PreparedProfile, controls_of
+from gliderhpc.estimation.resample import harmonics
 from gliderhpc.estimation.self_motion import depth_rate, flight_guesses, smoothing_time
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.flight.glider import SENSED, Glider
@@ -19,7 +20,7 @@ from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.flight.steady_glide import glide_coefficients
 from gliderhpc.kernels.sensitivity_memory import Forcing
 from gliderhpc.kernels.smoother_memory import Dive
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform, Sensors
 
 Array = NDArray[np.float64]

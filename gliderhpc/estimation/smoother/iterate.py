@@ -24,7 +24,7 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, Dive
 from gliderhpc.observations.dive_phases import stationary_points
-from gliderhpc.observations.resample import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.vocabulary import CHANNELS
 

@@ -25,8 +25,8 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, HullParameter, with_values
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import stretches
-from gliderhpc.observations.resample import usual_interval, without_gaps
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
 from gliderhpc.tuning.steady_balance import MeasuredAttitude, StillWaterGlide, still_water_glide

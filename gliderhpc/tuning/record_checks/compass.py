@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
-from gliderhpc.estimation.preparation import HARMONICS, harmonics, vibration_set
+from gliderhpc.estimation.preparation import vibration_set
+from gliderhpc.estimation.resample import HARMONICS, harmonics
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.filter import filter_with_priors
-from gliderhpc.estimation.preparation import PreparedProfile, on_steps, prepare_profile
+from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.preparation import harmonics, vibration_set
+from gliderhpc.estimation.preparation import vibration_set
+from gliderhpc.estimation.resample import harmonics
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform

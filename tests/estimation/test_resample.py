@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from support.records import EPOCH, record
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.observations import resample
-from gliderhpc.observations.resample import averages_between, sampling_intervals
+from gliderhpc.estimation.resample import resample, sampling_intervals
+from gliderhpc.observations.series import averages_between
 
 intervals = st.lists(st.floats(0.2, 5.0), min_size=5, max_size=60)
 

@@ -1,165 +1,103 @@
-"""Intervals between samples, and resampling of a profile's records to the integration step.
+"""A profile's record on the integration steps: corrected for the sensors' errors, and interpolated.
 
-The sampling rate of a real glider changes with depth. A median over samples would be dominated by the most densely
-sampled part of the record, however short it is. Intervals are therefore weighted by their duration. In resampling,
-gaps are masked, heading is unwrapped, and controls are taken at the midpoints of the steps.
+Gaps are masked, heading is unwrapped, and controls are taken at the midpoints of the steps.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+import scipy
+from numpy.typing import ArrayLike
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.intervals import local_intervals, usual_interval
 from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.rows import nearest_rows
+from gliderhpc.observations.seawater import with_seawater
+from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.platform import Platform, Sensors
 
-NEIGHBOURS = 10
-"""Number of intervals on either side from which the local interval is taken."""
+HARMONICS = ("sin", "cos", "sin 2", "cos 2")
+"""Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
 
-_QUANTILE = 0.85
-"""Quantile of the neighbours: the fourth longest of twenty."""
-
-MIN_GAP, GAP = 10.0, 3.5
-"""Least length of a gap, in seconds and in local intervals; a gap exceeds both."""
-
-_BLOCK = 65_536
-"""Number of intervals whose neighbours are processed together."""
-
-_RESOLUTION = 6
-"""Decimals to which intervals (s) are rounded (microseconds), which gives a uniform record a single interval."""
-
-
-def usual_interval(intervals: npt.ArrayLike, share: float = 0.5) -> float:
-    """Time-weighted median of the intervals, or another quantile.
-
-    The fraction `share` of the total time passes in intervals no longer than the result.
-
-    Parameters
-    ----------
-    intervals : (m,) array
-        Times between neighbouring samples (s), without gaps.
-    share : float
-        Quantile, between 0 and 1.
-
-    Returns
-    -------
-    float
-        Quantile (s); NaN without any interval. For a uniform record the median equals the median over samples.
-    """
-    known = np.sort(np.round(np.asarray(intervals, dtype=np.float64), _RESOLUTION))
-    if not len(known):
-        return float("nan")
-    passed = np.cumsum(known)
-    return float(known[np.searchsorted(passed, share * passed[-1])])
-
-
-def local_intervals(intervals: npt.ArrayLike) -> FloatArray:
-    """Local sampling interval: the fourth longest of each interval's twenty neighbours.
-
-    The interval itself is excluded. Near the ends of the record, with fewer neighbours, the same quantile is used. At a
-    change of the sampling rate the result is the slower rate, because half of the neighbours have it. In bursts of up
-    to five samples the result is the pause between the bursts. Up to three gaps close together have no effect.
-
-    Parameters
-    ----------
-    intervals : (m,) array
-        Times between neighbouring samples (s).
-
-    Returns
-    -------
-    (m,) array
-        Local intervals (s); a single interval is its own neighbour.
-    """
-    known = np.asarray(intervals, dtype=np.float64)
-    if len(known) < 2:
-        return known.copy()
-    padded = np.pad(known, NEIGHBOURS, constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    # The neighbours take twenty times the memory of the record, so they are processed in blocks.
-    return np.concatenate([_local_interval(around[start : start + _BLOCK]) for start in range(0, len(known), _BLOCK)])
-
-
-def _local_interval(around: FloatArray) -> FloatArray:
-    """Local interval of each interval, from the intervals with their neighbours ``(m, 21)``."""
-    neighbours = np.sort(np.delete(around, NEIGHBOURS, axis=1), axis=1)
-    count = np.isfinite(neighbours).sum(axis=1)
-    place = np.ceil(_QUANTILE * count).astype(np.int64) - 1
-    return np.take_along_axis(neighbours, place[:, None], axis=1)[:, 0]
-
-
-def longest_bridged(local: npt.ArrayLike) -> FloatArray:
-    """Longest time between samples (s) that is not a gap, from the local intervals of the record (s)."""
-    return np.maximum(MIN_GAP, GAP * np.asarray(local, dtype=np.float64))
-
-
-def without_gaps(intervals: npt.ArrayLike) -> FloatArray:
-    """Select the intervals (s) that are not gaps."""
-    known = np.asarray(intervals, dtype=np.float64)
-    return known[known <= longest_bridged(local_intervals(known))]
-
+_LAG_WINDOW = 11
+"""Number of samples over which the record is smoothed for shifts by fractions of a sample interval."""
 
 _ROUNDING = 1e-6
 """Tolerance (s) within which two times are equal."""
 
 
-@dataclass(frozen=True, eq=False)
-class ProfileSeries:
-    """One profile on a uniform grid of n steps (n + 1 points).
+def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
+    """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    Attributes
-    ----------
-    number : int
-        Number of the profile.
-    epoch : numpy.datetime64
-        Time of the record's first sample (ns, UTC).
-    step : float
-        Spacing of the grid points (s).
-    time : (n + 1,) array
-        Seconds since `epoch`; the first is not 0 if the start of the record was unusable.
-    measurements : (n + 1, 4) array
-        Roll, pitch, heading (rad, heading unwrapped) and depth (m).
-    weights : (n + 1,) array
-        0 inside gaps of any of the four measurements, 1 elsewhere.
-    controls : (n, 4) array
-        Battery position (m), battery rotation (rad), ballast volume (m3), rudder (rad) at the midpoint of each step.
-    sample_interval : float
-        Interval between samples that hold all four measurements: the time-weighted median without gaps (s).
-    gap_seconds : float
-        Time with zero weight (s).
-    sample_index : (m,) int array
-        Grid points nearest to the samples that hold all four measurements.
-    seawater : (n, 4) array or None
-        Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) at the midpoint of each step;
-        None if they are unknown (`gliderhpc.observations.seawater`).
-    without_seawater : str
-        Reason why they are unknown; empty if they are known or were not requested.
-    velocity, velocity_std : (n + 1, 3) arrays or None
-        Measured velocity relative to the water and its standard deviation (m/s), means over the samples nearest to each
-        point, NaN elsewhere; None if the record has none.
+    The errors of the platform's sensors are removed first, as in the estimation, and then those of the settings.
+    Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
+    since the sampling rate may change with depth.
+
+    Raises
+    ------
+    ProfileError
+        There is no time with all four measurements, or hardly any sample of one of them; or the settings require
+        density and the record has none.
     """
+    lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
+    record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
+    series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
+    if settings.seawater == "depth_slope":
+        return series
+    series = with_seawater(series, record)
+    if settings.seawater == "density" and series.seawater is None:
+        raise ProfileError(
+            f"profile {record.number}: {series.without_seawater}, but seawater=density requires the density; give "
+            "--set seawater=auto to use the depth slope here"
+        )
+    return series
 
-    number: int
-    epoch: np.datetime64
-    step: float
-    time: FloatArray
-    measurements: FloatArray
-    weights: FloatArray
-    controls: FloatArray
-    sample_interval: float
-    gap_seconds: float
-    sample_index: npt.NDArray[np.int64]
-    seawater: FloatArray | None = None
-    without_seawater: str = ""
-    velocity: FloatArray | None = None
-    velocity_std: FloatArray | None = None
 
-    def sampled_records(self, every: int) -> npt.NDArray[np.bool_]:
-        """Mask ``(n // every + 1,)`` of the records, `every` steps apart, that are nearest to samples."""
-        sampled = np.zeros((len(self.time) - 1) // every + 1, dtype=np.bool_)
-        nearest = np.rint(self.sample_index / every).astype(np.int64)
-        sampled[nearest[nearest < len(sampled)]] = True
-        return sampled
+def harmonics(heading: ArrayLike) -> FloatArray:
+    """Return sine and cosine ``(n, 4)`` of headings ``(n,)`` (rad) and of twice them, in the order of `HARMONICS`."""
+    psi = np.asarray(heading, dtype=np.float64)
+    return np.column_stack([np.sin(psi), np.cos(psi), np.sin(2.0 * psi), np.cos(2.0 * psi)])
+
+
+def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> ProfileRecord:
+    """Remove the errors given by settings or a platform's sensors from a record; return it unchanged without any.
+
+    The lag of the actuators is left in: `resample` removes it.
+    """
+    if all(getattr(errors, name) == error for name, error in RecordSettings().model_dump().items()):
+        return record
+    error = np.radians(errors.heading_offset + harmonics(record.heading) @ np.array(errors.heading_deviation))
+    return replace(
+        record,
+        roll=record.roll - np.radians(errors.roll_offset),
+        pitch=errors.pitch_scale * (record.pitch - np.radians(errors.pitch_offset)),
+        heading=np.mod(record.heading - error, 2.0 * np.pi),
+        depth=_earlier(record.time, record.depth, errors.depth_lag),
+    )
+
+
+def _earlier(time: FloatArray, values: FloatArray, lag: float) -> FloatArray:
+    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
+
+    Each value is that of the nearest sample, plus the change of the smoothed record from there to the shifted time. A
+    value interpolated between two samples would have less noise than either, and the most likely lag would be half an
+    interval.
+    """
+    known = np.isfinite(values)
+    if lag == 0.0 or not known.any():
+        return values
+    shifted = time + lag
+    nearest = nearest_rows(time, shifted)
+    # Times are smoothed in the same way, since intervals may be uneven.
+    window = min(_LAG_WINDOW, 2 * ((int(known.sum()) - 1) // 2) + 1)
+    at, smooth = (scipy.signal.savgol_filter(x[known], window, min(2, window - 1)) for x in (time, values))
+    moved = values[nearest] + np.interp(shifted, at, smooth) - np.interp(time[nearest], at, smooth)
+    inside = (shifted >= time[0]) & (shifted <= time[-1])
+    return np.where(inside, moved, np.nan)
 
 
 def resample(
@@ -307,24 +245,3 @@ def _complete_samples(record: ProfileRecord) -> FloatArray:
 def _nearest_points(sampled: FloatArray, start: float, step: float, steps: int) -> npt.NDArray[np.int64]:
     nearest = np.rint((sampled - start) / step).astype(np.int64)
     return np.unique(nearest[nearest <= steps])
-
-
-def averages_between(values: FloatArray, edges: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Average piecewise-constant columns over other steps, exactly.
-
-    Parameters
-    ----------
-    values : (n, k) array
-        Columns; row i applies from ``edges[i]`` to ``edges[i + 1]``.
-    edges : (n + 1,) array
-        Edges of the steps of `values`, increasing.
-    wanted : (m + 1,) array
-        Edges of the steps to average over, increasing; beyond `edges` the values are taken as zero.
-
-    Returns
-    -------
-    (m, k) array
-    """
-    integral = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(edges)[:, None], axis=0)])
-    at_wanted = np.column_stack([np.interp(wanted, edges, column) for column in integral.T])
-    return np.asarray(np.diff(at_wanted, axis=0) / np.diff(wanted)[:, None])

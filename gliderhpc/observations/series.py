@@ -1,0 +1,88 @@
+"""One profile on a uniform grid of steps, and averages of its columns over other steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.observations.records import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileSeries:
+    """One profile on a uniform grid of n steps (n + 1 points).
+
+    Attributes
+    ----------
+    number : int
+        Number of the profile.
+    epoch : numpy.datetime64
+        Time of the record's first sample (ns, UTC).
+    step : float
+        Spacing of the grid points (s).
+    time : (n + 1,) array
+        Seconds since `epoch`; the first is not 0 if the start of the record was unusable.
+    measurements : (n + 1, 4) array
+        Roll, pitch, heading (rad, heading unwrapped) and depth (m).
+    weights : (n + 1,) array
+        0 inside gaps of any of the four measurements, 1 elsewhere.
+    controls : (n, 4) array
+        Battery position (m), battery rotation (rad), ballast volume (m3), rudder (rad) at the midpoint of each step.
+    sample_interval : float
+        Interval between samples that hold all four measurements: the time-weighted median without gaps (s).
+    gap_seconds : float
+        Time with zero weight (s).
+    sample_index : (m,) int array
+        Grid points nearest to the samples that hold all four measurements.
+    seawater : (n, 4) array or None
+        Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) at the midpoint of each step;
+        None if they are unknown (`gliderhpc.observations.seawater`).
+    without_seawater : str
+        Reason why they are unknown; empty if they are known or were not requested.
+    velocity, velocity_std : (n + 1, 3) arrays or None
+        Measured velocity relative to the water and its standard deviation (m/s), means over the samples nearest to each
+        point, NaN elsewhere; None if the record has none.
+    """
+
+    number: int
+    epoch: np.datetime64
+    step: float
+    time: FloatArray
+    measurements: FloatArray
+    weights: FloatArray
+    controls: FloatArray
+    sample_interval: float
+    gap_seconds: float
+    sample_index: npt.NDArray[np.int64]
+    seawater: FloatArray | None = None
+    without_seawater: str = ""
+    velocity: FloatArray | None = None
+    velocity_std: FloatArray | None = None
+
+    def sampled_records(self, every: int) -> npt.NDArray[np.bool_]:
+        """Mask ``(n // every + 1,)`` of the records, `every` steps apart, that are nearest to samples."""
+        sampled = np.zeros((len(self.time) - 1) // every + 1, dtype=np.bool_)
+        nearest = np.rint(self.sample_index / every).astype(np.int64)
+        sampled[nearest[nearest < len(sampled)]] = True
+        return sampled
+
+
+def averages_between(values: FloatArray, edges: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Average piecewise-constant columns over other steps, exactly.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        Columns; row i applies from ``edges[i]`` to ``edges[i + 1]``.
+    edges : (n + 1,) array
+        Edges of the steps of `values`, increasing.
+    wanted : (m + 1,) array
+        Edges of the steps to average over, increasing; beyond `edges` the values are taken as zero.
+
+    Returns
+    -------
+    (m, k) array
+    """
+    integral = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(edges)[:, None], axis=0)])
+    at_wanted = np.column_stack([np.interp(wanted, edges, column) for column in integral.T])
+    return np.asarray(np.diff(at_wanted, axis=0) / np.diff(wanted)[:, None])
