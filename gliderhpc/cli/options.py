@@ -15,6 +15,7 @@ from gliderhpc.api.workers import executor_of
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import PATIENCE, Executor
 from gliderhpc.platform import shipped_platforms
+from gliderhpc.shipped import nearest
 
 if TYPE_CHECKING:
     from gliderhpc.store_schema.place import Place
@@ -58,6 +59,16 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
+
+
+class Choice(click.Choice[str]):
+    """Parameter type of one of several words; the message about another word suggests the nearest."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word."""
+        if isinstance(value, str) and value not in self.choices:
+            self.fail(f"{value!r} is not one of {', '.join(self.choices)}{nearest(value, self.choices)}", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 MAX_PATIENCE = 1e7
@@ -154,14 +165,14 @@ study_assignments = click.option(
 )
 preset = click.option(
     "--preset",
-    type=click.Choice(["recommended", "paper"]),
+    type=Choice(["recommended", "paper"]),
     default="recommended",
     show_default=True,
     help="recommended: with a transform of the control variables; paper: as in the paper.",
 )
 start = click.option(
     "--start",
-    type=click.Choice(["prior", "smoothed"]),
+    type=Choice(["prior", "smoothed"]),
     help="Path from which the windows start: the filter's (prior) or the smoother's.  [default: by preset and sensors]",
 )
 deployment = click.option(

@@ -38,7 +38,7 @@ _SHOWN_FAULTS = 10
 @options.preset
 @click.option(
     "--engine",
-    type=click.Choice(["lanes", "scipy", "fortran"]),
+    type=options.Choice(["lanes", "scipy", "fortran"]),
     default="lanes",
     show_default=True,
     help="Window solver: lanes (several windows at a time per core), scipy (one at a time), fortran (as lanes).",

@@ -32,12 +32,12 @@ ALL = "all"
 
 @click.command("analyze")
 @click.argument("archive", metavar="ARCHIVE", type=options.PLACE)
-@click.argument("study", type=click.Choice([*STUDIES, ALL]))
+@click.argument("study", metavar="STUDY", type=options.Choice([*STUDIES, ALL]))
 @options.profiles
 @click.option("--quick", is_flag=True, help="A reduced size, for a first look.")
 @click.option(
     "--estimate",
-    type=click.Choice(ESTIMATES),
+    type=options.Choice(ESTIMATES),
     default=ADJOINT,
     show_default=True,
     help="Estimate of disturbances and motion to study: that of the windows or of the smoother.",
@@ -87,6 +87,7 @@ def analyze(
 ) -> int:
     """Run STUDY on a finished mission, or with `all` every study whose inputs are available.
 
+    STUDY is one of reconstruction, currents, reanalysis, vertical, spectra, intermittency, nulls, events, hull, drift.
     The results go into the archive's group with the name of the study, and into CSV, PNG and JSON files. The paper's
     values are printed next to these.
 

@@ -55,7 +55,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     show_default=True,
     help="Seconds between listings of SOURCE; a file unchanged in two successive ones is used.",
 )
-@click.option("--kind", type=click.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
+@click.option("--kind", type=options.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
 @click.option(
     "--import", "import_options", multiple=True, metavar="KEY=VALUE", help="Option of the importer; repeatable."
 )

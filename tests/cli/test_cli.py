@@ -27,6 +27,7 @@ from gliderhpc.findings.findings import Findings
 from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult, closing_line, summary_table
 from gliderhpc.platform import platform_text
+from gliderhpc.studies.registry import STUDIES
 from gliderhpc.tuning.record_checks import Inspection
 from gliderhpc.version import __version__
 
@@ -97,6 +98,11 @@ def test_help_lists_every_verb_and_each_shows_an_example():
         assert f"gliderhpc {verb}" in own.out.split("Example", 1)[1]
 
 
+def test_help_of_analyze_names_every_study():
+    words = program("analyze", "--help").out.replace(",", " ").replace(".", " ").split()
+    assert set(STUDIES) <= set(words)
+
+
 def test_version():
     answer = program("--version")
     assert answer.status == 0
@@ -114,6 +120,7 @@ def test_version():
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--workers", "-1"), "-1 is not in the range"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "mutually exclusive"),
         (("simulate-mission", "a.nc"), "Missing option '--platform'"),
+        (("analyze", "a.zarr", "hul"), "events, hull, drift, all, did you mean 'hull'?"),
     ],
 )
 def test_wrong_usage_is_2(arguments, words):
