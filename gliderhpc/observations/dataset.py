@@ -19,7 +19,7 @@ from gliderhpc.observations.control_gaps import unlogged_movements
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.foreign import describe_content
-from gliderhpc.observations.format import OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
+from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
@@ -285,7 +285,7 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         raise InputError(f"{path}: is a device or a pipe; give observations as netCDF-4 or Zarr")
     try:
         if path.is_dir():
-            return xr.open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED)
+            return _records(xr.open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
         return xr.open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
         content = describe_content(path) if path.is_file() else ""
@@ -298,6 +298,18 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
     except ValueError as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
+
+
+def _records(dataset: xr.Dataset, path: Path) -> xr.Dataset:
+    """Return a Zarr folder's dataset; refuse an archive of results."""
+    if dataset.attrs.get("schema") == ARCHIVE_SCHEMA:
+        source = dataset.attrs.get("observations", "")
+        dataset.close()
+        raise InputError(
+            f"{path}: is an archive of results, not a file of records; give the observations that it was made from"
+            + (f" ({source})" if source else "")
+        )
+    return dataset
 
 
 def _actuator_notes(seconds: FloatArray, values: Mapping[str, FloatArray]) -> tuple[str, ...]:

@@ -11,6 +11,9 @@ import xarray as xr
 
 CONVENTIONS = "CF-1.11"
 
+ARCHIVE_SCHEMA = "gliderhpc-mission"
+"""Attribute `schema` of an archive of results, by which it is recognised where records are expected."""
+
 _SPELLINGS: dict[str, frozenset[str]] = {
     "m": frozenset({"m", "meter", "meters", "metre", "metres"}),
     "degree": frozenset({"degree", "degrees", "deg", "arc_degree", "arc_degrees", "°"}),

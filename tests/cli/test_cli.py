@@ -131,6 +131,15 @@ def test_wrong_usage_is_2(arguments, words):
     assert answer.out == ""
 
 
+def test_an_archive_of_results_given_as_records_is_called_so(brief, brief_store):
+    answer = program("inspect", brief_store, "--platform", "petrel-l")
+    assert answer.status == 2
+    assert (
+        f"is an archive of results, not a file of records; give the observations that it was made from ({brief.name})"
+        in answer.err
+    )
+
+
 def test_a_whole_run_is_0_and_tells(brief_run):
     assert brief_run.status == 0
     assert "3 of 3 profiles done" in brief_run.out.splitlines()[-1]
