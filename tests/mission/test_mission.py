@@ -549,6 +549,15 @@ def test_resume_recomputes_the_profiles_whose_record_has_changed(swift, own_copy
     assert archive_bytes(own_copy) == archive_bytes(store)
 
 
+def test_archives_of_the_same_file_under_two_names_are_equal(swift_store, own_copy):
+    set_attributes(own_copy, {"observations": "renamed.nc"})
+    assert program("compare", swift_store, own_copy).status == 0
+    set_attributes(own_copy, {"observations_digest": "0" * 64})
+    answer = program("compare", swift_store, own_copy)
+    assert answer.status == 1
+    assert "renamed.nc" in answer.out
+
+
 @pytest.mark.spoils
 def test_resume_refuses_an_archive_of_another_schema(swift, own_copy):
     set_attributes(own_copy, {"schema_version": "1.0"})
