@@ -1,7 +1,7 @@
 """``gliderhpc import`` and ``inspect``: import of an instrument's files, and checks of the records."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -217,16 +217,17 @@ def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwri
 def _print_summary(summary: ImportSummary, console: Console) -> int:
     """Print the summary and return the exit status: 1 if a file could not be used, or no profile can be inverted."""
     console.print(profile_table(summary.mission, summary.pieces, summary.profiles))
-    for line in _lines(summary):
+    for line in summary_lines(summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     return 1 if summary.rejected or not summary.complete else DONE
 
 
-def _lines(summary: ImportSummary) -> list[str]:
+def summary_lines(summary: ImportSummary) -> list[str]:
     """Return the lines below the table; excluded files come just before the last line, the result."""
     dropped = ", ".join(f"{count} {reason}" for reason, count in summary.rows_dropped.items()) or "none"
     pieces = summary.pieces
-    left_out = counted(len(summary.rejected), f"{pieces.removesuffix('s')} or file", f"{pieces} or files")
+    names = ("file", "files") if pieces == "files" else (f"{pieces.removesuffix('s')} or file", f"{pieces} or files")
+    left_out = counted(len(summary.rejected), *names)
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
         *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
@@ -240,16 +241,18 @@ def _lines(summary: ImportSummary) -> list[str]:
     ]
 
 
-def profile_table(title: str, parts: str, profiles: Iterable[ImportedProfile]) -> Table:
-    """Tabulate the profiles found by an import; `parts` is the heading of the column of the vehicle's own pieces."""
+def profile_table(title: str, pieces: str, profiles: Sequence[ImportedProfile]) -> Table:
+    """Tabulate the profiles found by an import, with the vehicle's own pieces (cycles, dives), if it has any."""
     table = Table(title=title)
-    for heading in ("profile", parts, "start", "minutes", "samples", "depth m"):
+    headings = (pieces,) if any(profile.parts for profile in profiles) else ()
+    for heading in ("profile", *headings, "start", "minutes", "samples", "depth m"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("usable")
     for profile in profiles:
+        ends = "-".join(map(str, dict.fromkeys((*profile.parts[:1], *profile.parts[-1:]))))
         table.add_row(
             str(profile.number),
-            "-".join(map(str, dict.fromkeys((profile.parts[0], profile.parts[-1])))),
+            *(ends for _ in headings),
             str(profile.start_time.astype("datetime64[m]")).replace("T", " "),
             f"{profile.duration / 60.0:.0f}",
             str(profile.samples),

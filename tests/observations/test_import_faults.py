@@ -14,8 +14,10 @@ from support.missions import program
 from support.seaexplorer_files import edit, write_mission
 from support.slocum_files import AFLOAT, DIVE, INTERVAL, binary, flight, joined, write_binary, write_netcdf
 
+from gliderhpc.cli.records import profile_table, summary_lines
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations, slocum_binary
+from gliderhpc.observations.importing import ImportedProfile, ImportSummary
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.rows import find_clock_steps, increasing, times_by_two_clocks
 from gliderhpc.observations.seaexplorer import import_seaexplorer
@@ -295,3 +297,22 @@ def test_noise_in_a_binary_file_ends_in_a_line_or_in_rows(dbd, tmp_path):
     with xr.open_dataset(tmp_path / "0.nc") as dataset:
         assert dataset.sizes["time"] >= len(flight(1)["m_depth"]) - 1
     assert "dbdreader" in sys.modules
+
+
+# Files that are not divided by profiles, as in docs/how-to/instrument.md
+
+
+def test_a_summary_without_pieces_by_profile_is_printed():
+    start = np.datetime64("2024-05-01T12:00", "ns")
+    profiles = (ImportedProfile(1, (), start, 600.0, 601, 60.0, None),)
+    plain = profile_table("m", "files", profiles)
+    assert [column.header for column in plain.columns][:2] == ["profile", "start"]
+    assert [column.header for column in profile_table("m", "dives", ()).columns][:2] == ["profile", "start"]
+    several = profile_table("m", "cycles", (*profiles, ImportedProfile(2, (4, 5, 7), start, 600.0, 601, 60.0, "bad")))
+    assert list(several.columns[1].cells) == ["", "4-7"]
+    summary = ImportSummary(
+        path=Path("out.nc"), vehicle="v", mission="m", pieces="files", profiles=profiles, without_profile={},
+        rejected={"flight2.csv": "no depth"}, remarks=(), sample_interval=1.0, fixes=2, fixes_dropped=0, rows=601,
+        ctd_samples=0, rows_dropped={},
+    )  # fmt: skip
+    assert summary_lines(summary)[-1] == "1 profile, 1 complete, written to out.nc; 1 file left out"
