@@ -31,14 +31,14 @@ _BAR_IN_DBAR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
-    """Apply the standing model to n samples: depth rate, positive down, and speed through the water, m/s."""
+class EstablishedSolution:
+    """Apply the established model to n samples: depth rate, positive down, and speed through the water, m/s."""
 
     depth_rate: Array
     speed: Array
 
 
-def with_our_weight(platform: Platform, found: VerticalVelocity) -> Standing:
+def with_our_weight(platform: Platform, found: VerticalVelocity) -> EstablishedSolution:
     """Its balance under our coefficients and net weight: what is left are roll, turning and its table."""
     density = platform.buoyancy.water_density
     model = _model(platform, density)
@@ -54,7 +54,7 @@ def with_our_weight(platform: Platform, found: VerticalVelocity) -> Standing:
 
 def fitted(
     platform: Platform, profiles: Sequence[tuple[ProfileData, VerticalVelocity]], water: Sequence[Array]
-) -> tuple[list[Standing], dict[str, float]]:
+) -> tuple[list[EstablishedSolution], dict[str, float]]:
     """Its balance as its users fit it: mass, drag and compressibility to the depth rate, in water of measured density.
 
     Lift and induced drag are those of the platform.
@@ -120,6 +120,6 @@ def _inputs(data: ProfileData, found: VerticalVelocity, density: Array) -> dict[
     }
 
 
-def _solved(model: Any, inputs: dict[str, Array]) -> Standing:
+def _solved(model: Any, inputs: dict[str, Array]) -> EstablishedSolution:
     result = model.solve(dict(inputs))
-    return Standing(-np.asarray(result.w), np.asarray(result.U))
+    return EstablishedSolution(-np.asarray(result.w), np.asarray(result.U))

@@ -94,7 +94,7 @@ class Rules(_Section):
 
     def _hull(self, message: SurfacingMessage) -> Iterator[str]:
         for one in message.hull_changes:
-            if one.rests_on(message.profile):  # One unusual dive is mostly the water's doing: the next one decides.
+            if one.is_shown_only_by(message.profile):  # The water often causes one unusual dive; the next dive decides.
                 continue
             if self.hull_changed is not None and one.probability >= self.hull_changed:
                 size = f"{one.change:+.3g} {one.unit}, standard deviation {one.change_std:.2g}"

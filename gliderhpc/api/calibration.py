@@ -26,7 +26,7 @@ from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Score, check_errors, score_of
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.mission_hull import surprise
+from gliderhpc.tuning.mission_hull import prior_predictive_test
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
@@ -156,7 +156,7 @@ def _check_plausible(found: HullRounds) -> None:
         The distance is so large that chance alone would produce it in fewer than one mission in a hundred. Strong yaw
         impulses and gusts can be mistaken for errors of the hull.
     """
-    distance, expected, probability = surprise(Gaussian(found.eta, found.errors.covariance))
+    distance, expected, probability = prior_predictive_test(Gaussian(found.eta, found.errors.covariance))
     if probability < _MIN_PROBABILITY:
         farthest = int(np.abs(found.eta).argmax())
         raise CalibrationError(

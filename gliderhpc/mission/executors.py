@@ -34,7 +34,7 @@ ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS"
 
 
 class WorkerKilledError(Exception):
-    """A job's workers all died, running it or with it queued behind a job that kills workers."""
+    """All workers of a job died, while running it or while it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
         super().__init__(f"the worker was killed or ran out of memory {deaths} times")

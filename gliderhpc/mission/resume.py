@@ -39,7 +39,7 @@ KINDS = {
 
 
 def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> str | None:
-    """Describe the first input of a profile that differs from the wanted one, or return None if all are the same."""
+    """Describe the first input of a profile that differs from the required one, or return None if all are the same."""
     return next((text for kind, text in KINDS.items() if found.get(kind) != wanted[kind]), None)
 
 

@@ -105,7 +105,7 @@ def surfacing_message(
             smoothed=smoothed,
             seconds=_value(row, "run_seconds"),
         ),
-        odd=() if data is None else _odd(row, data, smoothed),
+        odd=() if data is None else _anomalies(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
         hull_changes=() if hull is None else _hull_changes(hull),
         trim=() if hull is None else tuple(Trim(**asdict(one)) for one in trim_of(hull)),
@@ -221,7 +221,7 @@ def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) 
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
-def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
+def _anomalies(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
     """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
@@ -239,7 +239,7 @@ def _odd(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
 def _has_hull_information(archive: Archive) -> bool:
     """Return whether the archive has the dives' information on a hull that this program can read.
 
-    Archives of former versions have none, or a part of it.
+    Archives of former versions have none of it, or only a part.
     """
     if "hull" not in archive.children or platform_or_none(archive) is None:
         return False

@@ -101,8 +101,8 @@ class HullChange(_Part):
         """Change with its standard deviation and unit."""
         return f"{self.change:+.3g} ± {self.change_std:.2g} {self.unit}"
 
-    def rests_on(self, profile: int) -> bool:
-        """Return whether only this dive, the last one, shows the change."""
+    def is_shown_only_by(self, profile: int) -> bool:
+        """Return whether the change begins with this dive, the last one, which alone shows it."""
         return self.since >= profile
 
 

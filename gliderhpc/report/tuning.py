@@ -88,7 +88,7 @@ def used_text(used: Sequence[int], settings: TuneSettings) -> str:
 
 def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
     """Describe the gain, the rejected samples, and whether the maximum was reached."""
-    before, after = tuned.judgement_before, tuned.judgement_after
+    before, after = tuned.evaluation_before, tuned.evaluation_after
     reached = "" if tuned.settled else "; the rounds ended before the maximum was reached, increase tuning.max_rounds"
     if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
         reached += (

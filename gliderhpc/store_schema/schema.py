@@ -6,7 +6,7 @@ writing, checks and ``docs/archive.md`` are derived from them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal, cast
@@ -257,6 +257,26 @@ MISSION = _read_schema("mission.txt")
 
 STUDIES = _read_schema("studies.txt")
 """Groups that studies may add."""
+
+
+def check_manifests(studies: Iterable[Group]) -> None:
+    """Check that every study with a row for each profile declares the variable for the digests of these rows.
+
+    Raises
+    ------
+    ValueError
+        A study does not; the message gives the line that it needs.
+    """
+    for group in studies:
+        rows = [variable.name for variable in group.variables if variable.is_row]
+        if rows and all(variable.name != MANIFEST for variable in group.variables):
+            raise ValueError(
+                f"studies.txt, [{group.name}]: {', '.join(rows)} has a row for each profile, so the group needs the "
+                f"line '{MANIFEST} | {PROFILE} | string | 1 | digests of the chunks of the profile's rows, as JSON'"
+            )
+
+
+check_manifests(STUDIES)
 
 
 def _described(group: str, names: str) -> dict[str, tuple[str, str]]:

@@ -169,7 +169,7 @@ def agreeing_dives(
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: HullSettings) -> Preparation:
-    """Read the dives; a first look uses all of them too, since the sum is quick.
+    """Read the dives; a quick study uses all of them too, since the sum is fast.
 
     Raises
     ------
@@ -214,11 +214,11 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
 
 
 def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
-    """Return the sum over the dives, and each suspect's change by the suspect's position among the parameters.
+    """Return the sum over the dives, and the changes of the parameters that may change, by their positions.
 
     Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the
-    hulls before and after. Changes are sought in the whole information of the dives: what divides it has the same
-    effect in every dive, and cancels in their differences.
+    hulls before and after. The search for changes uses the undivided information of the dives: the error for which it
+    is otherwise divided is the same in every dive, and cancels in the differences between dives.
     """
     with threadpool_limits(limits=1):
         found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
@@ -233,7 +233,7 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
 
 
 def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], settings: HullSettings) -> HullPrior:
-    """Return the prior of a mission in which parameters change, at once about the onset or gradually from there."""
+    """Return the prior of a mission in which parameters change, abruptly near the onset or gradually from it."""
     walk = mission.prior.walk.copy()
     jumps: dict[int, Array] = {}
     for parameter, change in changes.items():
@@ -288,7 +288,7 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
 def _stored_changes(
     mission: MissionDives, found: MissionHull, changes: Mapping[int, HullChange | None]
 ) -> dict[str, Array]:
-    """Return the variables along the suspects; NaN if there are too few dives."""
+    """Return the variables of the parameters that may change; NaN if there are too few dives."""
     return {
         name: np.array([np.nan if change is None else change_in_units(mission, found, i, change)[name]
                         for i, change in changes.items()])
@@ -299,7 +299,7 @@ def _stored_changes(
 CHANGE_COLUMNS = (
     "change_probability", "change_total", "change_total_std", "onset", "onset_low", "onset_high", "step_probability",
 )  # fmt: skip
-"""Variables along the suspects."""
+"""Variables of the parameters that may change."""
 
 
 def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:

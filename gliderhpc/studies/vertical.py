@@ -67,8 +67,8 @@ def legs_row(found: VerticalVelocity) -> dict[str, Any]:
             leg_column("mean_std", leg): float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + by_pitch**2)),
         }
         row |= {
-            effect_column(suspect.key.rpartition(".")[2], leg): float(change)
-            for suspect, change in zip(found.errors.suspects, by_hull, strict=True)
+            effect_column(parameter.key.rpartition(".")[2], leg): float(change)
+            for parameter, change in zip(found.errors.parameters, by_hull, strict=True)
         }
     return row
 

@@ -28,7 +28,7 @@ FLATNESS = math.radians(0.02)
 """Scale of the penalty on the hull's flattest pitch (`SegmentErrors.flatness`), rad."""
 
 RESCALINGS, START_RESCALINGS = 4, 2
-"""Numbers of fits, each with the scales that the previous one left: in a search, and from each starting point."""
+"""Numbers of fits in a search and from each starting point; each uses the scales of the previous fit's residuals."""
 
 START_COUNT = 3
 """Starting points: the platform's own hull, and hulls drawn around it within `START_SPREAD` plausible deviations."""

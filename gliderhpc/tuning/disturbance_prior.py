@@ -13,7 +13,7 @@ from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, Settings, candidate_priors, default_prior
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.tuning.fisher_scoring import LONGEST_STEP, Expansion, Maximum, maximise
-from gliderhpc.tuning.likelihood import SENSORS, Judgement, PriorLikelihood, Whiteness, whiteness
+from gliderhpc.tuning.likelihood import SENSORS, PriorEvaluation, PriorLikelihood, Whiteness, whiteness
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,7 +78,7 @@ class TunedPrior:
     ----------
     before, after : DisturbancePrior
         The platform's prior and the tuned one.
-    judgement_before, judgement_after : Judgement
+    evaluation_before, evaluation_after : PriorEvaluation
         Log-likelihood and innovations of the records under each prior.
     errors : (12,)
         Standard errors of the natural logarithms of the deviations and the correlation times, with an uncertainty of
@@ -95,8 +95,8 @@ class TunedPrior:
 
     before: DisturbancePrior
     after: DisturbancePrior
-    judgement_before: Judgement
-    judgement_after: Judgement
+    evaluation_before: PriorEvaluation
+    evaluation_after: PriorEvaluation
     errors: Array
     verdicts: tuple[TuningVerdict, ...]
     settled: bool
@@ -107,7 +107,7 @@ class TunedPrior:
     @property
     def gain(self) -> float:
         """Log-likelihood gained over the platform's prior."""
-        return self.judgement_after.log_likelihood - self.judgement_before.log_likelihood
+        return self.evaluation_after.log_likelihood - self.evaluation_before.log_likelihood
 
 
 def tune_prior(
@@ -145,21 +145,21 @@ def tune_prior(
     search.climb([_logarithms(prior) for prior in _starts(platform)])
     search.hold_undetermined()
     after = _round_prior(search.point, search.free, before)
-    judgement_before, judgement_after = likelihood.judge([before, after])
+    evaluation_before, evaluation_after = likelihood.evaluate([before, after])
 
-    def whiteness_by_sensor(judgement: Judgement) -> dict[str, Whiteness]:
-        return _whiteness(judgement, likelihood.lengths, settings)
+    def whiteness_by_sensor(evaluation: PriorEvaluation) -> dict[str, Whiteness]:
+        return _whiteness(evaluation, likelihood.lengths, settings)
 
     return TunedPrior(
         before,
         after,
-        judgement_before,
-        judgement_after,
+        evaluation_before,
+        evaluation_after,
         search.errors(),
         search.verdicts,
         search.settled,
-        whiteness_by_sensor(judgement_before),
-        whiteness_by_sensor(judgement_after),
+        whiteness_by_sensor(evaluation_before),
+        whiteness_by_sensor(evaluation_after),
         any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
     )
 
@@ -171,12 +171,12 @@ class _LogarithmicLikelihood:
         self._likelihood = likelihood
 
     def values(self, points: Sequence[Array]) -> list[float]:
-        return [judgement.log_likelihood for judgement in self._likelihood.judge([_prior(p) for p in points])]
+        return [evaluation.log_likelihood for evaluation in self._likelihood.evaluate([_prior(p) for p in points])]
 
     def expanded(self, point: Array, free: Mask) -> Expansion:
         moves = DIFFERENCE * np.eye(len(point))[free]
         points = [point, *(point + move for move in moves), *(point - move for move in moves)]
-        middle, *others = self._likelihood.judge([_prior(p) for p in points])
+        middle, *others = self._likelihood.evaluate([_prior(p) for p in points])
         above, below = others[: len(moves)], others[len(moves) :]
         gradient = np.array([a.log_likelihood - b.log_likelihood for a, b in zip(above, below, strict=True)])
         information = self._likelihood.information(middle, above, below, DIFFERENCE)
@@ -296,8 +296,8 @@ def _round_prior(logarithms: Array, free: Mask, held: DisturbancePrior) -> Distu
     return DisturbancePrior.model_validate({"deviation": chosen[:6], "correlation_time": chosen[6:]})
 
 
-def _whiteness(judgement: Judgement, lengths: Sequence[int], settings: TuneSettings) -> dict[str, Whiteness]:
-    normalised = judgement.innovations / np.sqrt(judgement.variances)
+def _whiteness(evaluation: PriorEvaluation, lengths: Sequence[int], settings: TuneSettings) -> dict[str, Whiteness]:
+    normalised = evaluation.innovations / np.sqrt(evaluation.variances)
     normalised[np.abs(normalised) > settings.filter.gate] = np.nan
     profiles = np.split(normalised, np.cumsum(lengths)[:-1])
     return {

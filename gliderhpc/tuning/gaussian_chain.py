@@ -178,12 +178,12 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
     terms : sequence of Information
         Information of the dives.
     """
-    sequential, predicted, evidence, belief = [], [], 0.0, prior
+    sequential, predicted, evidence, posterior = [], [], 0.0, prior
     for number, term in enumerate(terms):
-        belief = changes[number - 1].applied(belief) if number else belief
-        predicted.append(belief)
-        belief, gained = belief.updated(term)
-        sequential.append(belief)
+        posterior = changes[number - 1].applied(posterior) if number else posterior
+        predicted.append(posterior)
+        posterior, gained = posterior.updated(term)
+        sequential.append(posterior)
         evidence += gained
     gains = [_gain(sequential[i], predicted[i + 1], change) for i, change in enumerate(changes[: len(terms) - 1])]
     smoothed = [sequential[-1]]

@@ -94,7 +94,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class PriorEvaluation:
     """Log-likelihood and innovations of the records under one prior.
 
     Attributes
@@ -119,7 +119,7 @@ class PriorLikelihood:
 
     Samples in the vibration set and soon after it are not used, because the filter is still recovering from motion
     that the model does not contain. Their choice depends on the actuators only, never on the prior. An innovation
-    beyond the filter's gate is replaced by one at the gate, with the same variance. A restart is charged as four such
+    beyond the filter's gate is replaced by one at the gate, with the same variance. A restart counts as four such
     innovations with the variance of the initial state and the sensors. A prior therefore never gains by rejecting data.
     In an interpolated record, each fed sample is weighted by the ratio of the feed interval to the sample interval.
 
@@ -143,31 +143,31 @@ class PriorLikelihood:
     ) -> None:
         self._trials = FilterTrials(requests, settings)
         self._gate = settings.filter.gate
-        self._profiles = [_Weighing.of(request, settings, recovery) for request in requests]
+        self._profiles = [_ScoredSamples.of(request, settings, recovery) for request in requests]
         self.weights = np.concatenate([np.full(len(p.counted), p.weight) for p in self._profiles])
         self.lengths = tuple(len(p.counted) for p in self._profiles)
 
-    def judge(self, priors: Sequence[DisturbancePrior]) -> list[Judgement]:
+    def evaluate(self, priors: Sequence[DisturbancePrior]) -> list[PriorEvaluation]:
         """Evaluate several priors together."""
         found = {
-            (candidate, profile): self._profiles[profile].weigh(estimate, self._gate)
+            (candidate, profile): self._profiles[profile].evaluate(estimate, self._gate)
             for profile, candidate, estimate in self._trials.run(priors)
         }
         return [
-            _join_judgements([found[candidate, profile] for profile in range(len(self._profiles))])
+            _join_evaluations([found[candidate, profile] for profile in range(len(self._profiles))])
             for candidate in range(len(priors))
         ]
 
     def information(
-        self, middle: Judgement, above: Sequence[Judgement], below: Sequence[Judgement], by: float
+        self, middle: PriorEvaluation, above: Sequence[PriorEvaluation], below: Sequence[PriorEvaluation], by: float
     ) -> Array:
         """Expected information on parameters, from the results with each of them raised and lowered.
 
         Parameters
         ----------
-        middle : Judgement
+        middle : PriorEvaluation
             Result at the point.
-        above, below : sequence of Judgement
+        above, below : sequence of PriorEvaluation
             Results with parameter i raised and lowered by ``by``.
         by : float
             Half of the difference between the two.
@@ -199,15 +199,15 @@ def log_density(innovations: Array, variances: Array, gate: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighing:
-    """Samples of a profile that are used, their weight, and the variance that a restart is charged with."""
+class _ScoredSamples:
+    """Samples of a profile that are used, their weight, and the variances of the innovations assumed at a restart."""
 
     counted: NDArray[np.bool_]
     weight: float
     restart_variance: Array
 
     @classmethod
-    def of(cls, request: PreparedProfile, settings: EstimationSettings, recovery: float) -> "_Weighing":
+    def of(cls, request: PreparedProfile, settings: EstimationSettings, recovery: float) -> "_ScoredSamples":
         series = request.series
         fed = fed_samples(series, settings)
         interpolated = series.sample_interval > settings.filter.slow_feed
@@ -215,13 +215,13 @@ class _Weighing:
         weight = settings.filter.feed_interval / series.sample_interval if interpolated else 1.0
         return cls(_undisturbed(request, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
 
-    def weigh(self, estimate: FilterEstimate, gate: float) -> Judgement:
-        """Compute the result of one profile from its filter's estimate."""
+    def evaluate(self, estimate: FilterEstimate, gate: float) -> PriorEvaluation:
+        """Evaluate a prior on one profile, from the filter's estimate with it."""
         innovations = np.where(self.counted[:, None], estimate.innovations, np.nan)
         variances = np.where(np.isfinite(innovations), estimate.innovation_variances, np.nan)
-        charge = log_density(np.full(4, np.inf), self.restart_variance, gate).sum()
-        total = np.nansum(log_density(innovations, variances, gate)) + charge * estimate.reset
-        return Judgement(self.weight * float(total), innovations, variances, (estimate.rejected_fraction,))
+        restart = log_density(np.full(4, np.inf), self.restart_variance, gate).sum()
+        total = np.nansum(log_density(innovations, variances, gate)) + restart * estimate.reset
+        return PriorEvaluation(self.weight * float(total), innovations, variances, (estimate.rejected_fraction,))
 
 
 def _undisturbed(request: PreparedProfile, recovery: float) -> NDArray[np.bool_]:
@@ -232,9 +232,9 @@ def _undisturbed(request: PreparedProfile, recovery: float) -> NDArray[np.bool_]
     return np.asarray(vibrating[rows + 1] == vibrating[np.maximum(rows - reach, 0)])
 
 
-def _join_judgements(parts: Sequence[Judgement]) -> Judgement:
-    """Join the judgements of several profiles."""
-    return Judgement(
+def _join_evaluations(parts: Sequence[PriorEvaluation]) -> PriorEvaluation:
+    """Join the evaluations of several profiles."""
+    return PriorEvaluation(
         float(sum(part.log_likelihood for part in parts)),
         np.concatenate([part.innovations for part in parts]),
         np.concatenate([part.variances for part in parts]),

@@ -2,9 +2,9 @@
 
 Each dive gives a score and an information. They are added to the prior, with a random walk from dive to dive for the
 errors that can change. No model is exact, and dives differ from one another by more than their own covariances state.
-The ratio is estimated from the dives themselves, and their information is divided by it. A dive that does not fit the
-rest has less weight. The assumed noise of the disturbances is common to all dives. Where other assumptions give other
-results, the dives have less influence on the mean, and the covariance is larger.
+The ratio of the two variances is estimated from the dives, and their information is divided by it. A dive that does not
+fit the rest has less weight. The assumed noise of the disturbances is common to all dives. Where other assumptions give
+other results, the dives have less influence on the mean, and the covariance is larger.
 """
 
 from collections.abc import Mapping, Sequence
@@ -102,7 +102,7 @@ class HullPrior:
     walk : (p,)
         Standard deviation of the random walk per square root of a day.
     jumps : mapping of int to (p,)
-        Variances of changes at once, by the position of the first dive after the change.
+        Variances of abrupt changes, by the position of the first dive after the change.
     """
 
     eta: Gaussian
@@ -264,7 +264,7 @@ def _widen_by_assumptions(
 
 
 def _jump_variances(prior: HullPrior, position: int) -> Array:
-    """Variances ``(p,)`` of the changes at once up to a dive."""
+    """Variances ``(p,)`` of the abrupt changes up to a dive."""
     before = [variance for first, variance in prior.jumps.items() if first <= position]
     return np.asarray(np.sum(before, axis=0)) if before else np.zeros(len(prior.walk))
 
@@ -307,7 +307,7 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, others: Sequence[Ga
     return Gaussian(mean, after.covariance + moved @ moved.T)
 
 
-def surprise(errors: Gaussian) -> tuple[float, float, float]:
+def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     """Compare the size of the estimated errors, in plausible deviations, with the size expected from the prior.
 
     Parameters

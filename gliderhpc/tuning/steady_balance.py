@@ -34,7 +34,7 @@ MIN_RATIO = 0.25
 """Ratio ``W / -F.k`` (`steady_balance`) below which its square root is continued by the tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
-NOD, LATERAL = 8, np.array([7, 9])
+PITCHING, LATERAL = 8, np.array([7, 9])
 """Indices of the pitch acceleration, and of those of roll and yaw, among the rates."""
 
 _TINY = 1e-300
@@ -123,8 +123,8 @@ def steady_balances(
     """
     at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
     for first in range(0, len(gliders), at_once):
-        lot = slice(first, first + at_once)
-        flight = _Flight(gliders[lot], bodies[lot], motion, velocity)
+        batch = slice(first, first + at_once)
+        flight = _Flight(gliders[batch], bodies[batch], motion, velocity)
         flight.solve_velocity()
         errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
         count = len(flight.gliders)
@@ -226,7 +226,7 @@ class _Flight:
 
     def pitch_error(self) -> Array:
         slope = self._following(self._by_angle(1, self._frame.by_pitch))
-        return np.asarray(-self._values[:, NOD] / slope[:, NOD])
+        return np.asarray(-self._values[:, PITCHING] / slope[:, PITCHING])
 
     def lateral_errors(self) -> Array:
         """Errors (n, 2) of roll and rate of turn, by one Newton step of both for both moments."""

@@ -167,7 +167,7 @@ def _segments_of_all(
 
 
 _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
-"""Changes of a hull, in plausible deviations, with which it glides about as flat as is plausible."""
+"""Changes of a hull, in plausible deviations, that make its glide about as flat as is plausible."""
 
 
 def _flatter_hull(platform: Platform) -> Platform:

@@ -25,7 +25,7 @@ from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
 from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.mission_hull import surprise
+from gliderhpc.tuning.mission_hull import prior_predictive_test
 from gliderhpc.tuning.rounds import RoundSettings
 
 pytestmark = pytest.mark.compiled
@@ -169,11 +169,11 @@ def test_the_probability_of_the_errors_found_is_that_of_missions_drawn():
     rng, information = np.random.default_rng(7), np.diag([40.0, 3.0, 0.5, 0.0])
     covariance = np.linalg.inv(information + np.eye(4))
     draws = rng.multivariate_normal(np.zeros(4), np.eye(4) - covariance, 4000)
-    found = np.array([surprise(Gaussian(mean, covariance)) for mean in draws])
+    found = np.array([prior_predictive_test(Gaussian(mean, covariance)) for mean in draws])
     assert found[:, 0].mean() == pytest.approx(found[0, 1], rel=0.05)
     for level in (0.01, 0.1, 0.5):
         assert (found[:, 2] < level).mean() == pytest.approx(level, rel=0.2, abs=0.006)
-    assert surprise(Gaussian(np.zeros(4), np.eye(4))) == (0.0, 0.0, 1.0)
+    assert prior_predictive_test(Gaussian(np.zeros(4), np.eye(4))) == (0.0, 0.0, 1.0)
 
 
 def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypatch):

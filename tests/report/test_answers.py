@@ -10,10 +10,10 @@ from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull as recent_hull_module
 from gliderhpc.report.facts import signed
 from gliderhpc.report.page import answers as module
+from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
-from gliderhpc.report.page.odd_profiles import common_remarks
 from gliderhpc.report.page.surfacing_page import answers, hull_blocks
 from gliderhpc.report.recent_hull import recent_hull
 from gliderhpc.report.surfacing import surfacing_message

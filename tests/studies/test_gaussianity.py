@@ -297,7 +297,7 @@ def test_profiles_are_compared_with_gaussian_nulls():
     assert (found.profiles, found.tested, found.rejected) == (4, 3, 3)
     assert found.nulls == NullPasses(1, 3, 0.05)
     assert (found.contrast.profiles, found.contrast.nulls, found.contrast.larger) == (3, 3, 1.0)
-    assert found.settled
+    assert found.rejects_gaussian
     assert found.count_p_value == pytest.approx(0.05**3)
 
 
@@ -305,14 +305,14 @@ def test_scores_that_the_pipeline_biases_settle_nothing():
     """Gaussian profiles whose scores are all too large, like those of their nulls: the comparison keeps its level."""
     rng = np.random.default_rng(7)
     p = np.ones(12)
-    settled = [
+    rejections = [
         judged_gaussianity(
             pd.DataFrame({"gaussianity_score": 2.0 + rng.standard_normal(9), "gaussianity_p_value": p[:9]}),
             pd.DataFrame({"gaussianity_score": 2.0 + rng.standard_normal(12), "gaussianity_p_value": p}),
-        ).settled
+        ).rejects_gaussian
         for _ in range(400)
     ]
-    assert np.mean(settled) == pytest.approx(0.05, abs=0.033)
+    assert np.mean(rejections) == pytest.approx(0.05, abs=0.033)
 
 
 def test_the_verdict_says_whether_lateral_disturbances_are_gaussian():
@@ -321,7 +321,10 @@ def test_the_verdict_says_whether_lateral_disturbances_are_gaussian():
     assert "lateral disturbances that are not Gaussian in 4 of the 4 profiles in which this can be tested" in found
     assert "4 profiles of Gaussian lateral disturbances would exceed the kurtosis of 9 nulls" in sure
     assert "rejects 0 of these nulls, as its level allows" in sure
-    assert "settled at 5%; against trains of impulses, false samples, actuators that move unrecorded" in settle
+    assert (
+        "rejected at the 5% level; to exclude trains of impulses, false samples, actuators that move unrecorded"
+        in settle
+    )
     assert verdict.as_json()["gaussianity"]["contrast"]["larger"] == 1.0
 
 

@@ -364,7 +364,7 @@ def test_a_contrast_needs_values_and_enough_of_them():
     [
         (None, "nulls with a Gaussian disturbance"),
         ([50.0], "so few cannot reach p = 0.05"),
-        (np.linspace(20.0, 60.0, 9), "settled at 5%"),
+        (np.linspace(20.0, 60.0, 9), "rejected at the 5% level"),
         (np.linspace(60.0, 120.0, 9), "profiles and as many nulls"),
         (np.linspace(101.0, 300.0, 9), "not more profiles like these"),
     ],

@@ -30,9 +30,9 @@ from gliderhpc.store_schema import check_archive, consolidate
 from gliderhpc.studies.library.vertical_velocity import (
     WINDOW,
     depth_rate_filter,
+    glide_parameters,
     half_power,
     hull_errors,
-    suspects_of,
     transfer,
     vertical_velocity,
 )
@@ -46,8 +46,8 @@ pytestmark = pytest.mark.compiled
 
 PETREL = read_platform("petrel-l")
 GLIDER = Glider(PETREL)
-SUSPECTS = suspects_of(by_density=False)
-KEYS = [suspect.key for suspect in SUSPECTS]
+PARAMETERS = glide_parameters(by_density=False)
+KEYS = [parameter.key for parameter in PARAMETERS]
 
 # The filter
 
@@ -254,8 +254,8 @@ def test_velocities_stand_at_samples_in_undisturbed_flight_alone(waves, tmp_path
 def test_each_numbers_effect_is_what_moving_it_does(waves, tmp_path):
     path, found = waves
     data, nominal = velocities(path, tmp_path / "a.zarr", found.platform, 9)
-    for i, suspect in enumerate(SUSPECTS):
-        moved = with_values(found.platform, {suspect.key: suspect.moved(found.platform, 0.1)})
+    for i, parameter in enumerate(PARAMETERS):
+        moved = with_values(found.platform, {parameter.key: parameter.moved(found.platform, 0.1)})
         change = vertical_velocity(data, moved).water - nominal.water
         np.testing.assert_allclose(change, 0.1 * nominal.by_hull[:, i], atol=3e-4 + 0.1 * np.nanmax(np.abs(change)))
 
@@ -307,7 +307,7 @@ def test_what_a_calibration_did_not_look_at_keeps_its_plausible_deviation():
     )  # fmt: skip
     errors = hull_errors(one)
     volume, drag, lift = (KEYS.index(key) for key in ("buoyancy.neutral_volume", "viscous.K_D0", "viscous.K_L"))
-    spread = {key: SUSPECTS[KEYS.index(key)].spread(PETREL) for key in KEYS}
+    spread = {key: PARAMETERS[KEYS.index(key)].spread(PETREL) for key in KEYS}
     assert errors.calibrated
     assert errors.covariance[drag, drag] == pytest.approx((0.1 / spread["viscous.K_D0"]) ** 2)
     assert errors.covariance[volume, volume] == pytest.approx((2.0 / spread["buoyancy.neutral_volume"]) ** 2)

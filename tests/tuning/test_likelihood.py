@@ -19,7 +19,7 @@ from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides
 from gliderhpc.tuning import likelihood as likelihood_module
 from gliderhpc.tuning.likelihood import (
-    Judgement,
+    PriorEvaluation,
     PriorLikelihood,
     _cut,
     _undisturbed,
@@ -61,7 +61,7 @@ def noisy(series, seed=0):
 
 
 def log_likelihood(*requests, prior=USUAL, settings=SETTINGS, recovery=0.0):
-    return PriorLikelihood(requests, settings, recovery=recovery).judge([prior])[0].log_likelihood
+    return PriorLikelihood(requests, settings, recovery=recovery).evaluate([prior])[0].log_likelihood
 
 
 # Against a dense Gaussian
@@ -142,8 +142,8 @@ def test_a_rejected_sample_costs_what_one_at_the_gate_costs(record):
     missing = log_likelihood(request(replaced(record, measurements=without)))
     once, worse = (log_likelihood(request(with_outlier(record, 100, size))) for size in (0.5, 1.0))
     assert once == pytest.approx(worse, abs=1e-9)
-    judgement = PriorLikelihood([request(record)], SETTINGS).judge([USUAL])[0]
-    expected = -0.5 * (SETTINGS.filter.gate**2 + np.log(2.0 * np.pi * judgement.variances[100, 1]))
+    evaluation = PriorLikelihood([request(record)], SETTINGS).evaluate([USUAL])[0]
+    expected = -0.5 * (SETTINGS.filter.gate**2 + np.log(2.0 * np.pi * evaluation.variances[100, 1]))
     assert once - missing == pytest.approx(expected, abs=1e-6)
     assert once < clean - 60.0
 
@@ -165,7 +165,7 @@ def test_the_vibration_set_and_what_follows_it_do_not_count(record):
     vibrating = np.zeros(len(record.time), dtype=bool)
     vibrating[500:600] = True
     likelihood = PriorLikelihood([request(record, vibrating=vibrating)], SETTINGS, recovery=20.0)
-    known = np.isfinite(likelihood.judge([USUAL])[0].innovations).all(axis=1)
+    known = np.isfinite(likelihood.evaluate([USUAL])[0].innovations).all(axis=1)
     rows = record.sample_index
     np.testing.assert_array_equal(known, (rows < 500) | (rows > 599 + 200))
 
@@ -173,23 +173,23 @@ def test_the_vibration_set_and_what_follows_it_do_not_count(record):
 def test_an_interpolated_record_counts_as_often_as_it_was_sampled(record):
     slow = replaced(record, sample_interval=20.0, sample_index=record.sample_index[::20])
     likelihood = PriorLikelihood([request(slow)], SETTINGS)
-    judgement = likelihood.judge([USUAL])[0]
-    total = np.nansum(log_density(judgement.innovations, judgement.variances, SETTINGS.filter.gate))
-    assert judgement.log_likelihood == pytest.approx(total / 20.0)
+    evaluation = likelihood.evaluate([USUAL])[0]
+    total = np.nansum(log_density(evaluation.innovations, evaluation.variances, SETTINGS.filter.gate))
+    assert evaluation.log_likelihood == pytest.approx(total / 20.0)
     np.testing.assert_allclose(likelihood.weights, 1.0 / 20.0)
 
 
 def test_side_by_side_is_alone(record):
-    """Two profiles with ten priors: each judgement as it comes out alone, and as the platform's own filter run."""
+    """Two profiles with ten priors: each evaluation as it comes out alone, and as the platform's own filter run."""
     requests = [request(record), request(noisy(glide_record(1200), 1))]
     priors = [
         USUAL.model_copy(update={"deviation": tuple(factor * value for value in USUAL.deviation)})
         for factor in np.geomspace(0.1, 3.0, 10)
     ]
-    together = PriorLikelihood(requests, SETTINGS).judge(priors)
-    for prior, judgement in zip(priors, together, strict=True):
+    together = PriorLikelihood(requests, SETTINGS).evaluate(priors)
+    for prior, evaluation in zip(priors, together, strict=True):
         parts = [filter_with_priors([one], [prior], SETTINGS)[0].innovations for one in requests]
-        np.testing.assert_array_equal(judgement.innovations, np.concatenate(parts))
+        np.testing.assert_array_equal(evaluation.innovations, np.concatenate(parts))
     alone = [log_likelihood(one, prior=priors[3]) for one in requests]
     assert together[3].log_likelihood == pytest.approx(sum(alone), rel=1e-14)
 
@@ -198,7 +198,7 @@ def test_information_of_a_scale_is_the_textbook_s():
     """Innovations whose variance is a parameter's exponential: half a unit of information each."""
     record = noisy(glide_record(300))
     likelihood = PriorLikelihood([request(record)], SETTINGS)
-    middle = likelihood.judge([USUAL])[0]
+    middle = likelihood.evaluate([USUAL])[0]
     by = 1e-3
     above, below = (dataclasses.replace(middle, variances=middle.variances * np.exp(sign * by)) for sign in (1.0, -1.0))
     information = likelihood.information(middle, [above], [below], by)
@@ -222,11 +222,11 @@ def test_information_is_the_sum_over_samples_inside_the_gate(record):
     shape, gate = (rows, 4), SETTINGS.filter.gate
     variances = rng.uniform(0.5, 2.0, (5, *shape))
     innovations = rng.uniform(-0.9, 0.9, (5, *shape)) * gate * np.sqrt(variances)
-    # Outside, in one judgement each; between the gate and its square, where a wrong power would take them.
+    # Outside, in one evaluation each; between the gate and its square, where a wrong power would take them.
     for judged, row in enumerate(range(3, 8)):
         innovations[judged, row, judged % 4] = 1.05 * gate * np.sqrt(variances[judged, row, judged % 4])
     innovations[:, 20] = np.nan
-    middle, *moved = (Judgement(0.0, e, s, ()) for e, s in zip(innovations, variances, strict=True))
+    middle, *moved = (PriorEvaluation(0.0, e, s, ()) for e, s in zip(innovations, variances, strict=True))
     found = likelihood.information(middle, moved[:2], moved[2:], by)
     expected = np.zeros((2, 2))
     for row, sensor in np.ndindex(shape):
@@ -242,7 +242,7 @@ def test_information_is_the_sum_over_samples_inside_the_gate(record):
 
 def test_no_parameter_has_an_empty_information(record):
     likelihood = PriorLikelihood([request(record)], SETTINGS)
-    assert likelihood.information(likelihood.judge([USUAL])[0], [], [], 0.1).shape == (0, 0)
+    assert likelihood.information(likelihood.evaluate([USUAL])[0], [], [], 0.1).shape == (0, 0)
 
 
 def test_a_record_at_the_longest_interval_that_is_fed_as_sampled_counts_whole(record):
@@ -254,7 +254,7 @@ def test_a_record_at_the_longest_interval_that_is_fed_as_sampled_counts_whole(re
 def test_judgements_of_profiles_are_joined_in_their_order(record):
     requests = [request(noisy(glide_record(steps), steps)) for steps in (300, 400)]
     likelihood = PriorLikelihood(requests, SETTINGS)
-    judged = likelihood.judge([USUAL])[0]
+    judged = likelihood.evaluate([USUAL])[0]
     estimates = [filter_with_priors([one], [USUAL], SETTINGS)[0] for one in requests]
     assert likelihood.lengths == tuple(len(estimate.innovations) for estimate in estimates)
     assert judged.rejected_fraction == tuple(estimate.rejected_fraction for estimate in estimates)

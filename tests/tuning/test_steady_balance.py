@@ -12,7 +12,7 @@ from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.tuning.steady_balance import (
     LATERAL,
-    NOD,
+    PITCHING,
     MeasuredAttitude,
     SteadyMotion,
     _Flight,
@@ -125,7 +125,7 @@ def test_the_pitch_error_is_newtons_step_where_the_weight_is_wrong_too(petrel, k
     def nodding(pitch):
         flight = _Flight([petrel], [heavier], replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
         flight.solve_velocity()
-        return flight._values[0, NOD], flight
+        return flight._values[0, PITCHING], flight
 
     (after, _), (before, _), (now, flight) = nodding(1e-5), nodding(-1e-5), nodding(0.0)
     assert abs(now) > 1e-6

@@ -116,9 +116,9 @@ def test_the_prior_is_found_again(tuned, requests):
         assert tuned.verdicts[number] is TuningVerdict.ESTIMATED
         assert error[number] < 3.0
     likelihood = PriorLikelihood(requests, SETTINGS, recovery=SETTINGS.tuning.recovery)
-    at_truth = likelihood.judge([TRUE])[0].log_likelihood
+    at_truth = likelihood.evaluate([TRUE])[0].log_likelihood
     assert tuned.errors[YAW] < 0.15
-    assert 2.0 * (tuned.judgement_after.log_likelihood - at_truth) < chi2.isf(1e-3, 12)
+    assert 2.0 * (tuned.evaluation_after.log_likelihood - at_truth) < chi2.isf(1e-3, 12)
     assert tuned.gain > 100.0
     assert tuned.settled
 
@@ -141,7 +141,7 @@ def test_its_innovations_are_white(tuned):
 
 def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
     """On the screen and in the file; a prior that follows its records is not mentioned."""
-    lost = replace(tuned, judgement_after=replace(tuned.judgement_after, rejected_fraction=(0.0, 0.9)))
+    lost = replace(tuned, evaluation_after=replace(tuned.evaluation_after, rejected_fraction=(0.0, 0.9)))
     warning = "WARNING: a run refuses a profile with more than"
     assert warning in closing_text(lost, SETTINGS)
     assert warning in provenance(lost, "drawn.nc", "0" * 64, [1, 2], SETTINGS, ())

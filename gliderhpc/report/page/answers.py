@@ -9,9 +9,9 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import polar, signed
+from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
-from gliderhpc.report.page.odd_profiles import common_remarks, listed_profiles, odd_profiles
 from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
@@ -27,22 +27,22 @@ _MIN_TREND_DIVES = 5
 def answers_section(archive: Archive, summary: Summary) -> Section:
     """Assemble what an operator asks for first: results of the last dive, and of the mission."""
     table = MissionTable.of(archive)
-    odd = [*odd_profiles(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
+    anomalies = [*profile_anomalies(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
     if not done:
-        return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(odd)))
+        return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(anomalies)))
     message = surfacing_message(archive, int(done[-1]))
-    odd = [*_changed_hull(message), *odd]
+    anomalies = [*_changed_hull(message), *anomalies]
     last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
     if message.current is None:
         last |= _last_known_current(table)
     facts = {**last, **_mission_current(table), "uncertainty": "; ".join(_describe_uncertainty(archive, table))}
-    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(odd)))
+    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(anomalies)))
 
 
-def _remarks(odd: Sequence[str]) -> tuple[Remarks | Words]:
-    if odd:
-        return (Remarks(tuple(odd), "Anomalies in this mission"),)
+def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Words]:
+    if anomalies:
+        return (Remarks(tuple(anomalies), "Anomalies in this mission"),)
     return (Words("Every profile was estimated without remark."),)
 
 

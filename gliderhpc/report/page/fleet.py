@@ -12,10 +12,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from gliderhpc.errors import InputError
+from gliderhpc.report.page.anomalies import POORLY_CONVERGED
 from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
-from gliderhpc.report.page.odd_profiles import POORLY_CONVERGED
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing import PROBABILITY
 from gliderhpc.store_schema.place import Place, absolute, is_address

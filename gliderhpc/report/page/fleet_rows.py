@@ -12,10 +12,10 @@ from gliderhpc.archive.mission import Summary, archive_errors, describe, open_fo
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.report.facts import iso_instant, platform_name, polar
+from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, Track
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
-from gliderhpc.report.page.odd_profiles import odd_profiles
 from gliderhpc.report.studies import SHOWN, studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, water_of_dive
@@ -201,7 +201,7 @@ def read_state(place: Place) -> MissionState:
 
 def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
     """Yield the points that need attention."""
-    yield from odd_profiles(summary, table)
+    yield from profile_anomalies(summary, table)
     yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
     missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]
     if len(missing) == len(SHOWN):

@@ -42,7 +42,7 @@ def surfacing_page(message: SurfacingMessage) -> Page:
         subtitle += f" · revision {message.revision}"
     sections = [
         Section("now", "Now", (Facts({**answers(message), "inversion": _inversion(message)}),)),
-        Section("odd", "Anomalies", _odd(message)),
+        Section("odd", "Anomalies", _anomalies(message)),
         Section("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
     ]
     return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
@@ -105,7 +105,7 @@ def _inversion(message: SurfacingMessage) -> str:
     return f"{inversion.converged_fraction:.0%} of {inversion.windows} windows converged"
 
 
-def _odd(message: SurfacingMessage) -> tuple[Block, ...]:
+def _anomalies(message: SurfacingMessage) -> tuple[Block, ...]:
     changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
     remarks = (*message.odd, *changes)
     return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Words("Nothing."),)
@@ -116,7 +116,7 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
         return (Words("No change of the hull can be stated: this needs at least four dives with information on it."),)
     rows = {
         one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
-        f"{one.size_text}" + (", and the next dive must confirm it" if one.rests_on(message.profile) else "")
+        f"{one.size_text}" + (", and the next dive must confirm it" if one.is_shown_only_by(message.profile) else "")
         for one in message.hull_changes
     }
     return Words(f"Changes of the hull over the last {message.hull_changes[0].dives} dives."), Facts(rows)

@@ -153,8 +153,8 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
         Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
-            _parameter_comparison(table, suspect.key.rpartition(".")[2], leg)
-            for suspect in errors.suspects
+            _parameter_comparison(table, parameter.key.rpartition(".")[2], leg)
+            for parameter in errors.parameters
             for leg in ("dive", "climb")
         ),
         *_against_truth(table),

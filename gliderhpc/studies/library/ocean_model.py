@@ -26,7 +26,7 @@ _SECOND = np.timedelta64(1, "s")
 
 
 class Coverage(IntEnum):
-    """Outcome of sampling a model at a place: a velocity, or the reason for its absence (least of several grids')."""
+    """Outcome of sampling a model at a place (of several grids, the lowest): a velocity, or why there is none."""
 
     VELOCITY = 0
     LAND = 1

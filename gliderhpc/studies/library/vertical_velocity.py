@@ -170,7 +170,7 @@ def half_power() -> float:
     return float(scipy.optimize.brentq(lambda cycles: transfer(cycles) - np.sqrt(0.5), 0.1, 1.0))
 
 
-def suspects_of(*, by_density: bool) -> tuple[HullParameter, ...]:
+def glide_parameters(*, by_density: bool) -> tuple[HullParameter, ...]:
     """Parameters among `KEYS` that act, with their plausible deviations: with depth slope or with measured density."""
     return tuple(p for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS) if p.key in KEYS)
 
@@ -181,7 +181,7 @@ class HullErrors:
 
     Attributes
     ----------
-    suspects : tuple of HullParameter
+    parameters : tuple of HullParameter
         Parameters.
     covariance : (p, p) array
         Covariance of the parameters, in units of their plausible deviations.
@@ -190,7 +190,7 @@ class HullErrors:
         errors are uncorrelated.
     """
 
-    suspects: tuple[HullParameter, ...]
+    parameters: tuple[HullParameter, ...]
     covariance: Array
     calibrated: bool
 
@@ -263,20 +263,20 @@ class VerticalVelocity:
 
 def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters."""
-    suspects, stated = suspects_of(by_density=by_density), platform.calibration
-    covariance = np.eye(len(suspects))
+    parameters, stated = glide_parameters(by_density=by_density), platform.calibration
+    covariance = np.eye(len(parameters))
     if stated is None:
-        return HullErrors(suspects, covariance, calibrated=False)
+        return HullErrors(parameters, covariance, calibrated=False)
     shared = [
         (i, stated.parameters.index(p.key))
-        for i, p in enumerate(suspects)
+        for i, p in enumerate(parameters)
         # A zero parameter that varies by factors, such as thermal expansion, has no deviation to scale by.
         if p.key in stated.parameters and p.slope(platform, 0.0) != 0.0
     ]
     ours, theirs = [i for i, _ in shared], [j for _, j in shared]
-    units = np.array([abs(suspects[i].slope(platform, 0.0)) for i in ours])
+    units = np.array([abs(parameters[i].slope(platform, 0.0)) for i in ours])
     covariance[np.ix_(ours, ours)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(units, units)
-    return HullErrors(suspects, covariance, calibrated=True)
+    return HullErrors(parameters, covariance, calibrated=True)
 
 
 def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity:
@@ -302,7 +302,7 @@ def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity
     water = None if data.seawater is None else np.column_stack([measured[:, 3], data.seawater[record]])
     errors = hull_errors(platform, by_density=water is not None)
     hull = _Hull(platform, data.controls[record], attitude, water)
-    glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.suspects)
+    glide, by_pitch, by_hull = hull.glide(), hull.by_pitch(), hull.by_numbers(errors.parameters)
     # A glide that would end after a small change of pitch or of a parameter is not used.
     glides = np.isfinite(glide.depth_rate + by_pitch + by_hull.sum(axis=1))
     usable = undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH) & glides
@@ -352,14 +352,14 @@ class _Hull:
         rounding = self._platform.sensors.attitude_resolution_rad / math.sqrt(12.0)
         return np.asarray(rounding * (rates[0] - rates[1]) / (2.0 * _PITCH_DIFFERENCE))
 
-    def by_numbers(self, suspects: Sequence[HullParameter]) -> Array:
+    def by_numbers(self, parameters: Sequence[HullParameter]) -> Array:
         """Change (n, p) of the depth rate for the plausible deviation of each parameter, m/s."""
-        return np.column_stack([self._by_number(suspect) for suspect in suspects])
+        return np.column_stack([self._by_number(parameter) for parameter in parameters])
 
-    def _by_number(self, suspect: HullParameter) -> Array:
+    def _by_number(self, parameter: HullParameter) -> Array:
         rates = [
             self._glide(
-                with_values(self._platform, {suspect.key: suspect.moved(self._platform, steps)}), self._attitude
+                with_values(self._platform, {parameter.key: parameter.moved(self._platform, steps)}), self._attitude
             ).depth_rate
             for steps in (_DIFFERENCE, -_DIFFERENCE)
         ]

@@ -327,8 +327,8 @@ class Gaussianity:
         return float(scipy.stats.binomtest(self.rejected, self.tested, LEVEL, "greater").pvalue)
 
     @property
-    def settled(self) -> bool:
-        """Whether the profiles differ from Gaussian nulls at `LEVEL`."""
+    def rejects_gaussian(self) -> bool:
+        """True if the profiles have larger scores than Gaussian nulls at level `LEVEL`."""
         return self.contrast is not None and self.contrast.p_value <= LEVEL
 
 

@@ -214,11 +214,11 @@ def _p_text(p: float) -> str:
 
 def _describe_next_step(verdict: TurbulenceVerdict) -> str:
     contrast, noise, start = verdict.contrast, verdict.gaussianity, "What would settle it:"
-    if noise is not None and noise.settled:
+    if noise is not None and noise.rejects_gaussian:
         return (
-            f"{start} against Gaussian lateral disturbances like the nulls this is settled at {LEVEL:.0%}; against "
+            f"{start} Gaussian lateral disturbances like the nulls are rejected at the {LEVEL:.0%} level; to exclude "
             "trains of impulses, false samples, actuators that move unrecorded and gusts so strong that their force is "
-            "not linear, a microstructure sensor on the same dive."
+            "not linear, a microstructure sensor on the same dive is needed."
         )
     if contrast is None:
         return f"{start} nulls with a Gaussian disturbance (study nulls), and profiles that resolve the flatness."
@@ -226,8 +226,8 @@ def _describe_next_step(verdict: TurbulenceVerdict) -> str:
         return f"{start} more profiles and nulls; so few cannot reach p = {LEVEL:g} however they differ."
     if contrast.p_value <= LEVEL:
         return (
-            f"{start} against a Gaussian disturbance this is settled at {LEVEL:.0%}; against trains of impulses, false "
-            "samples and a variance that changes, a microstructure sensor on the same dive."
+            f"{start} a Gaussian disturbance is rejected at the {LEVEL:.0%} level; to exclude trains of impulses, "
+            "false samples and a variance that changes, a microstructure sensor on the same dive is needed."
         )
     if contrast.larger > 0.5:
         return (

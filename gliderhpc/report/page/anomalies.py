@@ -7,7 +7,7 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.report.page.mission_figures import MissionTable
 
 POORLY_CONVERGED = 0.8
-"""Share of converged windows below which a profile is listed as odd."""
+"""Share of converged windows below which a profile is listed as an anomaly."""
 
 _LISTED = 3
 """Maximum number of failed profiles whose messages are listed, of profile numbers in a list, and of common remarks."""
@@ -18,8 +18,8 @@ _COMMON = 0.1
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-def odd_profiles(summary: Summary, table: MissionTable) -> Iterator[str]:
-    """Yield what is odd: failed and pending profiles, and those that are poorly converged or without a current."""
+def profile_anomalies(summary: Summary, table: MissionTable) -> Iterator[str]:
+    """Describe failed and pending profiles, and those that are poorly converged or without a current."""
     yield from _failures(summary)
     if pending := summary.statuses.get("pending", 0):
         yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"

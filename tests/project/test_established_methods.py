@@ -1,4 +1,4 @@
-"""The page that compares speeds and vertical velocities with the standing methods: its arithmetic, and the peers."""
+"""The page that compares speeds and vertical velocities with the established methods: its arithmetic, and the peers."""
 
 import math
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.missions import changed_observations
 
+from benchmarks.established_methods import STRAIGHT, Mission, page, read_mission, same_numbers_rows, source_rows
 from benchmarks.glider_flight import fitted, with_our_weight
-from benchmarks.standing_methods import STRAIGHT, Mission, page, read_mission, same_numbers_rows, source_rows
 
 pytestmark = pytest.mark.compiled
 
@@ -79,10 +79,10 @@ def test_gliderflight_fitted_by_itself_finds_the_hull(mission):
     pytest.importorskip("gliderflight", reason="extra bench")
     density = mission.platform.buoyancy.water_density
     water = [np.full(len(one.known), density) for one in mission.profiles]
-    standing, values = fitted(mission.platform, [(one.data, one.found) for one in mission.profiles], water)
+    established, values = fitted(mission.platform, [(one.data, one.found) for one in mission.profiles], water)
     expected = density * mission.platform.buoyancy.neutral_volume_m3
     assert values["mg"] - mission.platform.mass.total == pytest.approx(expected, abs=0.05)
-    for one, theirs in zip(mission.profiles, standing, strict=True):
+    for one, theirs in zip(mission.profiles, established, strict=True):
         assert np.nanmean(np.abs(theirs.speed - one.found.speed)[one.known]) < 0.05
 
 

@@ -1,6 +1,6 @@
-"""Speed through water and vertical velocity compared with the standing methods'; writes ``docs/standing-methods.md``.
+"""Speed through water and vertical velocity compared with the established methods'; writes ``docs/established-methods.md``.
 
-Usage: ``python -m benchmarks.standing_methods NAME=ARCHIVE:OBSERVATIONS ...``: archives of ``run-mission`` with calibrated
+Usage: ``python -m benchmarks.established_methods NAME=ARCHIVE:OBSERVATIONS ...``: archives of ``run-mission`` with calibrated
 hulls, and the imported records that they were made from. Needs gliderflight (extra ``bench``).
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from benchmarks.glider_flight import Standing, density_at_samples, fitted, with_our_weight
+from benchmarks.glider_flight import EstablishedSolution, density_at_samples, fitted, with_our_weight
 from gliderhpc import open_mission
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.findings.findings import markdown
@@ -105,7 +105,7 @@ def _profile(tree: xr.DataTree, number: int, platform: Platform) -> Profile:
 
 
 def same_numbers_rows(mission: Mission) -> Rows:
-    """The standing model's balance under our hull and weight."""
+    """The established model's balance under our hull and weight."""
     pairs = [(one, with_our_weight(mission.platform, one.found)) for one in mission.profiles]
     return [
         _counts(mission),
@@ -119,13 +119,13 @@ def same_numbers_rows(mission: Mission) -> Rows:
 
 
 def own_fit_rows(mission: Mission) -> Rows:
-    """The standing model fitted by itself to the same samples."""
+    """The established model fitted by itself to the same samples."""
     with xr.open_dataset(mission.observations) as dataset:
         if "temperature" not in dataset or "practical_salinity" not in dataset:
             return []
         water = [density_at_samples(dataset, one.data, one.found) for one in mission.profiles]
-    standing, values = fitted(mission.platform, [(one.data, one.found) for one in mission.profiles], water)
-    pairs = list(zip(mission.profiles, standing, strict=True))
+    established, values = fitted(mission.platform, [(one.data, one.found) for one in mission.profiles], water)
+    pairs = list(zip(mission.profiles, established, strict=True))
     ours = np.concatenate([one.found.water[one.known] for one in mission.profiles])
     theirs = np.concatenate([one.water_by(their.depth_rate)[one.known] for one, their in pairs])
     speeds = {
@@ -155,7 +155,7 @@ def source_rows(mission: Mission) -> Rows:
     reference = read_reference(mission.observations)
     if "reference_speed" not in reference or not np.isfinite(reference.reference_speed).any():
         return []
-    pairs = [(one, _standing_of(one, reference)) for one in mission.profiles]
+    pairs = [(one, _established_of(one, reference)) for one in mission.profiles]
     chosen = [one.known & np.isfinite(theirs.speed + one.water_by(theirs.depth_rate)) for one, theirs in pairs]
     ours = np.concatenate([one.found.water[own] for (one, _), own in zip(pairs, chosen, strict=True)])
     theirs = np.concatenate(
@@ -214,7 +214,7 @@ def _mean_velocity(data: ProfileData) -> Array:
     return (data.motion[-1, :2] - data.motion[0, :2]) / (data.record_time[-1] - data.record_time[0])
 
 
-def _standing_of(one: Profile, reference: xr.Dataset) -> Standing:
+def _established_of(one: Profile, reference: xr.Dataset) -> EstablishedSolution:
     """The source's speeds at the samples; NaN half a window away from any of them."""
     time = (reference.reference_time.values - one.data.epoch) / _SECOND
     at = one.data.record_time[one.found.record]
@@ -224,10 +224,10 @@ def _standing_of(one: Profile, reference: xr.Dataset) -> Standing:
         np.where(apart < one.found.filter.window / 2.0, np.interp(at, time, reference[name].values), np.nan)
         for name in ("reference_vertical_speed", "reference_speed")
     ]
-    return Standing(-values[0], values[1])
+    return EstablishedSolution(-values[0], values[1])
 
 
-def _rates(one: Profile, theirs: Standing) -> Array:
+def _rates(one: Profile, theirs: EstablishedSolution) -> Array:
     return one.found.filter.of_rate(theirs.depth_rate) - one.found.model
 
 
@@ -264,12 +264,12 @@ def table_of(columns: dict[str, Rows]) -> str:
     return markdown(("", *columns), rows, tuple(columns))
 
 
-METHOD = Path(__file__).with_name("standing_methods.md")
+METHOD = Path(__file__).with_name("established_methods.md")
 """Text of the page before its figures."""
 
 SECTIONS = (
-    ("## The standing model with our hull's parameters", same_numbers_rows),
-    ("## The standing model fitted separately", own_fit_rows),
+    ("## The established model with our hull's parameters", same_numbers_rows),
+    ("## The established model fitted separately", own_fit_rows),
     ("## The solution that came with the records", source_rows),
 )
 
@@ -292,7 +292,7 @@ def main(labels: Sequence[str]) -> None:
         archive, _, observations = rest.rpartition(":")
         missions[name] = read_mission(Path(archive), Path(observations))
     docs = Path(__file__).resolve().parents[1] / "docs"
-    (docs / "standing-methods.md").write_text(page(missions), "utf-8")
+    (docs / "established-methods.md").write_text(page(missions), "utf-8")
 
 
 if __name__ == "__main__":
