@@ -383,11 +383,11 @@ AGAINST = [
 ]
 
 SPEEDS = [
-    "On SG249 ours differs from the speed of lift, drag and depth rate by half of what the basestation's two differ. Its flight model's",
-    "depth rate hardly changes below the seasonal thermocline, while the measured one falls with depth in dives and rises with depth",
-    "in climbs: the model's buoyancy does not increase with depth as the vehicle's does (its hull's compressibility), so its speed is",
-    "steady. Ours follows the measured depth rate. The difference from the flight model is therefore neither drag nor a lag; with the",
-    "measured depth rate, the same lift and drag give our speed.",
+    "On SG249 our speed differs from that by lift, drag and depth rate half as much as the basestation's two speeds differ from",
+    "each other. The flight model's depth rate hardly changes below the seasonal thermocline, while the measured one falls with",
+    "depth in dives and rises with depth in climbs: the model's buoyancy does not increase with depth as the vehicle's does (its",
+    "hull's compressibility), so its speed is steady. Ours follows the measured depth rate. The difference from the flight model",
+    "is therefore neither drag nor a lag; with the measured depth rate, the same lift and drag give our speed.",
 ]
 
 

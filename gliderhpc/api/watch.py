@@ -23,7 +23,7 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.observations.landing import FileState, duplicates, folder_of, look, older, settled, take
+from gliderhpc.observations.landing import FileState, copy_file, duplicates, folder_of, list_files, older, unchanged
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
@@ -121,32 +121,32 @@ class Watch:
 
     def once(self, settle: float) -> None:
         """Process the files whose last change is at least `settle` seconds old."""
-        files = look(self.watched.source)
+        files = list_files(self.watched.source)
         self.process(files, older(files, settle))
-        self._warn_of_nothing()
+        self._warn_if_no_file()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
         """List the files every `interval` seconds, and process those that are unchanged since the previous listing."""
         before: Mapping[Path, FileState] | None = None
         while True:
-            files = look(self.watched.source) if before is None else self._list_files()
-            self.process(files, settled(files, before or {}))
+            files = list_files(self.watched.source) if before is None else self._list_files()
+            self.process(files, unchanged(files, before or {}))
             if files != before:
-                self._warn_of_nothing()
+                self._warn_if_no_file()
             before = files
             sleep(interval)
 
     def _list_files(self) -> Mapping[Path, FileState]:
         """List the files; return none while the folder, perhaps on another machine, is unreachable."""
         try:
-            return look(self.watched.source)
+            return list_files(self.watched.source)
         except (InputError, OSError) as error:
             log.warning("%s; trying again", first_line(error))
             return {}
 
     def replay(self) -> None:
         """Process a finished mission dive by dive, as if each had just arrived."""
-        files = look(self.watched.source)
+        files = list_files(self.watched.source)
         self._copy_new_files(files, files)
         self._import()
         if self.records.exists():
@@ -171,33 +171,33 @@ class Watch:
         folder, kind = self.watched.out / COPIES, self.watched.importing.kind
         named = kind != OBSERVATIONS and any(kind_by_name(path) is not None for path in files)
         unread: dict[str, str] = {}
-        before = self.state.taken
+        before = self.state.copied
         for path in ready:
             known = before.get(path.name)
             if not is_candidate(path, kind, named) or (known is not None and known.state == files[path]):
                 continue
             try:
-                taken = take(path, files[path], folder)
+                copied = copy_file(path, files[path], folder)
             except InputError as error:
                 unread[path.name] = str(error)
                 continue
-            if taken is not None:
-                self.state.add_file(path.name, taken)
+            if copied is not None:
+                self.state.add_file(path.name, copied)
         for name, why in self.state.new_unread(unread).items():
             self._fail(name, why)
         self.state.save(self.watched.out)
 
-    def _warn_of_nothing(self) -> None:
+    def _warn_if_no_file(self) -> None:
         if not self.state.files:
             kind = self.watched.importing.kind or "a glider"
             log.warning("%s: no complete file of %s yet", self.watched.source, kind)
 
     def _files_to_import(self) -> dict[str, str]:
         """Return the digests of the files to import, by name; of several with the same content only one."""
-        same = duplicates(self.state.taken)
+        same = duplicates(self.state.copied)
         for name, first in same.items():
             log.info("%s: same content as %s", name, first)
-        return {name: taken.digest for name, taken in self.state.taken.items() if name not in same}
+        return {name: copied.digest for name, copied in self.state.copied.items() if name not in same}
 
     def _inputs(self) -> str:
         """Return a digest of everything that determines the archive."""
@@ -221,7 +221,7 @@ class Watch:
 
     def _report_faults(self, faults: Mapping[str, str]) -> None:
         # A file that has changed is reported again, even with the same fault.
-        digests = self.state.taken
+        digests = self.state.copied
         marked = {name: f"{why}\n{digests[name].digest if name in digests else ''}" for name, why in faults.items()}
         for name in self.state.new_faults(marked):
             self._fail(name, faults[name])

@@ -1,4 +1,4 @@
-"""State of a watch: files taken, faults and dives reported so far, in one file that is replaced as a whole."""
+"""State of a watch: files copied, faults and dives reported so far, in one file that is replaced as a whole."""
 
 import json
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.landing import FileState, Taken
+from gliderhpc.observations.landing import CopiedFile, FileState
 from gliderhpc.output_files import write_text
 
 STATE_FILE = "state.json"
@@ -81,13 +81,15 @@ class WatchState(BaseModel):
     reported: list[ReportedDive] = Field(default_factory=list)
 
     @property
-    def taken(self) -> dict[str, Taken]:
+    def copied(self) -> dict[str, CopiedFile]:
         """Copied files, by name."""
-        return {name: Taken(FileState(entry.size, entry.modified), entry.digest) for name, entry in self.files.items()}
+        return {
+            name: CopiedFile(FileState(entry.size, entry.modified), entry.digest) for name, entry in self.files.items()
+        }
 
-    def add_file(self, name: str, taken: Taken) -> None:
+    def add_file(self, name: str, copied: CopiedFile) -> None:
         """Add or replace a file."""
-        self.files[name] = _FileEntry(size=taken.state.size, modified=taken.state.modified, digest=taken.digest)
+        self.files[name] = _FileEntry(size=copied.state.size, modified=copied.state.modified, digest=copied.digest)
 
     def find(self, start: np.datetime64, end: np.datetime64) -> int | None:
         """Return the position of the reported dive that shares most time with a span; None if there is no overlap."""

@@ -30,14 +30,14 @@ class FileState:
 
 
 @dataclass(frozen=True)
-class Taken:
+class CopiedFile:
     """A copied file: its state when it was copied, and the SHA-256 of the copy."""
 
     state: FileState
     digest: str
 
 
-def look(source: Path | str) -> dict[Path, FileState]:
+def list_files(source: Path | str) -> dict[Path, FileState]:
     """Return the files of a source with their state, in the order of their names.
 
     Parameters
@@ -81,7 +81,7 @@ def _state_of(path: Path) -> FileState | None:
     return FileState(status.st_size, status.st_mtime_ns) if path.is_file() else None
 
 
-def settled(files: Mapping[Path, FileState], before: Mapping[Path, FileState]) -> list[Path]:
+def unchanged(files: Mapping[Path, FileState], before: Mapping[Path, FileState]) -> list[Path]:
     """Return the files whose state has not changed since `before`."""
     return [path for path, state in files.items() if before.get(path) == state]
 
@@ -92,7 +92,7 @@ def older(files: Mapping[Path, FileState], seconds: float, now: float | None = N
     return [path for path, state in files.items() if state.age(now) >= seconds]
 
 
-def take(path: Path, state: FileState, folder: Path) -> Taken | None:
+def copy_file(path: Path, state: FileState, folder: Path) -> CopiedFile | None:
     """Copy a file into a folder under its own name; None if it has changed from `state` or is gone.
 
     The copy appears only when it is complete.
@@ -112,7 +112,7 @@ def take(path: Path, state: FileState, folder: Path) -> Taken | None:
             _check_unchanged(path, state)
     except (FileNotFoundError, _ChangedError):
         return None
-    return Taken(state, sha.hexdigest())
+    return CopiedFile(state, sha.hexdigest())
 
 
 def _opened(path: Path) -> BinaryIO:
@@ -133,9 +133,9 @@ class _ChangedError(Exception):
     """A file changed while it was copied; the copy is discarded."""
 
 
-def duplicates(taken: Mapping[str, Taken]) -> dict[str, str]:
+def duplicates(copied: Mapping[str, CopiedFile]) -> dict[str, str]:
     """Return the files whose content equals that of an earlier file by name, each with the name of the first one."""
     first: dict[str, str] = {}
-    for name in sorted(taken):
-        first.setdefault(taken[name].digest, name)
-    return {name: first[one.digest] for name, one in taken.items() if first[one.digest] != name}
+    for name in sorted(copied):
+        first.setdefault(copied[name].digest, name)
+    return {name: first[one.digest] for name, one in copied.items() if first[one.digest] != name}

@@ -74,20 +74,20 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     every = list(chosen_profiles(archive, request.profiles))
     epochs = choose_epochs(every, settings.epochs, settings.epoch_size)
     in_epochs = [number for epoch in epochs for number in epoch]
-    taken = every if settings.changes.most else in_epochs
+    chosen = every if settings.changes.most else in_epochs
     table = archive.to_dataset()
     mission = Mission(
-        numbers=taken,
+        numbers=chosen,
         epochs=epochs,
         epoch=dict(zip(in_epochs, epoch_of_profiles(epochs).tolist(), strict=True)),
-        days=dict(zip(taken, table["elapsed_days"].sel(profile=taken).values.tolist(), strict=True)),
+        days=dict(zip(chosen, table["elapsed_days"].sel(profile=chosen).values.tolist(), strict=True)),
         band=depth_band(table["max_depth"].sel(profile=in_epochs).values, settings.depth_band),
         smoothed=SMOOTHED in archive.children,
         windows_start=windows_start(archive),
         hull=platform_of(archive),
-        forward_errors=forward_errors(archive, taken),
+        forward_errors=forward_errors(archive, chosen),
     )
-    return Preparation(inputs=mission, numbers=tuple(taken))
+    return Preparation(inputs=mission, numbers=tuple(chosen))
 
 
 # One profile

@@ -185,24 +185,24 @@ def calibrate(
         report("the hull has no stable steady dive and climb: fitting again with the lateral terms held")
         search, wanted = _search_from_best_start(errors, free & ~lateral, settings, report), free & ~lateral
     covariance = _covariance(errors, search)
-    parameters, found = _judge_parameters(errors, search, covariance, _reasons(search, free, wanted))
+    parameters, estimated = _judge_parameters(errors, search, covariance, _reasons(search, free, wanted))
     hull = with_values(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     steps = np.array([p.steps for p in parameters])
     hull = with_covariance(hull, _errors_in_units(errors, steps, covariance))
-    answer = Calibration(
+    found = Calibration(
         hull,
         parameters,
-        found,
+        estimated,
         search.scales,
         score(errors, steps),
         score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
     )
     _check_glides(hull)
-    _check_improved(answer, search)
-    return answer
+    _check_improved(found, search)
+    return found
 
 
 def start_subset(errors: SegmentErrors) -> SegmentErrors:
@@ -238,7 +238,7 @@ def check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {counted(count, 'profile')} besides those held out, but at least "
+            f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
             f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
         )
 

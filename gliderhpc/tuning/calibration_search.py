@@ -118,10 +118,10 @@ class CalibrationSearch:
         self.steps = np.where(self.free, steps, 0.0)
         self.fit_everything(RESCALINGS, DEFAULT_TOLERANCE)
         self._hold_undetermined()
-        self._settle()
+        self._fit_determined()
         while (doubtful := self._at_bound() or self._find_scattered()) is not None:
             self._hold(doubtful)
-            self._settle()
+            self._fit_determined()
         self._fit(prior=0.0, tolerance=FINE_TOLERANCE)
 
     def fit_everything(self, times: int, tolerance: float) -> None:
@@ -176,7 +176,7 @@ class CalibrationSearch:
         scale = self._scale_of_each()
         return np.asarray((1.0 + (self._errors(self.steps) / scale) ** 2) ** -0.25 / scale)
 
-    def _settle(self) -> None:
+    def _fit_determined(self) -> None:
         self._fit(prior=0.0)
         self._rescale()
         while self._hold_undetermined():

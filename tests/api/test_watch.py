@@ -27,7 +27,7 @@ from gliderhpc.mission import resume
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import joined
 from gliderhpc.observations.joined import join_observations
-from gliderhpc.observations.landing import FileState, look, older, settled, take
+from gliderhpc.observations.landing import FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.next_surfacing import displacement_scatter, predict_surfacing
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
@@ -482,20 +482,20 @@ def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp
 def test_files_are_looked_at_and_copied_whole_or_not_at_all(tmp_path):
     for name in ("a.nc", ".hidden.nc", "b.nc.part"):
         (tmp_path / name).write_text(name)
-    files = look(tmp_path)
-    assert [path.name for path in files] == ["a.nc"] == [path.name for path in look(f"{tmp_path}/*.nc")]
+    files = list_files(tmp_path)
+    assert [path.name for path in files] == ["a.nc"] == [path.name for path in list_files(f"{tmp_path}/*.nc")]
     (path,) = files
-    assert settled(files, {}) == []
-    assert settled(files, files) == [path]
+    assert unchanged(files, {}) == []
+    assert unchanged(files, files) == [path]
     (state,) = files.values()
     assert older(files, 10.0, now=state.modified / 1e9 + 9.0) == []
     assert older(files, 10.0, now=state.modified / 1e9 + 10.5) == [path]
     (tmp_path / "copies").mkdir()
-    assert take(path, FileState(state.size + 1, state.modified), tmp_path / "copies") is None
+    assert copy_file(path, FileState(state.size + 1, state.modified), tmp_path / "copies") is None
     assert list((tmp_path / "copies").iterdir()) == []
-    assert take(path, state, tmp_path / "copies").state == state
+    assert copy_file(path, state, tmp_path / "copies").state == state
     with pytest.raises(InputError, match="no such file or folder"):
-        look(tmp_path / "missing")
+        list_files(tmp_path / "missing")
 
 
 def test_the_ellipse_holds_its_part_of_draws():

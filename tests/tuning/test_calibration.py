@@ -527,7 +527,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
 
 def test_too_few_profiles_are_refused():
     segments = glides(TRUTH, PETREL, profiles=2)
-    with pytest.raises(InputError, match="steady flight in 2 profiles besides those held out, but at least 3"):
+    with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, but at least 3"):
         calibrate(PETREL, segments, segments.none(), CalibrationSettings())
 
 

@@ -251,7 +251,7 @@ def test_a_record_at_the_longest_interval_that_is_fed_as_sampled_counts_whole(re
     np.testing.assert_array_equal(PriorLikelihood([request(thinned)], SETTINGS).weights, 1.0)
 
 
-def test_judgements_of_profiles_are_joined_in_their_order(record):
+def test_evaluations_of_profiles_are_joined_in_their_order(record):
     requests = [request(noisy(glide_record(steps), steps)) for steps in (300, 400)]
     likelihood = PriorLikelihood(requests, SETTINGS)
     judged = likelihood.evaluate([USUAL])[0]

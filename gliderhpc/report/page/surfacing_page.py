@@ -108,7 +108,7 @@ def _inversion(message: SurfacingMessage) -> str:
 def _anomalies(message: SurfacingMessage) -> tuple[Block, ...]:
     changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
     remarks = (*message.odd, *changes)
-    return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Words("Nothing."),)
+    return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Words("None."),)
 
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:

@@ -33,7 +33,7 @@ from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Cha
 from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
 from gliderhpc.studies.library.drift.coefficients import read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
-from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, DriftSettings, counted_estimates
+from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, ChangeSettings, DriftSettings, counted_estimates
 from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_rows, read_moment_changes
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
@@ -184,19 +184,7 @@ def captions(
             f"is {100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission "
             f"(95 % interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
         ),
-        "changes": (
-            f"Steps, ramps and episodes of axial force and drag on dives, climbs and both together, by {whose}: "
-            f"{describe_data(made)}; one row per change and part of the dive. A change is named if p is below "
-            f"{settings.changes.level / SEARCHES:g}, by {settings.changes.resamples} bootstrap missions over all "
-            f"positions, lengths and series. {changes}"
-        ),
-        "moment_changes": (
-            f"Steps, ramps and episodes of the moments about the axes of roll, pitch and yaw, by {whose}: "
-            f"{describe_data(made)}; one row per change, moment and phase, with 95 % intervals. A change is named if "
-            f"p is below {settings.changes.level / SEARCHES:g}, by {settings.changes.resamples} bootstrap missions "
-            f"over all positions, lengths and series, and if it tilts the hull by {settings.changes.smallest_tilt:g} "
-            f"degree or more. {moments}"
-        ),
+        **_change_captions(f"by {whose}: {describe_data(made)}", settings.changes, changes, moments),
         "medians": (
             "One row per profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
             f"filter's for comparison: {data}. Medians of too few records are left out."
@@ -210,6 +198,25 @@ def captions(
             f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the "
             f"adjoint, of {data}. The segments are a sample of the record; errors that all hulls share are not in the "
             "draws."
+        ),
+    }
+
+
+def _change_captions(data: str, settings: ChangeSettings, changes: str, moments: str) -> dict[str, str]:
+    """Return the captions of the tables of changes by stem; `data` names the estimates and the profiles."""
+    search = (
+        f"p is below {settings.level / SEARCHES:g}, by {settings.resamples} bootstrap missions over all positions, "
+        "lengths and series"
+    )
+    return {
+        "changes": (
+            f"Steps, ramps and episodes of axial force and drag on dives, climbs and both together, {data}; one row "
+            f"per change and part of the dive. A change is named if {search}. {changes}"
+        ),
+        "moment_changes": (
+            f"Steps, ramps and episodes of the moments about the axes of roll, pitch and yaw, {data}; one row per "
+            f"change, moment and phase, with 95 % intervals. A change is named if {search}, and if it tilts the hull "
+            f"by {settings.smallest_tilt:g} degree or more. {moments}"
         ),
     }
 
