@@ -20,7 +20,14 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
 from gliderhpc.store_schema.columns import MODEL
 from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expand_source, open_models
-from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE, sigma_distance, speed, turn, vector_rmsd
+from gliderhpc.studies.library.scores import (
+    COVERAGE,
+    MIN_COVERAGE,
+    direction_difference,
+    sigma_distance,
+    speed,
+    vector_rmsd,
+)
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
     Current,
@@ -115,7 +122,7 @@ def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> 
         **{name: float((samples.coverage == reason).sum()) for reason, name in COUNTS.items()},
         "vector_difference": float(speed(apart)),
         "speed_difference": float(speed(mean) - speed(current.velocity)),
-        "direction_difference": float(turn(mean, current.velocity)),
+        "direction_difference": float(direction_difference(mean, current.velocity)),
         "distance": sigma_distance(apart, current.covariance),
     }
 
@@ -300,7 +307,7 @@ def agreement(of: str, velocity: Array, against: str, reference: Array) -> Agree
     if not known.any():
         return Agreement(of, against, 0, *[float("nan")] * 8)
     ours, theirs = velocity[known], reference[known]
-    turns = turn(ours, theirs)
+    turns = direction_difference(ours, theirs)
     around = np.exp(1j * np.radians(turns)).mean()
     north, east = (ours - theirs).mean(axis=0)
     sizes = np.abs(turns)

@@ -186,7 +186,7 @@ def test_failed_and_poor_profiles_are_odd(swift_store, tmp_path):
     failed = {"status": "failed", "message": "the record <ends> early", **no_current}
     put_table_rows(store, {1: failed, 2: {"converged_fraction": 0.4, **no_current}})
     state = read_state(store)
-    assert state.odd == (
+    assert state.anomalies == (
         "profile 2 failed: the record <ends> early", "less than 80% of the windows converged in profile 3",
         "no current of profile 3", "no study was run",
     )  # fmt: skip
@@ -194,7 +194,7 @@ def test_failed_and_poor_profiles_are_odd(swift_store, tmp_path):
     assert (state.current_of, state.water_of) == (1, 3)
     put_table_rows(store, {number: {"status": "pending"} for number in (0, 2)})
     state = read_state(store)
-    assert state.odd[1] == "2 profiles still to be estimated"
+    assert state.anomalies[1] == "2 profiles still to be estimated"
     assert (state.cells["through the water"], state.cells["dives"][0]) == ((), "0 done")
 
 

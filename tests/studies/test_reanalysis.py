@@ -22,7 +22,7 @@ from gliderhpc.report.studies.reanalysis import ellipse_axes, table_4, table_4_t
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
 from gliderhpc.studies.library.ocean_model import Coverage, Grid, expand_source, open_models
-from gliderhpc.studies.library.scores import direction, sigma_distance, turn
+from gliderhpc.studies.library.scores import direction, direction_difference, sigma_distance
 from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
 from gliderhpc.studies.reanalysis import Compared, agreement, agreements, compare_with_models, comparisons, share_within
 from gliderhpc.studies.registry import missing_input
@@ -393,7 +393,7 @@ def test_the_neighbours_on_an_axis():
 
 def test_directions_turn_the_short_way_and_distances_are_in_standard_deviations():
     assert direction([-0.112, -0.023]) == pytest.approx(191.6, abs=0.1)
-    assert turn([1.0, 0.01], [1.0, -0.01]) == pytest.approx(1.146, abs=1e-3)
+    assert direction_difference([1.0, 0.01], [1.0, -0.01]) == pytest.approx(1.146, abs=1e-3)
     covariance = np.array([[0.05, 0.02], [0.02, 0.03]])
     longer, shorter, angle = ellipse_axes(covariance)
     along = np.array([np.sin(np.radians(angle)), np.cos(np.radians(angle))])

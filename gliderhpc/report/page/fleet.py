@@ -20,12 +20,12 @@ from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing import PROBABILITY
 from gliderhpc.store_schema.place import Place, absolute, is_address
 
-_COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "odd")
+_COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "anomalies")
 _CAPTION = (
     "One row per mission. The last current is the depth-averaged current of the last dive that has one, with the "
     f"semi-axes of its {PROBABILITY:.0%} ellipse (m/s); speeds through the water are those of the last dive, with one "
     "standard deviation. Changes of drag and neutral volume are those found by the study hull. Profiles with less "
-    f"than {POORLY_CONVERGED:.0%} of their windows converged are listed as odd."
+    f"than {POORLY_CONVERGED:.0%} of their windows converged are listed as anomalies."
 )
 _MAP_CAPTION = (
     "Tracks from fix to fix, and the last known depth-averaged current of each glider with its "
@@ -60,7 +60,7 @@ class _Member:
         address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{self.page}"
         cells = self.state.cells
         if self.fault:
-            cells = {**cells, "odd": (f"no separate page: {self.fault}", *self.state.odd)}
+            cells = {**cells, "anomalies": (f"no separate page: {self.fault}", *self.state.anomalies)}
         return RosterEntry(title, self.state.mission, address, cells)
 
     @property

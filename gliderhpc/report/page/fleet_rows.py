@@ -41,8 +41,8 @@ class MissionState:
         Number of the last profile that is done, and its motion through the water.
     hull : tuple of StoredChange or None
         Findings of study ``hull``; None if there are none.
-    odd : tuple of str
-        Points that need attention.
+    anomalies : tuple of str
+        Anomalies of its profiles and studies.
     """
 
     summary: Summary
@@ -52,7 +52,7 @@ class MissionState:
     water_of: int = 0
     water: Water | None = None
     hull: tuple[StoredChange, ...] | None = None
-    odd: tuple[str, ...] = field(default=())
+    anomalies: tuple[str, ...] = field(default=())
 
     @property
     def mission(self) -> str:
@@ -69,7 +69,7 @@ class MissionState:
             "last current": self._current_lines,
             "through the water": self._water_lines,
             "hull": self._hull_lines,
-            "odd": self.odd or ("nothing",),
+            "anomalies": self.anomalies or ("none",),
         }
 
     @property
@@ -138,7 +138,8 @@ class MissionState:
             "probability that drag changed": drag and drag.probability,
             "change of neutral volume, cm3": volume and volume.size,
             "change of neutral volume std, cm3": volume and volume.std,
-            "probability that neutral volume changed": volume and volume.probability, "odd": "; ".join(self.odd),
+            "probability that neutral volume changed": volume and volume.probability,
+            "anomalies": "; ".join(self.anomalies),
         }  # fmt: skip
 
     def _change(self, key: str) -> StoredChange | None:
@@ -195,12 +196,12 @@ def read_state(place: Place) -> MissionState:
             water_of,
             water_of_dive(archive, water_of, smoothed) if done else None,
             stored_changes(archive),
-            tuple(_odd(archive, summary, table)),
+            tuple(_anomalies(archive, summary, table)),
         )
 
 
-def _odd(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
-    """Yield the points that need attention."""
+def _anomalies(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
+    """Yield the anomalies of profiles and studies."""
     yield from profile_anomalies(summary, table)
     yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
     missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]

@@ -55,7 +55,7 @@ def direction(velocity: ArrayLike) -> Array:
     return np.asarray(np.mod(np.degrees(np.arctan2(east, north)), 360.0))
 
 
-def turn(velocity: ArrayLike, reference: ArrayLike) -> Array:
+def direction_difference(velocity: ArrayLike, reference: ArrayLike) -> Array:
     """Direction of velocities minus that of others ``(..., 2)``: degree, clockwise positive, -180 to 180."""
     return wrap(direction(velocity) - direction(reference))
 

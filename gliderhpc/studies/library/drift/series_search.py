@@ -17,7 +17,7 @@ from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
 from gliderhpc.studies.library.drift.series import days_of
 from gliderhpc.studies.library.drift.window_search import (
     MIN_WINDOW,
-    Strongest,
+    StrongestWindow,
     WeightedBaseline,
     WindowSearch,
     amplitude,
@@ -172,7 +172,7 @@ def _strongest(
     searches: Sequence[WindowSearch],
     settings: ChangeSettings,
     rng: np.random.Generator,
-) -> tuple[float, int, Strongest]:
+) -> tuple[float, int, StrongestWindow]:
     """Find the strongest window of all series; returns its probability of chance, the series' index and the window."""
     found = [search.strongest(one.values[one.known]) for one, search in zip(series, searches, strict=True)]
     gains = np.array([one.gain for one in found])
@@ -189,7 +189,7 @@ def _strongest(
     return (1 + above) / (1 + drawn), lead, found[lead]
 
 
-def _errors(one: MissionSeries, search: WindowSearch, best: Strongest, rng: np.random.Generator) -> Array:
+def _errors(one: MissionSeries, search: WindowSearch, best: StrongestWindow, rng: np.random.Generator) -> Array:
     """Independent errors of a series along the whole mission; missing ones are drawn from the others."""
     own = search.innovations(one.values[one.known], best)
     row = rng.choice(own, len(one.known))
@@ -197,7 +197,7 @@ def _errors(one: MissionSeries, search: WindowSearch, best: Strongest, rng: np.r
     return row
 
 
-def _shape(lead: MissionSeries, search: WindowSearch, window: Strongest) -> Shape:
+def _shape(lead: MissionSeries, search: WindowSearch, window: StrongestWindow) -> Shape:
     """Fit the shape of a window in the leading series, and interpolate it to all profiles of the mission."""
     values, known = lead.values[lead.known], np.flatnonzero(lead.known)
     baseline = WeightedBaseline(window.noise, search.positions, search.baseline)

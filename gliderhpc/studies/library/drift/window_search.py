@@ -107,7 +107,7 @@ class WeightedBaseline:
         """Minus twice the restricted log-likelihood of weighted sums of squares ``(m,)``, with fitted scale."""
         return np.asarray(self.constant + self.freedom * np.log(left))
 
-    def left(self, values: Array) -> Array:
+    def unexplained(self, values: Array) -> Array:
         """Weighted sums of squares ``(m,)`` of series ``(n, m)`` that the baseline does not explain."""
         return np.asarray(np.einsum("nm,nm->m", values, self.projected @ values))
 
@@ -115,12 +115,12 @@ class WeightedBaseline:
 def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedBaseline:
     """Return the baseline under the noise model with the least loss for a series ``(n,)``."""
     fits = [WeightedBaseline(model, positions, baseline) for model in NOISE_MODELS]
-    return min(fits, key=lambda one: float(one.loss(one.left(values[:, None]))[0]))
+    return min(fits, key=lambda one: float(one.loss(one.unexplained(values[:, None]))[0]))
 
 
 @dataclass(frozen=True)
-class Strongest:
-    """Strongest window of a series.
+class StrongestWindow:
+    """StrongestWindow window of a series.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class WindowSearch:
     def _scans(self) -> list["_Scan"]:
         return [_Scan(model, self, self.windows) for model in NOISE_MODELS]
 
-    def strongest(self, values: Array) -> Strongest:
+    def strongest(self, values: Array) -> StrongestWindow:
         """Find the strongest window of a series ``(n,)``, with its edges refined value by value."""
         series = values[:, None]
         found = [scan.losses(series) for scan in self._scans]
@@ -186,7 +186,7 @@ class WindowSearch:
         noise = int(np.argmin([float(one[1][0]) for one in refined]))
         best = int(refined[noise][2][0])
         null = int(np.flatnonzero(line <= line.min() + MODEL_MARGIN)[-1])
-        return Strongest(
+        return StrongestWindow(
             gain=float(line.min() - refined[noise][1][0]),
             first=int(near[noise].first[best]),
             stop=int(near[noise].stop[best]),
@@ -204,7 +204,7 @@ class WindowSearch:
         line, window = (np.stack(rows) for rows in zip(*(s.losses(values)[:2] for s in self._scans), strict=True))
         return np.asarray(line.min(axis=0) - window.min(axis=0))
 
-    def innovations(self, values: Array, best: Strongest) -> Array:
+    def innovations(self, values: Array, best: StrongestWindow) -> Array:
         """Independent residuals ``(n,)`` of a series ``(n,)`` from line and window, with unit variance."""
         inside = np.zeros(len(values))
         inside[best.first : best.stop] = 1.0
