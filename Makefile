@@ -10,7 +10,7 @@ INSTALL := pip install --quiet --no-compile
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compile demo test test-quick test-random test-lowest fuzz check bench wheel sbom fortran docs clean
+.PHONY: help setup compile demo test test-quick test-random test-lowest fuzz check types uncompiled bench wheel sbom fortran docs clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -66,12 +66,18 @@ test-lowest:  ## run the quick tests with the lowest versions allowed, in a sepa
 fuzz: $(VENV)/dev  ## feed odd inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)
 	$(BIN)/python -m benchmarks.fuzz --seconds $(or $(SECONDS),600) --seed $(or $(SEED),0) $(if $(TREE),--tree $(TREE))
 
+# The types, which one process checks in most of a minute, are checked while the kernels' tests run.
 check: $(VENV)/dev  ## check lint, types, layers, and the kernels' coverage with the compiler off
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
+	$(MAKE) --jobs=2 --keep-going types uncompiled
+
+types: $(VENV)/dev
+	$(BIN)/mypy
+
+uncompiled: $(VENV)/dev
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		$(addprefix tests/kernels/test_, elementary.py dynamics.py adjoint.py filter_kernels.py moving_water.py lane_type.py \
 			lane_window.py line_search.py quasi_newton.py smoother_kernels.py fortran.py compiled_cache.py cache_folder.py \
 			sensitivity.py follow.py precompiled.py compiler.py)

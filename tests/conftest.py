@@ -14,8 +14,8 @@ from support.implementations import IMPLEMENTATIONS, Implementation, implementat
 from support.missions import BRIEF, SWIFT, Answer, estimate, program
 from support.repository import REPOSITORY
 from support.sharing import CompiledKernels, made_once
+from support.shown import leave_studies_undrawn
 
-from gliderhpc.garbage import ALLOCATIONS
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
@@ -41,6 +41,10 @@ QUICK_MODULES = (
 """Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 
 
+DRAWING_FOLDERS = ("studies", "twins", "project")
+"""Folders of tests in which the figures that a study writes are drawn."""
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """Number of test workers for ``-n auto``: two more than the cores that this process may use, eight at most.
 
@@ -53,6 +57,10 @@ def pytest_xdist_auto_num_workers() -> int:
 MEMORY = Path("/dev/shm")
 """Folder in memory, where a system has one."""
 
+ALLOCATIONS = 100_000
+"""Number of new containers after which the youngest are searched for garbage; with a tenth of it, searching takes a
+twenty-fifth of the tests' time."""
+
 IN_MEMORY = MEMORY / f"gliderhpc-tests-{os.getpid()}"
 """The tests' folders there."""
 
@@ -63,7 +71,7 @@ ROOM = 8e9
 def pytest_configure(config: pytest.Config) -> None:
     """Put the tests' folders in memory if there is room and no other place is asked for.
 
-    Search for garbage as seldom as the program does: a worker has a great many objects that live to its end.
+    Search for garbage less often than the program does: a worker has a great many objects that live to its end.
 
     Imported modules are stored compiled even where the environment says otherwise: the tests start a hundred processes
     that import them.
@@ -96,6 +104,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Begin to compile the kernels; the test workers start, and find their tests, meanwhile."""
     if not hasattr(session.config, "workerinput") and not session.config.option.collectonly:
         session.config.stash[COMPILING] = CompiledKernels()
+
+
+def pytest_collection_finish() -> None:
+    """Search the modules and the collected tests, which live to the end, for garbage once and never again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -171,16 +185,25 @@ def _archives(folder: Path) -> list[Path]:
     return [path for path in found if path.is_dir() and not path.parent.is_symlink()]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _undrawn_elsewhere(request):
+    """Draw the figures of studies and twins, a third of the time of a short study, in the tests of these alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name not in DRAWING_FOLDERS:
+            leave_studies_undrawn(patch)
+        yield
+
+
 @pytest.fixture
 def undrawn_studies(monkeypatch):
     """Studies whose figures are made but not drawn: the tests of each study draw theirs."""
+    leave_studies_undrawn(monkeypatch)
 
-    def touched(path, figure):
-        assert figure.axes
-        path.touch()
-        return path
 
-    monkeypatch.setattr("gliderhpc.findings.findings._write_png", touched)
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are made but not drawn, for tests of their text and their files."""
+    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
 
 
 @pytest.fixture(scope="session")

@@ -413,6 +413,7 @@ def test_an_archive_of_records_in_memory_is_validated_with_the_file_that_they_ar
     gh.validate(other, "petrel-l", store, workers=0, profiles=1)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_report(store, tmp_path):
     written = gh.report(store, tmp_path / "ours")
     assert written.page == tmp_path / "ours" / "index.html"

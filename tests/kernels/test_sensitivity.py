@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
 from support.hull_errors import hull_only, profile_of, steady_controls, step_slope
-from support.smoothing import GLIDE, MEASURED, PETREL, SAMPLED, fly, with_measured, with_velocity
+from support.sizes import scaled
+from support.smoothing import GLIDE, MEASURED, PETREL, SAMPLED, fly, segment_cases, with_measured, with_velocity
 from support.specimens import lopsided_platform, random_disturbances, random_state
 
 from gliderhpc.estimation.preparation import controls_of
@@ -52,7 +53,7 @@ def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
         np.testing.assert_allclose(row, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=parameter.key)
 
 
-@pytest.fixture(scope="module", params=[(1, False), (3, False), (3, True)], ids=["steps", "segments", "velocity"])
+@pytest.fixture(scope="module", params=segment_cases("sensitivity"))
 def case(request):
     """Return the largest number of steps of a segment, and whether the velocity relative to the water is measured."""
     return request.param
@@ -172,6 +173,7 @@ def test_assumptions_of_the_noise_are_each_as_if_alone(problem, longest):
     """They share steps and derivatives, and have separate covariances, gains and sums."""
     dive, path, forcing, _ = problem
     assumed = [dive, dive._replace(noise=0.1 * dive.noise), dive._replace(variance=4.0 * dive.variance)]
+    assumed = assumed[: scaled(3, 2)]
     wanted = np.array([0, STEPS])
     rows = segment_rows(dive, wanted, longest=longest)
     together = sum_information(PETREL.hull, assumed, forcing, path, rows)

@@ -55,12 +55,6 @@ def fleet(archives, tmp_path_factory):
     return out
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
-
-
 def rows_of(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))

@@ -77,12 +77,6 @@ def own_copy(studied, tmp_path):
     return store
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Pages whose figures are not drawn, for tests of their text."""
-    monkeypatch.setattr("gliderhpc.findings.drawing.render_image", lambda figure, form: form.encode())
-
-
 # What is on the page
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED, Glider
@@ -11,6 +12,7 @@ from gliderhpc.kernels.smoother_memory import Dive
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator.disturbance import RandomProcess
 from gliderhpc.simulator.sections import GaussMarkov
+from support.sizes import COMPILED
 
 PETREL = Glider(read_platform("petrel-l"))
 H = 0.1
@@ -22,6 +24,20 @@ DEVIATION = np.array([0.08, 0.05, 0.05, 0.025, 0.01, 0.25])
 TIME = np.array([60.0, 30.0, 60.0, 30.0, 60.0, 20.0])
 START_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.05, 0.02, 0.03, 0.02, 0.02, 0.02])
 NOISE = np.array([5e-4, 5e-4, 5e-4, 0.03])
+
+
+def segment_cases(module):
+    """Parameters of a module's fixture: the largest number of steps of a segment, and whether velocity is measured.
+
+    The tests of a case share dear fixtures: where tests are spread one by one, they stay on one worker. Uncompiled, the
+    case in the middle is left out; each of its two values is in another case.
+    """
+    cases = {"steps": (1, False), "segments": (3, False), "velocity": (3, True)}
+    return [
+        pytest.param(case, id=name, marks=pytest.mark.xdist_group(f"{module}-{name}"))
+        for name, case in cases.items()
+        if COMPILED or name != "segments"
+    ]
 
 
 @dataclass(frozen=True)
