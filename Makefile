@@ -77,7 +77,7 @@ types: $(VENV)/dev
 	$(BIN)/mypy
 
 uncompiled: $(VENV)/dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -q --cov=gliderhpc/kernels --cov-branch --cov-fail-under=95 \
 		$(addprefix tests/kernels/test_, elementary.py dynamics.py adjoint.py filter_kernels.py moving_water.py lane_type.py \
 			lane_window.py line_search.py quasi_newton.py smoother_kernels.py fortran.py compiled_cache.py cache_folder.py \
 			sensitivity.py follow.py precompiled.py compiler.py)

@@ -332,7 +332,6 @@ def test_port_and_starboard_are_alike():
         np.testing.assert_array_equal(mirrored, expected)
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["as published", "mirrored"])
 def test_seawing_settles_in_its_published_spiral(side):
     """Compare with Zhang et al. 2013: Seawing with the battery rotated 45 degrees and 2 cm forward, 0.3 kg heavy.

@@ -5,7 +5,7 @@ import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
 from support.hull_errors import hull_only, profile_of, steady_controls, step_slope
 from support.sizes import scaled
-from support.smoothing import GLIDE, MEASURED, PETREL, SAMPLED, fly, segment_cases, with_measured, with_velocity
+from support.smoothing import GLIDE, MEASURED, PETREL, SAMPLED, SEGMENTS, fly, with_measured, with_velocity
 from support.specimens import lopsided_platform, random_disturbances, random_state
 
 from gliderhpc.estimation.preparation import controls_of
@@ -53,7 +53,7 @@ def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
         np.testing.assert_allclose(row, expected, rtol=1e-9, atol=1e-11 * scale, err_msg=parameter.key)
 
 
-@pytest.fixture(scope="module", params=segment_cases("sensitivity"))
+@pytest.fixture(scope="module", params=SEGMENTS)
 def case(request):
     """Return the largest number of steps of a segment, and whether the velocity relative to the water is measured."""
     return request.param

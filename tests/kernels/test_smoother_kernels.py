@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.dense_least_squares import ORDER, DenseLeastSquares, dense_transition
-from support.smoothing import GLIDE, PETREL, SAMPLED, H, fly, segment_cases, with_measured, with_velocity
+from support.smoothing import GLIDE, PETREL, SAMPLED, SEGMENTS, H, fly, with_measured, with_velocity
 from support.specimens import random_controls, random_disturbances, random_state
 
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory, segment_rows
@@ -16,7 +16,7 @@ from gliderhpc.kernels.smoother_segments import linearise_segments
 STEPS = 4 * BLOCK + 10
 
 
-@pytest.fixture(scope="module", params=segment_cases("smoother"))
+@pytest.fixture(scope="module", params=SEGMENTS)
 def case(request):
     """Return the largest number of steps of a segment, and whether the velocity relative to the water is measured."""
     return request.param

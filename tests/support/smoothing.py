@@ -26,18 +26,14 @@ START_DEVIATION = np.array([0.01, 0.01, 0.01, 0.2, 0.05, 0.02, 0.03, 0.02, 0.02,
 NOISE = np.array([5e-4, 5e-4, 5e-4, 0.03])
 
 
-def segment_cases(module):
-    """Parameters of a module's fixture: the largest number of steps of a segment, and whether velocity is measured.
+SEGMENTS = [
+    pytest.param(case, id=name)
+    for name, case in {"steps": (1, False), "segments": (3, False), "velocity": (3, True)}.items()
+    if COMPILED or name != "segments"
+]
+"""Largest number of steps of a segment, and whether the velocity is measured: parameters of a module's fixture.
 
-    The tests of a case share dear fixtures: where tests are spread one by one, they stay on one worker. Uncompiled, the
-    case in the middle is left out; each of its two values is in another case.
-    """
-    cases = {"steps": (1, False), "segments": (3, False), "velocity": (3, True)}
-    return [
-        pytest.param(case, id=name, marks=pytest.mark.xdist_group(f"{module}-{name}"))
-        for name, case in cases.items()
-        if COMPILED or name != "segments"
-    ]
+Uncompiled, the case in the middle is left out; each of its two values is in another case."""
 
 
 @dataclass(frozen=True)
