@@ -92,6 +92,8 @@ class MissionDives:
         Keys along the archive's dimension ``parameter``; an archive of an earlier version has fewer.
     divisor : float
         Number by which the sum divides the information of every dive (`gliderhpc.studies.library.depth_rate_check`).
+    whole : MissionHull, optional
+        Sum of the undivided information, if it was computed to find the divisor.
     """
 
     platform: Platform
@@ -100,6 +102,7 @@ class MissionDives:
     without: tuple[int, ...]
     labels: tuple[str, ...] = HULL_PARAMETERS
     divisor: float = 1.0
+    whole: MissionHull | None = None
 
     @property
     def prior(self) -> HullPrior:
@@ -159,13 +162,21 @@ def agreeing_dives(
 ) -> tuple[MissionDives, DepthRateCheck | None]:
     """Compare the sum of the dives with the depth rate of their steady glides; state a divisor if the two differ.
 
-    Without enough steady glides there is no comparison, and the mission is returned as it is.
+    Without enough steady glides there is no comparison, and the mission is returned as it is. Otherwise it contains the
+    sum.
     """
     glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
     if glides is None:
         return mission, None
-    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, mission.prior, robust=robust)
-    return mission if check is None else replace(mission, divisor=check.divisor), check
+    whole = _sum_of_dives(mission, robust=robust)
+    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, whole, robust=robust)
+    return replace(mission, divisor=1.0 if check is None else check.divisor, whole=whole), check
+
+
+def _sum_of_dives(mission: MissionDives, *, robust: bool) -> MissionHull:
+    """Sum of the dives' undivided information."""
+    with threadpool_limits(limits=1):
+        return solve_mission(mission.dives, mission.prior, robust=robust)
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: HullSettings) -> Preparation:
@@ -220,8 +231,8 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
     hulls before and after. The search for changes uses the undivided information of the dives: the error for which it
     is otherwise divided is the same in every dive, and cancels in the differences between dives.
     """
+    found = mission.whole or _sum_of_dives(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
-        found = solve_mission(mission.dives, mission.prior, robust=settings.robust)
         changes = find_changes(
             mission.dives, found, mission.suspects, mission.prior, settings.change, mission.companions
         )

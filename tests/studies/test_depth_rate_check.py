@@ -54,7 +54,7 @@ def glides(motion):
 
 
 def checked(samples, terms):
-    check = check_hull(samples, HULL, PARAMETERS, terms, PRIOR)
+    check = check_hull(samples, HULL, PARAMETERS, terms, solve_mission(terms, PRIOR))
     return tuple(
         terms if check is None or check.divisor == 1.0 else (one.weakened(check.divisor) for one in terms)
     ), check
@@ -152,3 +152,23 @@ def test_without_steady_glides_the_dives_stay_as_they_are(monkeypatch):
     monkeypatch.setattr(study, "read_glides", lambda *_: None)
     mission = MissionDives(HULL, PARAMETERS, BIASED, ())
     assert agreeing_dives(None, mission, robust=True) == (mission, None)
+
+
+def test_the_sum_of_the_dives_is_computed_once(monkeypatch):
+    """The comparison computes it, and the search for changes uses it."""
+    sums = []
+
+    def counted(*args, **kwargs):
+        sums.append(solve_mission(*args, **kwargs))
+        return sums[-1]
+
+    alone, changes = study.combine_dives(MissionDives(HULL, PARAMETERS, HONEST, ()), study.HullSettings())
+    monkeypatch.setattr(study, "read_glides", lambda *_: glides(0.0))
+    monkeypatch.setattr(study, "solve_mission", counted)
+    monkeypatch.setattr(module, "solve_mission", counted)
+    mission, _ = agreeing_dives(None, MissionDives(HULL, PARAMETERS, HONEST, ()), robust=True)
+    found, again = study.combine_dives(mission, study.HullSettings())
+    assert sums == [found]
+    assert mission.whole is found
+    np.testing.assert_array_equal(found.eta, alone.eta)
+    assert {i: vars(each) for i, each in again.items()} == {i: vars(each) for i, each in changes.items()}

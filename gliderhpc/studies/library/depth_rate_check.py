@@ -28,7 +28,7 @@ from gliderhpc.studies.library.vertical_velocity import (
     undisturbed,
 )
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, HullPrior, MissionHull, solve_mission
+from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, MissionHull, solve_mission
 from gliderhpc.tuning.steady_balance import MeasuredAttitude, still_water_glide
 
 Array = NDArray[np.float64]
@@ -267,22 +267,23 @@ def check_hull(
     platform: Platform,
     parameters: Sequence[HullParameter],
     dives: Sequence[DiveTerm],
-    prior: HullPrior,
+    whole: MissionHull,
     *,
     robust: bool = True,
 ) -> DepthRateCheck | None:
     """Compare the sum of the dives with the depth rates of steady glides, and find the divisor if the two disagree.
 
-    If the depth rates contradict the hull, the divisor of the dives' information is the number that brings chi-square
-    to its expectation; otherwise it is one. All other figures are those of the undivided information.
+    ``whole`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the dives'
+    information is the number that brings chi-square to its expectation; otherwise it is one. All other figures are
+    those of the undivided information.
     """
 
     def comparison(divisor: float) -> DepthRateCheck | None:
         terms = [dive.weakened(divisor) for dive in dives]
-        return compare(samples, platform, parameters, solve_mission(terms, prior, robust=robust))
+        return compare(samples, platform, parameters, solve_mission(terms, whole.prior, robust=robust))
 
     with threadpool_limits(limits=1):
-        first = now = comparison(1.0)
+        first = now = compare(samples, platform, parameters, whole)
         if first is None or not first.contradicts:
             return first
         divisor = 1.0
