@@ -186,7 +186,7 @@ def _lane_problem(windows: Sequence[Window]) -> Problem:
         d = window.data
         load_window(
             problem, descent, progress, lane, d.hull, d.bodies, d.state0, d.measurements, d.weights, d.step, d.scale,
-            window.start, 0.0,
+            window.start, 0.0, 1,
         )  # fmt: skip
     return problem
 

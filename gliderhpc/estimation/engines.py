@@ -110,15 +110,15 @@ def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -
         cost0, gradient0 = problem.evaluate(x0)
     if not (np.isfinite(cost0) and np.isfinite(gradient0).all() and problem.flyable()):
         return WindowSolution(start, problem.states, float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
-    objective = _Objective(problem, x0, cost0)
+    objective, most = _Objective(problem, x0, cost0), data.iteration_limit(settings)
     result: Any = scipy.optimize.minimize(
         objective,
         x0,
         jac=True,
         method="L-BFGS-B",
         options={
-            "maxiter": settings.optimizer.max_iterations,
-            "maxfun": 20 * settings.optimizer.max_iterations,
+            "maxiter": most,
+            "maxfun": 20 * most,
             "maxcor": settings.optimizer.history,
             "gtol": settings.tolerance * data.step,
             "ftol": 0.0,
@@ -132,7 +132,7 @@ def _solution(problem: WindowProblem, x: Array, iterations: int, settings: Estim
     cost, _ = problem.evaluate(x)
     norm = problem.gradient_norm
     sound = np.isfinite(cost) and problem.flyable()
-    outcome = outcome_of(norm, iterations, settings) if sound else Outcome.DIVERGED
+    outcome = outcome_of(norm, iterations, problem.data, settings) if sound else Outcome.DIVERGED
     return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
 
 
@@ -207,13 +207,13 @@ class FortranRun:
         self._problem: Problem | None = None
         self._evaluate: Callable[[], None] | None = None
 
-    def __call__(self, problem: Problem, descent: Descent, progress: Progress, max_iterations: int) -> None:
+    def __call__(self, problem: Problem, descent: Descent, progress: Progress) -> None:
         """Evaluate and decide until a lane is done or no lane is active."""
         evaluate = self._evaluation(problem)
         done = False
         while not done:
             evaluate()
-            done = proceed(problem, descent, progress, max_iterations)
+            done = proceed(problem, descent, progress)
 
     def _evaluation(self, problem: Problem) -> Callable[[], None]:
         """Return the library's call for this memory, which changes only when it grows."""

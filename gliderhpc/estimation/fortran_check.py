@@ -46,7 +46,7 @@ def evaluated(library: Library, windows: list[WindowData]) -> Problem:
     for lane, data in enumerate(windows):
         load_window(
             problem, descent, progress, lane, data.hull, data.bodies, data.state0, data.measurements, data.weights,
-            data.step, data.scale, np.zeros((STEPS, 6)), 0.0,
+            data.step, data.scale, np.zeros((STEPS, 6)), 0.0, 1,
         )  # fmt: skip
     library.evaluation(problem)()
     return problem

@@ -43,8 +43,8 @@ from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.outcomes import Outcome
 
 Key = TypeVar("Key")
-Run = Callable[[Problem, Descent, Progress, int], None]
-"""Function that evaluates and decides, within an iteration limit, until a lane is done, such as `run_until_done`."""
+Run = Callable[[Problem, Descent, Progress], None]
+"""Function that evaluates and decides until a lane is done, such as `run_until_done`."""
 
 
 MAX_WINDOWS_AHEAD = 2 * LANES
@@ -71,7 +71,7 @@ class LaneBatch:
             self._problem, self._descent, self._progress, lane, data.hull, data.bodies,
             # Always contiguous: for a column of a matrix the kernel would be compiled again.
             np.ascontiguousarray(data.state0), data.measurements, data.weights, data.step, data.scale, start,
-            self._settings.tolerance * data.step,
+            self._settings.tolerance * data.step, data.iteration_limit(self._settings),
         )  # fmt: skip
 
     def _allocated(self, steps: int) -> tuple[Problem, Descent, Progress]:
@@ -90,7 +90,7 @@ class LaneBatch:
 
     def run(self) -> list[tuple[int, WindowSolution]]:
         """Continue until a window is solved; return finished lanes with their solutions, and leave them idle."""
-        self._run(self._problem, self._descent, self._progress, self._settings.optimizer.max_iterations)
+        self._run(self._problem, self._descent, self._progress)
         return [
             (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
         ]
@@ -113,7 +113,7 @@ class LaneBatch:
         disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
         read_window(self._problem, lane, disturbances, states)
         norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
-        outcome = outcome_of(norm, iterations, self._settings)
+        outcome = outcome_of(norm, iterations, data, self._settings)
         return WindowSolution(disturbances, states, float(progress.value[lane]), norm, iterations, evaluations, outcome)
 
 

@@ -62,7 +62,12 @@ class OptimizerSettings(Settings):
     """Settings of the quasi-Newton solver of one window (docs/theory/estimate.md). Unset entries follow the preset."""
 
     tolerance: float | None = Field(None, gt=0, description="on max |s g|; default 5e-4 (recommended), 1e-3 (paper)")
-    max_iterations: int = Field(200, ge=1, description="largest number of iterations per window")
+    max_iterations: int = Field(
+        200,
+        ge=1,
+        description="largest number of iterations per window; half of it where a window that does not converge is "
+        "solved again with half the length",
+    )
     history: int = Field(10, ge=1, description="number of correction pairs of L-BFGS")
     scale: SixPositive | None = Field(
         None,

@@ -44,6 +44,8 @@ class WindowData:
         Step h, s.
     scale : (6,)
         Scale s of the control-variable transform ``b = s x`` (ones: none).
+    may_halve : bool
+        Whether the window is solved again with half the length if it does not converge.
     """
 
     hull: Hull
@@ -53,6 +55,12 @@ class WindowData:
     weights: Array
     step: float
     scale: Array
+    may_halve: bool = False
+
+    def iteration_limit(self, settings: EstimationSettings) -> int:
+        """Largest number of iterations: half of the usual one if shorter windows may follow."""
+        most = settings.optimizer.max_iterations
+        return max(1, most // 2) if self.may_halve else most
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +97,11 @@ WindowTask = tuple[WindowData, Array]
 Solver = Callable[[WindowData, Array], WindowSolution]
 
 
-def outcome_of(norm: float, iterations: int, settings: EstimationSettings) -> Outcome:
+def outcome_of(norm: float, iterations: int, data: WindowData, settings: EstimationSettings) -> Outcome:
     """Return the outcome of a solution that can be flown, with its optimality measure and number of iterations."""
     if norm <= settings.tolerance:
         return Outcome.CONVERGED
-    return Outcome.ITERATION_LIMIT if iterations >= settings.optimizer.max_iterations else Outcome.STALLED
+    return Outcome.ITERATION_LIMIT if iterations >= data.iteration_limit(settings) else Outcome.STALLED
 
 
 _NO_DATA = WindowSolution(
@@ -320,6 +328,7 @@ def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end:
         series.weights[begin : end + 1],
         series.step,
         np.array(plan.scale),
+        plan.shorter is not None,
     )
     return data, problem.start[begin:end]
 

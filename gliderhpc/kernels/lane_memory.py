@@ -101,9 +101,9 @@ class Progress(NamedTuple):
 
     Attributes
     ----------
-    status, iterations, evaluations, tries, pairs, newest : int
+    status, iterations, evaluations, tries, pairs, newest, limit : int
         State of the lane (`IDLE` ...); numbers of iterations, of evaluations, of evaluations in this search, and of
-        stored pairs; slot of the newest pair.
+        stored pairs; slot of the newest pair; number of iterations at which the descent stops.
     value, norm, least_norm, curvature : float
         Cost at the point; largest entry of the scaled gradient of the trial, and its value at which the descent stops;
         scale of the initial inverse Hessian.
@@ -119,6 +119,7 @@ class Progress(NamedTuple):
     tries: Array
     pairs: Array
     newest: Array
+    limit: Array
     value: Array
     norm: Array
     least_norm: Array
@@ -152,10 +153,10 @@ def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem,
         products=array(5, m), weights=array(2 * m + 1), aimed=array(2), accepted=array(1),
         aiming=array(1), reach=array(1),
     )  # fmt: skip
-    status, iterations, evaluations, tries, pairs, newest = np.zeros((6, count), dtype=np.int64)
+    status, iterations, evaluations, tries, pairs, newest, limit = np.zeros((7, count), dtype=np.int64)
     value, norm, least_norm, curvature = np.zeros((4, count))
     progress = Progress(
-        status, iterations, evaluations, tries, pairs, newest, value, norm, least_norm, curvature,
+        status, iterations, evaluations, tries, pairs, newest, limit, value, norm, least_norm, curvature,
         search=np.zeros((count, len(Search._fields))), step_change=np.zeros((count, m, m)),
         change_change=np.zeros((count, m, m)),
     )  # fmt: skip
@@ -168,9 +169,9 @@ def _numbers(*shape: int) -> Array:
 
 @kernel
 def load_window(
-    problem, descent, progress, lane, hull, bodies, state0, measurements, weights, step, scale, start, least_norm
+    problem, descent, progress, lane, hull, bodies, state0, measurements, weights, step, scale, start, least_norm, limit
 ):
-    """Load a window into a lane: arrays as in `WindowData`, ``start (n, 6)``, and the norm at which to stop."""
+    """Load a window into a lane: arrays as in `WindowData`, ``start (n, 6)``; norm and iterations at which to stop."""
     own = bodies.shape[0]
     for i in range(24):
         set_entry(problem.hull, i, lane, hull[i])
@@ -202,6 +203,7 @@ def load_window(
     progress.newest[lane] = -1
     progress.curvature[lane] = 1.0
     progress.least_norm[lane] = least_norm
+    progress.limit[lane] = limit
 
 
 @kernel

@@ -26,29 +26,29 @@ _SLOPE, _NORM, _FINITE, _PITCH, _SPEED2, _CHANGE2 = range(6)
 
 
 @kernel
-def run_until_done(problem, descent, progress, max_iterations):
+def run_until_done(problem, descent, progress):
     """Evaluate and decide until a lane is done (`ENDED` or `UNFLYABLE`) or none is active."""
     done = False
     while not done:
-        done = advance(problem, descent, progress, max_iterations)
+        done = advance(problem, descent, progress)
 
 
 @kernel
-def advance(problem, descent, progress, max_iterations):
+def advance(problem, descent, progress):
     """Evaluate every lane's trial once and place its next; return whether a lane is done or none is active."""
     p = problem
     cost_and_gradient(
         p.hull, p.bodies, p.state0, p.trial, p.measurements, p.weights, p.durations, p.states, p.tape, p.gradient,
         p.gradient_state0, p.cost,
     )  # fmt: skip
-    return proceed(problem, descent, progress, max_iterations)
+    return proceed(problem, descent, progress)
 
 
 @kernel
-def proceed(problem, descent, progress, max_iterations):
+def proceed(problem, descent, progress):
     """Process every lane's evaluated trial and place its next; return the same as `advance`."""
     measure_trial(problem, descent)
-    done, accepted, aiming = decide(problem, descent, progress, max_iterations)
+    done, accepted, aiming = decide(problem, descent, progress)
     if accepted:
         accept_trial(problem, descent)
         keep_pairs(descent, progress)
@@ -86,7 +86,7 @@ def measure_trial(problem, descent):
 
 
 @kernel
-def decide(problem, descent, progress, max_iterations):
+def decide(problem, descent, progress):
     """Update each lane with its evaluation; return whether any is done (or none active), accepted, or to be aimed."""
     done, accepted, aiming, working = False, False, False, False
     for lane in range(progress.status.shape[0]):
@@ -102,7 +102,7 @@ def decide(problem, descent, progress, max_iterations):
         elif status == RETURNING:
             progress.status[lane] = ENDED
         else:
-            search_on(problem, descent, progress, lane, max_iterations)
+            search_on(problem, descent, progress, lane)
         done |= progress.status[lane] >= ENDED
         working |= progress.status[lane] < ENDED
         accepted |= entry(descent.accepted, 0, lane) > 0.0
@@ -154,7 +154,7 @@ def store_search(progress, lane, search):
 
 
 @inner_kernel
-def search_on(problem, descent, progress, lane, max_iterations):
+def search_on(problem, descent, progress, lane):
     """Advance the lane's line search with the evaluation: accept the trial, give up, or try the next step."""
     search = load_search(progress, lane)
     progress.tries[lane] += 1
@@ -169,7 +169,7 @@ def search_on(problem, descent, progress, lane, max_iterations):
         )
     store_search(progress, lane, search)
     if verdict != CONTINUE and flyable(problem, descent, lane):
-        accept(descent, progress, lane, search, value, slope, max_iterations)
+        accept(descent, progress, lane, search, value, slope)
     elif verdict != CONTINUE or progress.tries[lane] >= MAX_TRIES:
         give_up_search(descent, progress, lane)
     else:
@@ -177,15 +177,15 @@ def search_on(problem, descent, progress, lane, max_iterations):
 
 
 @kernel
-def accept(descent, progress, lane, search, value, slope, max_iterations):
+def accept(descent, progress, lane, search, value, slope):
     """Accept the trial as the point; end there, or request the next direction."""
     progress.iterations[lane] += 1
     fallen = progress.value[lane] - value
     progress.value[lane] = value
     if (
         progress.norm[lane] <= progress.least_norm[lane]
-        or progress.iterations[lane] >= max_iterations
-        or progress.evaluations[lane] > MAX_TRIES * max_iterations
+        or progress.iterations[lane] >= progress.limit[lane]
+        or progress.evaluations[lane] > MAX_TRIES * progress.limit[lane]
         or fallen <= 0.0
     ):
         progress.status[lane] = ENDED

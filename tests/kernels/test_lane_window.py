@@ -41,7 +41,7 @@ def evaluate(posed, steps, implementation):
     for lane, (data, disturbance) in enumerate(posed):
         load_window(
             p, descent, progress, lane, data.hull, data.bodies, data.state0, data.measurements, data.weights,
-            data.step, data.scale, disturbance, 1.0,
+            data.step, data.scale, disturbance, 1.0, 1,
         )  # fmt: skip
     implementation.evaluate(p)
     return p

@@ -1,5 +1,7 @@
 """L-BFGS in lanes: its directions are those of the textbook, and its descents end like the reference engine's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.posed_windows import SCALE, at_rest, solve_together, window_data
@@ -43,7 +45,7 @@ class Watched:
         for lane, (data, start) in enumerate(tasks):
             load_window(
                 problem, descent, progress, lane, data.hull, data.bodies, data.state0, data.measurements, data.weights,
-                data.step, data.scale, start, tolerance * data.step,
+                data.step, data.scale, start, tolerance * data.step, 200,
             )  # fmt: skip
         self.points = [[] for _ in tasks]
         self.slopes = [[] for _ in tasks]
@@ -52,7 +54,7 @@ class Watched:
         """Advance one round; return the lanes that continue from a new point."""
         _, descent, progress = self.memory
         before = progress.iterations.copy(), progress.status.copy()
-        advance(*self.memory, 200)
+        advance(*self.memory)
         moved = []
         for lane, points in enumerate(self.points):
             at_work = progress.status[lane] == SEARCHING
@@ -134,6 +136,17 @@ def test_first_iterations_are_those_of_the_reference_engine():
         # The reference engine evaluates the start a second time.
         assert ours.evaluations == theirs.evaluations - 1
         np.testing.assert_allclose(ours.disturbances, theirs.disturbances, rtol=1e-6, atol=1e-9)
+
+
+def test_a_window_that_may_be_halved_has_half_of_the_iterations():
+    """Those beside it in the lanes have all of them."""
+    data, start = posed(1)[0]
+    tasks = [(data, start), (replace(data, may_halve=True), start)]
+    settings = settings_of(tolerance=1e-12, max_iterations=8)
+    for solutions in (solve_together(tasks, settings), [solve_window(*task, settings) for task in tasks]):
+        assert [solution.iterations for solution in solutions] == [8, 4]
+        assert {solution.outcome for solution in solutions} == {Outcome.ITERATION_LIMIT}
+    assert replace(data, may_halve=True).iteration_limit(settings_of(max_iterations=1)) == 1
 
 
 def test_what_is_reported_belongs_to_what_is_returned():

@@ -193,7 +193,7 @@ class Fortran:
         for lane in range(LANES):
             load_window(
                 problem, descent, progress, lane, Hull(*hull), bodies, state0[SENSED], measured, weights, h,
-                np.ones(6), b, 1.0,
+                np.ones(6), b, 1.0, 1,
             )  # fmt: skip
         self.evaluate(problem)
         return float(_common(problem.cost)[0]), _common(problem.gradient), _common(problem.gradient_state0)
