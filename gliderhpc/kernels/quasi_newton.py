@@ -11,7 +11,7 @@ the same result to the bit.
 import math
 
 from gliderhpc.kernels.elementwise import entry, load, select, set_entry, store, zero_like
-from gliderhpc.kernels.jit import inner_kernel, kernel
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
 from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, start_search
 from gliderhpc.kernels.window import cost_and_gradient
@@ -252,8 +252,8 @@ def keep_pairs(descent, progress):
                     set_entry(descent.steps, (slot, k, i), lane, entry(descent.taken, (k, i), lane))
                     set_entry(descent.changes, (slot, k, i), lane, entry(descent.change, (k, i), lane))
         most = max(most, progress.pairs[lane])
-    for slot in range(most):
-        multiply_pair(descent, slot)
+    for slot in range(0, most, 2):
+        multiply_pairs(descent, slot, min(slot + 1, most - 1))
     for lane in range(progress.status.shape[0]):
         if entry(descent.accepted, 0, lane) == 2.0:
             newest = progress.newest[lane]
@@ -266,19 +266,37 @@ def keep_pairs(descent, progress):
 
 
 @kernel
-def multiply_pair(descent, slot):
-    """Store products of one slot's pairs with the gradient and with the newest pair: s.g, y.g, s.y', y.s', y.y'."""
+def multiply_pairs(descent, first, second):
+    """Store products of two slots' pairs with the gradient and with the newest pair: s.g, y.g, s.y', y.s', y.y'.
+
+    A sum has to wait for its last addition; those of two slots wait at the same time, and read gradient and newest pair
+    once.
+    """
     zero = zero_like(load(descent.reach, 0))
     sg, yg, sy, ys, yy = zero, zero, zero, zero, zero
+    sg2, yg2, sy2, ys2, yy2 = zero, zero, zero, zero, zero
     for k in range(descent.slope.shape[0]):
         for i in range(6):
-            s, y = load(descent.steps, (slot, k, i)), load(descent.changes, (slot, k, i))
             g, step, change = load(descent.slope, (k, i)), load(descent.taken, (k, i)), load(descent.change, (k, i))
+            s, y = load(descent.steps, (first, k, i)), load(descent.changes, (first, k, i))
             sg += s * g
             yg += y * g
             sy += s * change
             ys += y * step
             yy += y * change
+            s, y = load(descent.steps, (second, k, i)), load(descent.changes, (second, k, i))
+            sg2 += s * g
+            yg2 += y * g
+            sy2 += s * change
+            ys2 += y * step
+            yy2 += y * change
+    store_products(descent, first, sg, yg, sy, ys, yy)
+    store_products(descent, second, sg2, yg2, sy2, ys2, yy2)
+
+
+@formula
+def store_products(descent, slot, sg, yg, sy, ys, yy):
+    """Write the products of one slot's pair."""
     store(descent.products, (0, slot), sg)
     store(descent.products, (1, slot), yg)
     store(descent.products, (2, slot), sy)

@@ -40,7 +40,7 @@ def compiled_kernels() -> dict[str, Any]:
         ),
         quasi_newton.measure_trial: (p, d),
         quasi_newton.accept_trial: (p, d),
-        quasi_newton.multiply_pair: (d, 0),
+        quasi_newton.multiply_pairs: (d, 0, 1),
         quasi_newton.point_directions: (d, progress),
         quasi_newton.place_trial: (p, d),
     }  # fmt: skip
