@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
@@ -88,6 +89,11 @@ def flight_guesses(platform: Platform, series: ProfileSeries, every: int = 1) ->
     states[:, 10] = slopes[:, 1] * cos_phi + turn * sin_phi
     states[:, 11] = -slopes[:, 1] * sin_phi + turn * cos_phi
     return states
+
+
+def first_guess(platform: Platform, series: ProfileSeries) -> Array:
+    """Guess ``(10,)`` of the sensed states in row 0, as in `flight_guesses`."""
+    return np.asarray(flight_guesses(platform, series, len(series.measurements))[0, SENSED])
 
 
 def slopes_of(series: ProfileSeries, every: int = 1) -> Array:

@@ -17,7 +17,13 @@ from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate, displacement, filter_fallback
-from gliderhpc.estimation.smoother.noise import HeavyTails, NoiseModel, NoiseScale, standardised_noise
+from gliderhpc.estimation.smoother.noise import (
+    HeavyTails,
+    NoiseModel,
+    NoiseScale,
+    spent_and_resolved,
+    standardised_noise,
+)
 from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts
 from gliderhpc.flight.glider import SENSED
@@ -323,8 +329,7 @@ def consistency(linear: Backward, noise: Array, usual: NDArray[np.bool_]) -> flo
 
     Only steps ``usual`` are used. If nothing is resolved in them, the ratio is one.
     """
-    resolved = float(np.sum(linear.noise_resolved[usual]))
-    spent = float(np.sum((linear.noise_mean**2 / noise)[usual]))
+    spent, resolved = (float(np.sum(parts)) for parts in spent_and_resolved(linear, noise, usual))
     return min(1.0, spent / resolved) if resolved > 0.0 else 1.0
 
 

@@ -12,15 +12,15 @@ on Control and Optimization 52, 2891-2916.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.kernels.mass import GRAVITY
-from gliderhpc.kernels.smoother_memory import (
-    Backward,
-)
+from gliderhpc.kernels.smoother_memory import Backward
+from gliderhpc.kernels.smoother_path import sum_noise_values
 
 Array = NDArray[np.float64]
 
@@ -79,8 +79,15 @@ class SmoothedNoise(Protocol):
 
 def spent_and_resolved(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Sums over some steps of the smoothed noise's squares over variances ``noise (n, 6)``, and of resolved values."""
-    spent = np.sum(found.noise_mean[steps] ** 2 / noise[steps], axis=0)
-    return spent, np.sum(found.noise_resolved[steps], axis=0)
+    spent, resolved, _ = _sums(found, noise, steps)
+    return spent, resolved
+
+
+def _sums(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> Array:
+    """Sums ``(3, 6)`` as in `spent_and_resolved`, and of the variances."""
+    sums = np.empty((3, 6))
+    sum_noise_values(found.noise_mean, found.noise_resolved, noise, steps, sums)
+    return sums
 
 
 def standardised_noise(found: SmoothedNoise, noise: Array) -> Array:
@@ -130,15 +137,22 @@ class NoiseScale:
         """Factors ``(6,)`` of variances ``noise (n, 6)`` relative to the prior; one if no step is usual."""
         if not self.usual.any():
             return np.ones(6)
-        return np.asarray(noise[self.usual].sum(axis=0) / self.prior[self.usual].sum(axis=0))
+        return np.asarray(noise[self.usual].sum(axis=0) / self._usual_prior)
+
+    @cached_property
+    def _usual_prior(self) -> Array:
+        """Sum ``(6,)`` of the prior's variances over the usual steps."""
+        return np.asarray(self.prior[self.usual].sum(axis=0))
 
     def renewed(self, noise: Array, linear: Backward) -> Array:
         """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
-        steps, renewed = self.usual, noise.copy()
-        before = self.factors(noise)
-        spent, resolved = spent_and_resolved(linear, noise, steps)
+        spent, resolved, variances = _sums(linear, noise, self.usual)
+        before = variances / self._usual_prior if self.usual.any() else np.ones(6)
         after = (before * spent + WEIGHT) / (resolved + WEIGHT)
         channels = list(self.channels)
+        if len(channels) == 6:
+            return self.scaled(after)
+        renewed = noise.copy()
         renewed[:, channels] = self.scaled(after)[:, channels]
         return renewed
 

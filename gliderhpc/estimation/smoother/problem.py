@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
 from gliderhpc.estimation.joining import flyable
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples, repetitions, sample_variance
-from gliderhpc.estimation.self_motion import flight_guesses
+from gliderhpc.estimation.self_motion import first_guess
 from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_lateral_gusts
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
 from gliderhpc.flight.glider import SENSED
@@ -37,6 +37,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_costate,
     allocate_segments,
 )
+from gliderhpc.kernels.smoother_path import move_path
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.vocabulary import CHANNELS
 
@@ -112,7 +113,7 @@ def pose_dive(
         variance = np.hstack([variance, profile.velocity.variance])
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     scale = _noise_scale(profile, filtered, prior, settings, noise_factor, gusts=gusts)
-    first = flight_guesses(platform, series)[0, SENSED]
+    first = first_guess(platform, series)
     dive = Dive(
         bodies=np.ascontiguousarray(profile.bodies),
         step=settings.step,
@@ -315,14 +316,7 @@ class Sweeps:
         Inside the segments, the disturbances move by the smoothed noise; the states follow in the next forward sweep.
         """
         states, disturbances = trajectory.states.copy(), trajectory.disturbances.copy()
-        states[np.ix_(self.rows, SENSED)] += fraction * linear.correction[:, :10]
-        whole = trajectory.disturbances.copy()
-        whole[self.rows] += linear.correction[:, 10:]
-        lengths = np.diff(self.rows)
-        for place in range(1, lengths.max()):
-            inside = self.rows[:-1][lengths > place] + place
-            whole[inside] = self.dive.decay * whole[inside - 1] + linear.noise_mean[inside - 1]
-        disturbances += fraction * (whole - disturbances)
+        move_path(self.dive.decay, self.rows, linear.correction, linear.noise_mean, fraction, states, disturbances)
         return Trajectory(states, disturbances)
 
     def _sweep(self, trajectory: Trajectory, gate: float, *, backwards: bool) -> None:
