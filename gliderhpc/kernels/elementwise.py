@@ -69,6 +69,20 @@ def _with_lane(array, index, lane):
     return own if array.ndim == len(own) else (*own, lane)
 
 
+def load_along(array, index):
+    """Return as lanes the `LANES` numbers of a row from ``index`` (a tuple) on."""
+    return np.array(array[_along(index)]).view(UncompiledLanes)
+
+
+def store_along(array, index, value):
+    """Write lanes to the place from which `load_along` reads them."""
+    array[_along(index)] = value
+
+
+def _along(index):
+    return (*index[:-1], slice(index[-1], index[-1] + LANES))
+
+
 def clear(array):
     """Set a contiguous array to zero."""
     array[...] = 0.0
@@ -150,6 +164,18 @@ def _lower_set_entry(context, builder, sig, args):
     return context.get_dummy_value()
 
 
+def _lower_load_along(context, builder, sig, args):
+    pointer = builder.bitcast(_address(context, builder, sig, args), VECTOR.as_pointer())
+    return builder.load(pointer, align=_alignment(lanes))
+
+
+def _lower_store_along(context, builder, sig, args):
+    value = as_vector(context, builder, args[2], sig.args[2])
+    pointer = builder.bitcast(_address(context, builder, sig, args), VECTOR.as_pointer())
+    builder.store(value, pointer, align=_alignment(lanes))
+    return context.get_dummy_value()
+
+
 def _lower_clear(context, builder, sig, args):
     data, size = _bytes(context, builder, sig.args[0], args[0])
     cgutils.memset(builder, data, size, 0)
@@ -225,9 +251,12 @@ operation(load, kind_loaded, lower_load)
 operation(store, lambda array, index, value: types.void, _lower_store)
 operation(entry, lambda array, index, lane: types.float64, _lower_entry)
 operation(set_entry, lambda array, index, lane, value: types.void, _lower_set_entry)
+operation(load_along, lambda array, index: lanes, _lower_load_along)
+operation(store_along, lambda array, index, value: types.void, _lower_store_along)
 operation(clear, _nothing_of_contiguous, _lower_clear)
 operation(copy, _nothing_of_contiguous, _lower_copy)
 
 __all__ = [
-    "LANES", "Lanes", "entry", "lane_array", "load", "select", "set_entry", "square_root", "store", "zero_like"
+    "LANES", "Lanes", "entry", "lane_array", "load", "load_along", "select", "set_entry", "square_root", "store",
+    "store_along", "zero_like",
 ]  # fmt: skip

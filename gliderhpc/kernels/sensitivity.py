@@ -10,130 +10,19 @@ gains:
 
 Information ``I`` and score ``g`` of the constants are exactly those of the problem with the constants as states
 (docs/smoother.md). Filter, mean and costate are those of `gliderhpc.kernels.smoother`, over the same segments.
+Parameters are the columns of all sensitivities, and are computed in lanes.
 """
 
 import math
 
-from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS, by_constants
-from gliderhpc.kernels.dynamics import geometry_of
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, clear, copy, load, store
+from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along
 from gliderhpc.kernels.jit import inner_kernel, kernel
-from gliderhpc.kernels.mass import load_body
-from gliderhpc.kernels.smoother_covariance import (
-    multiply,
-    predict_over_segment,
-    symmetrise,
-    transpose,
-    update,
-)
+from gliderhpc.kernels.sensitivity_segments import linearise_with_constants
+from gliderhpc.kernels.smoother_covariance import predict_over_segment, symmetrise, update
 from gliderhpc.kernels.smoother_memory import BLOCK, copy_row
-from gliderhpc.kernels.smoother_segments import (
-    add_defects,
-    begin_products,
-    gather,
-    pull_back,
-    run_model,
-    save_products,
-    scatter_run,
-    scatter_transition,
-    sum_noise,
-)
-from gliderhpc.kernels.tangent import load_ten
+from gliderhpc.kernels.smoother_segments import sum_noise
 from gliderhpc.kernels.window import sensed_of
-
-
-@inner_kernel
-def _gather_slopes(forcing, segments, number, gradient):
-    """Copy the slopes of the mass properties of segments ``number`` to ``number + LANES`` into the lanes."""
-    rows = segments.rows
-    last = rows.shape[0] - 2
-    for lane in range(LANES):
-        segment = min(number + lane, last)
-        first, stop = rows[segment], rows[segment + 1]
-        for s in range(gradient.slopes.shape[0]):
-            for m in range(forcing.moving.shape[0]):
-                for i in range(CONSTANTS - HULL_CONSTANTS):
-                    slope = forcing.bodies[first + s, m, i] if first + s < stop else 0.0
-                    gradient.slopes[s, m, i, lane] = slope
-
-
-@inner_kernel
-def _add_gradient(hull, lanes, gradient, s):
-    """Add the derivatives of the segment's end by the constants that act at step ``s``."""
-    h, body = load(lanes.durations, s), load_body(lanes.bodies, s)
-    sixth = h / 6.0
-    b = (
-        load(lanes.disturbances, (s, 0)), load(lanes.disturbances, (s, 1)), load(lanes.disturbances, (s, 2)),
-        load(lanes.disturbances, (s, 3)), load(lanes.disturbances, (s, 4)), load(lanes.disturbances, (s, 5)),
-    )  # fmt: skip
-    clear(gradient.body)
-    for number in range(4):
-        y, costates = load_ten(lanes.stages, number), lanes.stage_costates[number]
-        geometry = geometry_of(y)
-        for i in range(12):
-            found = by_constants(hull, body, y, geometry, b, load_ten(costates, i))
-            for c in range(HULL_CONSTANTS):
-                store(gradient.hull, (i, c), load(gradient.hull, (i, c)) + sixth * found[c])
-            for c in range(CONSTANTS - HULL_CONSTANTS):
-                total = load(gradient.body, (i, c)) + sixth * found[HULL_CONSTANTS + c]
-                store(gradient.body, (i, c), total)
-    for m in range(gradient.moving.shape[0]):
-        for i in range(12):
-            total = load(gradient.moving, (m, i))
-            for c in range(CONSTANTS - HULL_CONSTANTS):
-                total += load(gradient.slopes, (s, m, c)) * load(gradient.body, (i, c))
-            store(gradient.moving, (m, i), total)
-
-
-@inner_kernel
-def _scatter_gradient(forcing, segments, number, gradient, sensitivity, at):
-    """Write the derivatives of the segments' ends by the parameters to the rows of the block from ``at`` on."""
-    for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
-        forced = sensitivity.forced[at + lane]
-        clear(forced)
-        for entry in range(forcing.constant.shape[0]):
-            j, c, slope = forcing.parameter[entry], forcing.constant[entry], forcing.slope[entry]
-            for i in range(12):
-                forced[j, i] += slope * gradient.hull[i, c, lane]
-        for m in range(forcing.moving.shape[0]):
-            for i in range(12):
-                forced[forcing.moving[m], i] += gradient.moving[m, i, lane]
-
-
-@kernel
-def linearise_with_constants(
-    hull, dive, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
-):
-    """Linearise segments ``number`` to ``number + LANES`` by states and parameters, and save the products of each step.
-
-    `gliderhpc.kernels.smoother_segments.linearise_segments` is the same without the derivatives by parameters, and with
-    the noise.
-
-    Parameters
-    ----------
-    at : int
-        First row in the block, a multiple of `LANES`: the products are saved in group ``at // LANES``.
-    tally, gradient : (14,), Gradient
-        Scratch.
-    sensitivity : Sensitivity
-        Memory, in the field `forced` of which the derivatives are stored.
-    """
-    lanes = segments.lanes
-    gather(dive, states, disturbances, segments, number)
-    _gather_slopes(forcing, segments, number, gradient)
-    run_model(hull, lanes)
-    begin_products(lanes)
-    clear(gradient.hull)
-    clear(gradient.moving)
-    for s in range(lanes.durations.shape[0] - 1, -1, -1):
-        add_defects(lanes, s)
-        save_products(lanes, at // LANES, s)
-        pull_back(hull, dive.decay, lanes, s)
-        _add_gradient(hull, lanes, gradient, s)
-    scatter_run(dive, states, segments, number, tally)
-    scatter_transition(segments, number, block, at)
-    _scatter_gradient(forcing, segments, number, gradient, sensitivity, at)
 
 
 @inner_kernel
@@ -141,41 +30,43 @@ def _carry(block, sensitivity, at):
     """Carry the sensitivity over the segment of row ``at``, including X and Y."""
     before, after = sensitivity.states[at], sensitivity.states[at + 1]
     track, track_after = sensitivity.track[at], sensitivity.track[at + 1]
-    multiply(before, block.tangent_lanes[at], sensitivity.state_lanes[at + 1])
-    moved, forced = block.track_tangent[at], sensitivity.forced[at]
-    for j in range(before.shape[0]):
-        for r in range(2):
-            total = track[j, r] + forced[j, 10 + r]
-            for i in range(16):
-                total += before[j, i] * moved[r, i]
-            track_after[j, r] = total
-        for i in range(10):
-            after[j, i] += forced[j, i]
+    tangent, moved, forced = block.tangent[at], block.track_tangent[at], sensitivity.forced[at]
+    for first in range(0, before.shape[1], LANES):
+        for i in range(0, 10, 5):
+            a, b = load_along(forced, (i, first)), load_along(forced, (i + 1, first))
+            c, d = load_along(forced, (i + 2, first)), load_along(forced, (i + 3, first))
+            e = load_along(forced, (i + 4, first))
+            for k in range(16):
+                row = load_along(before, (k, first))
+                a += tangent[k, i] * row
+                b += tangent[k, i + 1] * row
+                c += tangent[k, i + 2] * row
+                d += tangent[k, i + 3] * row
+                e += tangent[k, i + 4] * row
+            store_along(after, (i, first), a)
+            store_along(after, (i + 1, first), b)
+            store_along(after, (i + 2, first), c)
+            store_along(after, (i + 3, first), d)
+            store_along(after, (i + 4, first), e)
+        a = load_along(track, (0, first)) + load_along(forced, (10, first))
+        b = load_along(track, (1, first)) + load_along(forced, (11, first))
+        for k in range(16):
+            row = load_along(before, (k, first))
+            a += moved[0, k] * row
+            b += moved[1, k] * row
+        store_along(track_after, (0, first), a)
+        store_along(track_after, (1, first), b)
+        for i in range(10, 16):
+            store_along(after, (i, first), tangent[i, i] * load_along(before, (i, first)))
 
 
 @inner_kernel
-def _absorb(forcing, sensitivity, matrix, score, k, at, channel, gain, cross, innovation, inverse):
-    """Update information and score with one channel's innovation, and set ``V <- V - K h``."""
-    states, track, h = sensitivity.states[at], sensitivity.track[at], sensitivity.predicted[at, channel]
-    parameters = states.shape[0]
-    for j in range(parameters):
-        h[j] = states[j, channel]
-    for r in range(forcing.reading.shape[0]):
-        h[forcing.reading[r]] -= forcing.samples[forcing.number[k], channel, r]
-    for j in range(parameters):
-        weighted = h[j] * inverse
-        score[j] += weighted * innovation
-        for i in range(j + 1):
-            matrix[j, i] += weighted * h[i]
-        for i in range(16):
-            states[j, i] -= h[j] * gain[i]
-        track[j, 0] -= weighted * cross[0]
-        track[j, 1] -= weighted * cross[1]
+def _assimilate(measured, variance, forcing, states, k, block, at, sensitivity, score, before):
+    """Update row ``at`` of the block and its sensitivity with the channels of sample ``k`` in turn.
 
-
-@inner_kernel
-def _assimilate(measured, variance, forcing, states, k, block, at, sensitivity, matrix, score):
-    """Update row ``at`` of the block and its sensitivity with the channels of sample ``k`` in turn."""
+    The innovations' sensitivities follow the ``before`` ones that the block has already; their new number is returned.
+    """
+    count = before
     for channel in range(measured.shape[0]):
         value = measured[channel]
         if not math.isfinite(value):
@@ -184,43 +75,90 @@ def _assimilate(measured, variance, forcing, states, k, block, at, sensitivity, 
         if channel == 2:
             residual = wrap(residual)
         innovation = residual - block.mean[at, channel]
-        cross = (block.cross[at, 0, channel], block.cross[at, 1, channel])
+        for r in range(2):
+            sensitivity.cross[count, r] = block.cross[at, r, channel]
         update(block, at, channel, innovation, variance[channel])
-        inverse = block.information[at, channel]
-        gain = block.gain[at, channel]
-        _absorb(forcing, sensitivity, matrix, score, k, at, channel, gain, cross, innovation, inverse)
+        sensitivity.channel[count] = channel
+        sensitivity.weight[count] = block.information[at, channel]
+        sensitivity.scaled[count] = block.scaled_innovation[at, channel]
+        count += 1
+    _absorb(forcing, sensitivity, score, k, at, block.gain[at], before, count)
+    return count
+
+
+@inner_kernel
+def _absorb(forcing, sensitivity, score, k, at, gain, before, count):
+    """Set ``V <- V - K h`` for the innovations from ``before`` to ``count``, store each ``h``, and update the score."""
+    states, track, predicted = sensitivity.states[at], sensitivity.track[at], sensitivity.predicted
+    for n in range(before, count):
+        for first in range(0, states.shape[1], LANES):
+            store_along(predicted, (n, first), load_along(states, (sensitivity.channel[n], first)))
+        for r in range(forcing.reading.shape[0]):
+            predicted[n, forcing.reading[r]] -= forcing.samples[forcing.number[k], sensitivity.channel[n], r]
+    for first in range(0, states.shape[1], LANES):
+        for n in range(before, count):
+            h = load_along(predicted, (n, first))
+            for m in range(before, n):
+                h -= gain[sensitivity.channel[m], sensitivity.channel[n]] * load_along(predicted, (m, first))
+            store_along(predicted, (n, first), h)
+            store_along(score, (first,), load_along(score, (first,)) + sensitivity.scaled[n] * h)
+            for r in range(2):
+                total = load_along(track, (r, first)) - sensitivity.cross[n, r] * sensitivity.weight[n] * h
+                store_along(track, (r, first), total)
+        for i in range(0, 16, 4):
+            a, b = load_along(states, (i, first)), load_along(states, (i + 1, first))
+            c, d = load_along(states, (i + 2, first)), load_along(states, (i + 3, first))
+            for n in range(before, count):
+                h, channel = load_along(predicted, (n, first)), sensitivity.channel[n]
+                a -= gain[channel, i] * h
+                b -= gain[channel, i + 1] * h
+                c -= gain[channel, i + 2] * h
+                d -= gain[channel, i + 3] * h
+            store_along(states, (i, first), a)
+            store_along(states, (i + 1, first), b)
+            store_along(states, (i + 2, first), c)
+            store_along(states, (i + 3, first), d)
+
+
+@inner_kernel
+def _add_information(sensitivity, count, matrix):
+    """Add ``h' h / S`` of the block's ``count`` innovations to the lower triangle of the information."""
+    predicted, weighted = sensitivity.predicted, sensitivity.weighted
+    for n in range(count):
+        for first in range(0, predicted.shape[1], LANES):
+            store_along(weighted, (n, first), sensitivity.weight[n] * load_along(predicted, (n, first)))
+    for j in range(0, predicted.shape[1], 4):
+        for first in range(0, j + 4, LANES):
+            a, b = load_along(matrix, (j, first)), load_along(matrix, (j + 1, first))
+            c, d = load_along(matrix, (j + 2, first)), load_along(matrix, (j + 3, first))
+            for n in range(count):
+                row = load_along(predicted, (n, first))
+                a += weighted[n, j] * row
+                b += weighted[n, j + 1] * row
+                c += weighted[n, j + 2] * row
+                d += weighted[n, j + 3] * row
+            store_along(matrix, (j, first), a)
+            store_along(matrix, (j + 1, first), b)
+            store_along(matrix, (j + 2, first), c)
+            store_along(matrix, (j + 3, first), d)
 
 
 @inner_kernel
 def _begin(dive, forcing, states, disturbances, carried):
     """Set predicted deviation, covariance and sensitivity of the first row from the prior, under every assumption."""
     y = sensed_of(states[0])
+    clear(carried.states)
     for a in range(carried.mean.shape[0]):
         for i in range(16):
             value = y[i] if i < 10 else disturbances[0, i - 10]
             carried.mean[a, i] = dive.mean[i] - value
             for j in range(16):
                 carried.covariance[a, i, j] = dive.deviation[i] * dive.deviation[i] if i == j else 0.0
-        copy(forcing.start, carried.states[a])
+            for j in range(forcing.start.shape[0]):
+                carried.states[a, i, j] = forcing.start[j, i]
     clear(carried.cross)
     clear(carried.track)
     clear(carried.track_states)
-
-
-@inner_kernel
-def _load_row(rows, i, block, sensitivity, at):
-    """Copy row ``i`` of a `SensitivityRows` to row ``at`` of the block."""
-    copy_row(rows, i, block, at)
-    copy(rows.states[i], sensitivity.states[at])
-    copy(rows.track_states[i], sensitivity.track[at])
-
-
-@inner_kernel
-def _save_row(block, sensitivity, at, rows, i):
-    """Copy row ``at`` of the block to row ``i`` of a `SensitivityRows`."""
-    copy_row(block, at, rows, i)
-    copy(sensitivity.states[at], rows.states[i])
-    copy(sensitivity.track[at], rows.track_states[i])
 
 
 @inner_kernel
@@ -235,27 +173,69 @@ def _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scr
 
 
 @inner_kernel
-def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information):
-    """Filter rows ``first`` to ``stop`` (exclusive) under one assumption, and predict row ``stop`` if there is one."""
+def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done):
+    """Filter rows ``first`` to ``stop`` (exclusive) under one assumption, and predict row ``stop`` if there is one.
+
+    The backward sweep needs the transitions and updates of the first assumption, which are stored on the tape, and the
+    state of the filter in the rows asked for, of which ``done`` were before; their new number is returned.
+    """
     segments, block, sensitivity = scratch.segments, scratch.block, scratch.sensitivity
     measured, variance, noise = assumed.measured[a], assumed.variance[a], assumed.noise[a]
-    matrix, score, filtered = information.matrix[a], information.score[a], information.filtered[a]
+    score, filtered = information.score[a], information.filtered[a]
     last = segments.rows.shape[0] - 1
+    taped = a == 0 and out.rows.shape[0] > 0
+    count = 0
     for number in range(first, stop):
         at, k = number - first, segments.rows[number]
         if number < last and at % LANES == 0:
             sum_noise(noise, segments, number, at // LANES, at)
         clear(block.information[at])
+        before = count
         if dive.fed[k]:
-            _assimilate(measured[k], variance[k], forcing, states, k, block, at, sensitivity, matrix, score)
+            count = _assimilate(measured[k], variance[k], forcing, states, k, block, at, sensitivity, score, count)
         copy(block.mean[at], filtered[number])
+        if taped:
+            _write_updates(block, sensitivity, at, before, tape, forcing.number[k])
+            if number < last:
+                _write_transition(block.tangent[at], tape.transition[number])
+            else:
+                copy(sensitivity.track[at], out.displacement)
+            if done < out.rows.shape[0] and out.rows[done] == k:
+                copy(sensitivity.states[at], out.states[done])
+                copy(sensitivity.track[at], out.track[done])
+                copy(block.covariance[at], tape.covariance[done])
+                copy(block.cross[at], tape.cross[done])
+                done += 1
         if number < last:
             predict_over_segment(segments, block, at)
             _carry(block, sensitivity, at)
+    _add_information(sensitivity, count, information.matrix[a])
+    return done
+
+
+@inner_kernel
+def _write_transition(tangent, transition):
+    """Write the transition of which ``tangent (16, 16)`` is the transpose, in the form of `Tape`."""
+    for i in range(10):
+        for j in range(16):
+            transition[i, j] = tangent[j, i]
+    for i in range(10, 16):
+        transition[10, i] = tangent[i, i]
+
+
+@inner_kernel
+def _write_updates(block, sensitivity, at, count, tape, sample):
+    """Write the updates of row ``at``, the first of them the block's innovation ``count``, to the tape."""
+    for channel in range(tape.gain.shape[1]):
+        if block.information[at, channel] > 0.0:
+            copy(block.gain[at, channel], tape.gain[sample, channel])
+            copy(sensitivity.predicted[count], tape.predicted[sample, channel])
+            tape.inverse[sample, channel] = block.information[at, channel]
+            count += 1
 
 
 @kernel
-def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, information, again, out):
+def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch, information, tape, out):
     """Filter a dive with the sensitivity and sum up its information on ``eta``, under several assumptions of its noise.
 
     The steps and their derivatives, which take most of the time, are common to all assumptions. Where rows are asked
@@ -268,87 +248,100 @@ def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch,
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation. Its rows inside the segments are replaced by the model's run, and its X and Y by the
         displacement.
-    scratch, checkpoints : Scratch, SensitivityRows
-        Memory; checkpoints are written only if rows are asked for.
-    information, again : Information
-        Result, to be filled, and memory for one assumption, in which the backward sweep adds up everything again.
+    scratch : Scratch
+        Memory.
+    information : Information
+        Result, to be filled; zero at first.
+    tape : Tape
+        Memory of the forward sweep for the backward sweep; not used without rows.
     out : SmoothedSensitivity
         Sensitivities in the rows asked for, and of the displacement, to be filled; nothing is filled without rows.
     """
     block, sensitivity, carried = scratch.block, scratch.sensitivity, scratch.carried
-    rows = scratch.segments.rows.shape[0]
-    clear(information.matrix)
-    clear(information.score)
+    rows, done = scratch.segments.rows.shape[0], 0
     _begin(dive, forcing, states, disturbances, carried)
     for first in range(0, rows, BLOCK):
         stop = min(first + BLOCK, rows)
         _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch)
         for a in range(carried.mean.shape[0]):
-            _load_row(carried, a, block, sensitivity, 0)
+            copy_row(carried, a, block, 0)
+            copy(carried.states[a], sensitivity.states[0])
+            copy(carried.track_states[a], sensitivity.track[0])
             symmetrise(block.covariance[0])
-            if a == 0 and out.rows.shape[0] > 0:
-                _save_row(block, sensitivity, 0, checkpoints, first // BLOCK)
-            _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information)
-            _save_row(block, sensitivity, BLOCK, carried, a)
+            done = _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done)
+            copy_row(block, BLOCK, carried, a)
+            copy(sensitivity.states[BLOCK], carried.states[a])
+            copy(sensitivity.track[BLOCK], carried.track_states[a])
     if out.rows.shape[0] > 0:
-        _smooth(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, again, out)
+        _smooth(dive, forcing, scratch, tape, out)
 
 
 @inner_kernel
-def _smooth(hull, dive, assumed, forcing, states, disturbances, scratch, checkpoints, again, out):
-    """Smooth the sensitivity from the end to the beginning, from the checkpoints."""
-    segments, block, sensitivity = scratch.segments, scratch.block, scratch.sensitivity
+def _smooth(dive, forcing, scratch, tape, out):
+    """Smooth the sensitivity from the end to the beginning, from the tape."""
+    segments, sensitivity = scratch.segments, scratch.sensitivity
     rows, wanted = segments.rows.shape[0], out.rows.shape[0]
     clear(sensitivity.costate)
-    for checkpoint in range((rows - 1) // BLOCK, -1, -1):
-        first = checkpoint * BLOCK
-        stop = min(first + BLOCK, rows)
-        _load_row(checkpoints, checkpoint, block, sensitivity, 0)
-        _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch)
-        _filter_block(dive, assumed, 0, forcing, states, first, stop, scratch, again)
-        if stop == rows:
-            copy(sensitivity.track[rows - 1 - first], out.displacement)
-        for number in range(stop - 1, first - 1, -1):
-            at, k = number - first, segments.rows[number]
-            if number < rows - 1:
-                _undo_step(block, at, sensitivity)
-            if wanted > 0 and out.rows[wanted - 1] == k:
-                wanted -= 1
-                _smoothed(block, at, sensitivity, out.states[wanted], out.track[wanted])
-            if dive.fed[k]:
-                for channel in range(assumed.measured.shape[2] - 1, -1, -1):
-                    if block.information[at, channel] > 0.0:
-                        _undo_update(block, at, channel, sensitivity)
+    for number in range(rows - 1, -1, -1):
+        k = segments.rows[number]
+        if number < rows - 1:
+            _undo_step(tape.transition[number], sensitivity)
+        if wanted > 0 and out.rows[wanted - 1] == k:
+            wanted -= 1
+            covariance, cross = tape.covariance[wanted], tape.cross[wanted]
+            _subtract(covariance, sensitivity.costate, out.states[wanted])
+            _subtract(cross, sensitivity.costate, out.track[wanted])
+        if dive.fed[k]:
+            sample = forcing.number[k]
+            for channel in range(tape.gain.shape[1] - 1, -1, -1):
+                if tape.inverse[sample, channel] > 0.0:
+                    _undo_update(tape, sample, channel, sensitivity.costate)
 
 
 @inner_kernel
-def _undo_step(block, at, sensitivity):
-    """Carry the costate's sensitivity from after the step of row ``at`` to before it."""
-    transpose(block.tangent[at])
-    multiply(sensitivity.costate, block.tangent_lanes[at], sensitivity.half_lanes)
-    copy(sensitivity.half, sensitivity.costate)
+def _undo_step(transition, sensitivity):
+    """Carry the costate's sensitivity from after a step to before it, by its transition."""
+    after, before = sensitivity.costate, sensitivity.half
+    copy(after, before)
+    for first in range(0, after.shape[1], LANES):
+        for k in range(0, 16, 4):
+            row = load_along(before, (0, first))
+            a, b, c, d = (
+                transition[0, k] * row, transition[0, k + 1] * row,
+                transition[0, k + 2] * row, transition[0, k + 3] * row,
+            )  # fmt: skip
+            for i in range(1, 10):
+                row = load_along(before, (i, first))
+                a += transition[i, k] * row
+                b += transition[i, k + 1] * row
+                c += transition[i, k + 2] * row
+                d += transition[i, k + 3] * row
+            store_along(after, (k, first), a)
+            store_along(after, (k + 1, first), b)
+            store_along(after, (k + 2, first), c)
+            store_along(after, (k + 3, first), d)
+        for k in range(10, 16):
+            total = load_along(after, (k, first)) + transition[10, k] * load_along(before, (k, first))
+            store_along(after, (k, first), total)
 
 
 @inner_kernel
-def _undo_update(block, at, channel, sensitivity):
+def _undo_update(tape, sample, channel, costate):
     """Carry the costate's sensitivity from after an update to before it, ``W <- (I - K H)' W + H' h / S``."""
-    gain, inverse, costate = block.gain[at, channel], block.information[at, channel], sensitivity.costate
-    for j in range(costate.shape[0]):
-        along = 0.0
+    gain, inverse = tape.gain[sample, channel], tape.inverse[sample, channel]
+    for first in range(0, costate.shape[1], LANES):
+        total = load_along(costate, (channel, first)) + inverse * load_along(tape.predicted, (sample, channel, first))
         for i in range(16):
-            along += gain[i] * costate[j, i]
-        costate[j, channel] += inverse * sensitivity.predicted[at, channel, j] - along
+            total -= gain[i] * load_along(costate, (i, first))
+        store_along(costate, (channel, first), total)
 
 
 @inner_kernel
-def _smoothed(block, at, sensitivity, states, track):
-    """Compute the sensitivity of the smoothed row ``at``: ``V - P W``, including X and Y."""
-    multiply(sensitivity.costate, block.covariance_lanes[at], sensitivity.half_lanes)
-    for j in range(states.shape[0]):
-        for i in range(16):
-            states[j, i] = sensitivity.states[at, j, i] - sensitivity.half[j, i]
-        for r in range(2):
-            total = sensitivity.track[at, j, r]
-            for i in range(16):
-                total -= block.cross[at, r, i] * sensitivity.costate[j, i]
-            track[j, r] = total
+def _subtract(left, right, out):
+    """Subtract ``left (m, 16) right (16, p)`` from ``out (m, p)``."""
+    for i in range(left.shape[0]):
+        for first in range(0, out.shape[1], LANES):
+            total = load_along(out, (i, first))
+            for k in range(16):
+                total -= left[i, k] * load_along(right, (k, first))
+            store_along(out, (i, first), total)

@@ -1,7 +1,8 @@
 """Memory of the sensitivity of filter and smoother to errors of the hull and of its records.
 
-Errors are a vector ``eta`` of ``p`` parameters. Sensitivities have one row for each parameter, with the sixteen states
-(or costates) along the row; the same memory is viewed as lanes.
+Errors are a vector ``eta`` of ``p`` parameters. Sensitivities have a row for each of the sixteen states (or costates)
+and a column for each parameter. The number of columns is rounded up to ``q``, a multiple of eight; those left over are
+zero.
 """
 
 from typing import Any, NamedTuple
@@ -9,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS
-from gliderhpc.kernels.elementwise import lane_array
+from gliderhpc.kernels.elementwise import LANES, lane_array
 from gliderhpc.kernels.smoother_memory import (
     BLOCK,
-    GROUPS,
     LOG_DETERMINANT,
     Block,
     Segments,
+    aligned,
     allocate_block,
     allocate_segments,
 )
@@ -30,8 +31,9 @@ class Forcing(NamedTuple):
     ----------
     constant, parameter, slope : (e,), (e,), (e,)
         Non-zero derivatives of the hull's constants: index of the constant, index of the parameter, and derivative.
-    moving, bodies : (m,), (n, m, 11)
-        Parameters that change the mass properties, and the derivatives of these properties.
+    moving, bodies, row : (m,), (b, m, 11), (n,)
+        Parameters that change the mass properties, the derivatives of these properties, and the row of these that each
+        step has: they change only where an actuator moves.
     reading, samples : (r,), (f, 4, r) or (f, 7, r)
         Parameters that change the records, and the derivatives of the samples ``[phi, theta, psi, Z]``, or
         ``[phi, theta, psi, Z, u, v, w]`` where the velocity relative to the water is measured.
@@ -46,6 +48,7 @@ class Forcing(NamedTuple):
     slope: Array
     moving: Array
     bodies: Array
+    row: Array
     reading: Array
     samples: Array
     number: Array
@@ -57,28 +60,33 @@ class Sensitivity(NamedTuple):
 
     Attributes
     ----------
-    states, state_lanes : (m, p, 16)
-        Sensitivity ``d x / d eta`` of the filtered states and disturbances, transposed (predicted in the row after the
-        last filtered one).
-    track : (m, p, 2)
+    states : (m, 16, q)
+        Sensitivity ``d x / d eta`` of the filtered states and disturbances (predicted in the row after the last
+        filtered one).
+    track : (m, 2, q)
         Sensitivity of the filtered X and Y.
-    predicted : (m, 7, p)
-        Sensitivity of the predicted minus the measured sample, when each channel was assimilated.
-    forced : (m, p, 12)
+    predicted, weighted : (7 m, q), (7 m, q)
+        Sensitivity of the predicted minus the measured sample, when each channel was assimilated, and the same over the
+        innovation's variance.
+    channel, weight, scaled, cross : (7 m,), (7 m,), (7 m,), (7 m, 2)
+        Channel, reciprocal variance, innovation over its variance, and covariance of X and Y with it.
+    forced : (m, 12, q)
         Derivatives of the ten sensed states, X and Y at the end of each segment with respect to ``eta`` along it.
-    costate, costate_lanes, half, half_lanes : (p, 16)
+    costate, half : (16, q)
         Sensitivity of the smoother's costate, and scratch.
     """
 
     states: Array
-    state_lanes: Array
     track: Array
     predicted: Array
+    weighted: Array
+    channel: Array
+    weight: Array
+    scaled: Array
+    cross: Array
     forced: Array
     costate: Array
-    costate_lanes: Array
     half: Array
-    half_lanes: Array
 
 
 class Gradient(NamedTuple):
@@ -87,16 +95,25 @@ class Gradient(NamedTuple):
     Attributes
     ----------
     hull, body : (12, 24), (12, 11)
-        Derivatives with respect to the hull's constants, and to the mass properties of one step
+        Derivatives with respect to the hull's constants, and to the mass properties of steps with equal slopes
         (`gliderhpc.kernels.constants_gradient`).
-    slopes, moving : (l, m, 11), (m, 12)
-        Derivatives of the mass properties of each step with respect to the parameters that change them, and those of
-        the end with respect to these parameters.
+    slopes, row : (l, m, 11), (l,)
+        Derivatives of the mass properties of each step with respect to the parameters that change them, and their rows
+        in `Forcing`.
+    acting, forced : (a,), (a, 12)
+        Parameters that act along a segment, without lanes, and the derivatives with respect to these.
+    place, moving : (e,), (m,)
+        Position among the acting parameters of those by which the constants and the mass properties change; without
+        lanes.
     """
 
     hull: Array
     body: Array
     slopes: Array
+    row: Array
+    acting: Array
+    forced: Array
+    place: Array
     moving: Array
 
 
@@ -109,7 +126,7 @@ class Assumptions(NamedTuple):
 
 
 class SensitivityRows(NamedTuple):
-    """Predicted mean, covariances and sensitivities: at the first row of each block, or under each assumption."""
+    """Predicted mean, covariances and sensitivities under each assumption."""
 
     mean: Array
     covariance: Array
@@ -119,14 +136,36 @@ class SensitivityRows(NamedTuple):
     track_states: Array
 
 
+class Tape(NamedTuple):
+    """Memory of a forward sweep, for the backward sweep.
+
+    Attributes
+    ----------
+    transition : (s, 11, 16)
+        Transition of the sensed states over each segment, and in the last row the decay of each disturbance.
+    gain, predicted, inverse : (f, c, 16), (f, c, q), (f, c)
+        Gain, sensitivity of the innovation and reciprocal of its variance, for each channel of each row with a sample;
+        zero where it has none.
+    covariance, cross : (m, 16, 16), (m, 2, 16)
+        Filtered covariances in the rows asked for.
+    """
+
+    transition: Array
+    gain: Array
+    predicted: Array
+    inverse: Array
+    covariance: Array
+    cross: Array
+
+
 class Information(NamedTuple):
     """Information of a dive on ``eta``, under each of ``a`` assumptions; of a single one, without that axis.
 
     Attributes
     ----------
-    matrix : (a, p, p)
+    matrix : (a, q, q)
         Information matrix, lower triangle.
-    score : (a, p)
+    score : (a, q)
         Gradient of the record's log-likelihood.
     filtered : (a, s+1, 16)
         Filtered deviation from the path of linearisation in the rows between segments.
@@ -144,9 +183,9 @@ class SmoothedSensitivity(NamedTuple):
     ----------
     rows : (m,)
         Selected rows in ascending order.
-    states, track : (m, p, 16), (m, p, 2)
+    states, track : (m, 16, q), (m, 2, q)
         Sensitivities ``d x / d eta`` in these rows, of the sixteen states, and of X and Y.
-    displacement : (p, 2)
+    displacement : (2, q)
         Sensitivity of X and Y in the last row.
     """
 
@@ -167,56 +206,68 @@ class Scratch(NamedTuple):
     carried: SensitivityRows
 
 
+def columns_for(parameters: int) -> int:
+    """Return the number of columns for a number of parameters: a multiple of eight."""
+    return -(-parameters // 8) * 8
+
+
 def allocate_scratch(rows: Array, forcing: Forcing, assumptions: int = 1) -> Scratch:
     """Allocate the memory for a number of assumptions of the noise of a dive in segments with first rows `rows`."""
-    longest, moving, parameters = int(np.diff(rows).max()), len(forcing.moving), len(forcing.start)
+    longest, moving = int(np.diff(rows).max()), len(forcing.moving)
+    acting = np.union1d(forcing.parameter, forcing.moving).astype(np.int64)
     gradient = Gradient(
         hull=lane_array(12, HULL_CONSTANTS), body=lane_array(12, CONSTANTS - HULL_CONSTANTS),
-        slopes=lane_array(longest, moving, CONSTANTS - HULL_CONSTANTS), moving=lane_array(moving, 12),
+        slopes=lane_array(longest, moving, CONSTANTS - HULL_CONSTANTS), row=np.full((longest, LANES), -1),
+        acting=acting, forced=lane_array(len(acting), 12), place=np.searchsorted(acting, forcing.parameter),
+        moving=np.searchsorted(acting, forcing.moving),
     )  # fmt: skip
     return Scratch(
         segments=allocate_segments(rows),
         block=allocate_block(),
         tally=np.zeros(LOG_DETERMINANT + 1),
         gradient=gradient,
-        sensitivity=allocate_sensitivity(parameters),
-        carried=allocate_rows(assumptions, parameters),
+        sensitivity=allocate_sensitivity(len(forcing.start)),
+        carried=allocate_rows(assumptions, len(forcing.start)),
     )
 
 
 def allocate_sensitivity(parameters: int) -> Sensitivity:
     """Allocate the memory of one block for a number of parameters."""
-    m, p = BLOCK + 1, parameters
-    states, costate, half = (lane_array(*shape, GROUPS) for shape in ((m, p), (p,), (p,)))
+    m, innovations, q = BLOCK + 1, 7 * BLOCK, columns_for(parameters)
     return Sensitivity(
-        states=states.reshape(m, p, 16), state_lanes=states, track=np.zeros((m, p, 2)),
-        predicted=np.zeros((m, 7, p)), forced=np.zeros((BLOCK, p, 12)),
-        costate=costate.reshape(p, 16), costate_lanes=costate, half=half.reshape(p, 16), half_lanes=half,
+        states=aligned(m, 16, q), track=aligned(m, 2, q), predicted=aligned(innovations, q),
+        weighted=aligned(innovations, q), channel=np.zeros(innovations, dtype=np.int64), weight=np.zeros(innovations),
+        scaled=np.zeros(innovations), cross=np.zeros((innovations, 2)), forced=aligned(BLOCK, 12, q),
+        costate=aligned(16, q), half=aligned(16, q),
     )  # fmt: skip
 
 
 def allocate_information(assumptions: int, segments: int, parameters: int) -> Information:
     """Allocate the memory for the information of a dive."""
-    a, p = assumptions, parameters
-    return Information(np.zeros((a, p, p)), np.zeros((a, p)), np.zeros((a, segments + 1, 16)))
+    a, q = assumptions, columns_for(parameters)
+    return Information(np.zeros((a, q, q)), np.zeros((a, q)), np.zeros((a, segments + 1, 16)))
 
 
-def allocate_checkpoints(segments: int, parameters: int) -> SensitivityRows:
-    """Allocate the memory for the checkpoints of a dive in segments."""
-    return allocate_rows(segments // BLOCK + 1, parameters)
+def allocate_tape(segments: int, samples: int, channels: int, rows: int, parameters: int) -> Tape:
+    """Allocate the memory for the tape of a dive with a number of rows with a sample, and of rows asked for."""
+    f, c, q = samples, channels, columns_for(parameters)
+    return Tape(
+        np.zeros((segments, 11, 16)), np.zeros((f, c, 16)), np.zeros((f, c, q)), np.zeros((f, c)),
+        np.zeros((rows, 16, 16)), np.zeros((rows, 2, 16)),
+    )  # fmt: skip
 
 
 def allocate_rows(rows: int, parameters: int) -> SensitivityRows:
     """Allocate the memory for a number of rows."""
-    m, p = rows, parameters
+    m, q = rows, columns_for(parameters)
     return SensitivityRows(
-        np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)), np.zeros((m, p, 16)),
-        np.zeros((m, p, 2)),
+        np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)), np.zeros((m, 16, q)),
+        np.zeros((m, 2, q)),
     )  # fmt: skip
 
 
 def allocate_smoothed(rows: Any, parameters: int) -> SmoothedSensitivity:
     """Allocate the memory for the sensitivities in `rows`, which are in ascending order."""
     wanted = np.ascontiguousarray(rows, dtype=np.int64)
-    m, p = len(wanted), parameters
-    return SmoothedSensitivity(wanted, np.zeros((m, p, 16)), np.zeros((m, p, 2)), np.zeros((p, 2)))
+    m, q = len(wanted), columns_for(parameters)
+    return SmoothedSensitivity(wanted, np.zeros((m, 16, q)), np.zeros((m, 2, q)), np.zeros((2, q)))

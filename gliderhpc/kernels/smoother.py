@@ -11,7 +11,7 @@ Covariances are stored at every `BLOCK`-th row and recomputed in between.
 import math
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, clear, copy
+from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.smoother_covariance import (
     predict_over_segment,
@@ -87,12 +87,11 @@ def _assimilate(dive, states, k, block, at, gate, tally):
 @inner_kernel
 def _apply_mean_shift(mean_shift, block, at):
     """Shift the mean of row ``at`` of the block according to the cost's linear term for that row."""
-    covariance = block.covariance[at]
-    for i in range(16):
-        total = 0.0
+    for first in range(0, 16, LANES):
+        total = load_along(block.mean, (at, first))
         for j in range(16):
-            total += covariance[i, j] * mean_shift[j]
-        block.mean[at, i] -= total
+            total -= mean_shift[j] * load_along(block.covariance, (at, j, first))
+        store_along(block.mean, (at, first), total)
 
 
 @inner_kernel
@@ -120,7 +119,7 @@ def sweep(
     ----------
     hull, dive, states, disturbances, mean_shift, gate, segments, block, checkpoints, tally
         Arguments of `forward`; the gate is not used backwards.
-    costates : tuple of (16,), (16, 16), (16, 16)
+    costates : tuple of (16,), (16, 16)
         Scratch of `backward`.
     out : Backward
         Results, filled by `backward`.
@@ -194,13 +193,13 @@ def backward(hull, dive, states, disturbances, mean_shift, segments, block, chec
 
     Parameters
     ----------
-    tally, costates : (14,), tuple of (16,), (16, 16), (16, 16)
-        Scratch; `costates` are the costate, and its covariance as numbers and as lanes in the same memory.
+    tally, costates : (14,), tuple of (16,), (16, 16)
+        Scratch; `costates` are the costate and its covariance.
     out : Backward
         Results, to be filled; the mean shift only if memory is allocated for it.
     """
     rows = segments.rows.shape[0]
-    costate, information, information_lanes = costates
+    costate, information = costates
     clear(costate)
     clear(information)
     clear(out.steepest)
@@ -216,7 +215,7 @@ def backward(hull, dive, states, disturbances, mean_shift, segments, block, chec
             at, k = number - first, segments.rows[number]
             if number < rows - 1:
                 smoothed_noise(dive, segments, number, at, costate, information, out)
-                undo_step(block, at, costate, information, information_lanes)
+                undo_step(block, at, costate, information)
                 if out.mean_shift.shape[0] > 0 and segments.stands_for[number] > 0:
                     _mean_shift(hull, dive, states, disturbances, segments, number, block, at, out.mean_shift[number])
             smoothed_mean(block, at, costate, out.correction[number])

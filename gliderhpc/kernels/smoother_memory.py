@@ -1,8 +1,7 @@
 """Memory of the smoother for one dive: the problem, its segments, a block of rows, and a checkpoint for each block.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
-are carried separately as the track. Matrices with sixteen columns are stored in `GROUPS` vectors of `LANES` columns; a
-second view of the same memory gives their numbers.
+are carried separately as the track.
 """
 
 from typing import Any, NamedTuple
@@ -19,11 +18,8 @@ BLOCK = 16
 """Number of rows between checkpoints. A block (110 kB, with the segments of five steps 310 kB) fits into the
 second-level cache; twice as many rows or more were slower in measurements."""
 
-GROUPS = 16 // LANES
-"""Number of vectors in a row of sixteen."""
-
-NOISE_GROUPS = 8 // LANES
-"""Number of vectors in a row of eight, of which the first six are for the disturbances."""
+NOISE_COLUMN = 2
+"""Column of the first disturbance among the last eight of the sixteen states, a whole number of vectors."""
 
 DEFECTS = 3
 """Index in the tally of the first of the ten sums of the sensed states' defects; before it are the costs of the initial
@@ -78,36 +74,33 @@ class Segments(NamedTuple):
     stands_for : (s,) int
         Number of steps around the first row of each segment that have the mean shift of its first step; where it is
         zero, none is computed.
-    noise, noise_lanes : (m, 16, 16)
+    noise : (m, 16, 16)
         Covariance that the noise of a segment's steps adds to the sixteen states at its end.
     noise_cross, noise_track : (m, 2, 16), (m, 2, 2)
         Covariance that it adds to X and Y with the sixteen states, and to X and Y.
     offset : (m, 16)
         Deviation at the end of a segment that follows from the path's own defects.
-    after, after_lanes : (m, 16, 16)
+    after : (m, 16, 16)
         Transition matrix from the end of a segment's first step to the end of the segment.
-    by_noise, by_noise_lanes : (m, l, 16, 8)
-        Derivatives of the states at the end of a segment with respect to the noise of each step; six columns are used.
+    by_noise : (m, l, 11, 8)
+        Derivatives of the sensed states at the end of a segment with respect to the noise of each step, and in the last
+        row those of each disturbance with respect to its own noise; the columns are those from `NOISE_COLUMN` on.
     lanes : SegmentLanes
         Scratch for as many segments as there are lanes.
-    half, half_lanes : (16, 8)
+    half : (3, 8)
         Scratch.
     """
 
     rows: Array
     stands_for: Array
     noise: Array
-    noise_lanes: Array
     noise_cross: Array
     noise_track: Array
     offset: Array
     after: Array
-    after_lanes: Array
     by_noise: Array
-    by_noise_lanes: Array
     lanes: "SegmentLanes"
     half: Array
-    half_lanes: Array
 
 
 class SegmentLanes(NamedTuple):
@@ -134,10 +127,11 @@ class SegmentLanes(NamedTuple):
     by_noise, by_own : (g, l, 12, 6), (g, l, 6)
         Derivatives of the sensed states, X and Y at the end with respect to the noise of each step, and the decay of
         the disturbances from there; for as many groups of segments as a block has.
-    partials, track_partials : (1, 4, 67), (4, 3, 6)
-        Jacobians of the sensed states at a step's four stages, and those of nothing, X and Y by angles and velocities.
-    stages, stage_costates : (4, 10), (4, 12, 10)
-        States at a step's four stages, and costates of the rates there, times 6 / h.
+    partials, track_partials : (l, 4, 67), (l, 4, 3, 6)
+        Jacobians of the sensed states at the four stages of each step, and those of nothing, X and Y by angles and
+        velocities.
+    stages, stage_costates : (l, 4, 10), (4, 12, 10)
+        States at the four stages of each step, and costates of the rates there for one step, times 6 / h.
     """
 
     durations: Array
@@ -162,7 +156,7 @@ class SegmentLanes(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Rows of one block and the row after it, numbered from its first; matrices as lanes and, in place, as numbers.
+    """Rows of one block and the row after it, numbered from its first.
 
     Of a dive in segments, these are the segments' first rows, and the transitions are those over whole segments.
 
@@ -170,41 +164,37 @@ class Block(NamedTuple):
     ----------
     mean : (m, 16)
         Filtered deviation from the path of linearisation (predicted in the row after the last filtered one).
-    covariance, covariance_lanes : (m, 16, 16)
+    covariance : (m, 16, 16)
         Covariance of the sixteen states.
     cross, track : (m, 2, 16), (m, 2, 2)
         Covariance of X and Y with the sixteen states, and of X and Y.
-    tangent, tangent_lanes : (m, 16, 16)
+    tangent : (m, 16, 16)
         Transpose of the step's transition matrix: a row for each state before the step.
     track_tangent : (m, 2, 16)
         Derivatives of X and Y with respect to the states before the step.
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
         Gain, innovation over its variance, and reciprocal of that variance (zero where there was no update), for the
         update with each sensed state: the measured ones and those that may be damped.
-    seeds : (10, 16)
-        Unit costates of the ten sensed states, as lanes.
-    half, half_lanes, ahead, ahead_lanes, behind, behind_lanes : (16, 16)
+    seeds, columns : (10, 24), (16, 24)
+        Unit costates of the ten sensed states, twice, and points at which their derivatives are computed.
+    half, ahead, behind : (16, 16)
         Scratch.
     """
 
     mean: Array
     covariance: Array
-    covariance_lanes: Array
     cross: Array
     track: Array
     tangent: Array
-    tangent_lanes: Array
     track_tangent: Array
     gain: Array
     scaled_innovation: Array
     information: Array
     seeds: Array
+    columns: Array
     half: Array
-    half_lanes: Array
     ahead: Array
-    ahead_lanes: Array
     behind: Array
-    behind_lanes: Array
 
 
 class Checkpoints(NamedTuple):
@@ -251,26 +241,22 @@ class Backward(NamedTuple):
     covariances: Array
 
 
+def aligned(*shape: int) -> Array:
+    """Return zeros of a shape whose last axis is a whole number of vectors, aligned to a vector register."""
+    return lane_array(*shape[:-1], shape[-1] // LANES).reshape(shape)
+
+
 def allocate_block() -> Block:
     """Allocate the memory of one block."""
     m = BLOCK + 1
-    covariance, tangent, half, ahead, behind = (
-        lane_array(*shape, GROUPS) for shape in ((m, 16), (m, 16), (16,), (16,), (16,))
-    )
+    seeds = aligned(10, 24)
+    seeds[:, :20] = np.tile(np.eye(10), 2)
     return Block(
-        mean=np.zeros((m, 16)), covariance=covariance.reshape(m, 16, 16), covariance_lanes=covariance,
-        cross=np.zeros((m, 2, 16)), track=np.zeros((m, 2, 2)), tangent=tangent.reshape(m, 16, 16),
-        tangent_lanes=tangent, track_tangent=np.zeros((m, 2, 16)), gain=np.zeros((m, 10, 16)),
-        scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=_seeds(),
-        half=half.reshape(16, 16), half_lanes=half, ahead=ahead.reshape(16, 16), ahead_lanes=ahead,
-        behind=behind.reshape(16, 16), behind_lanes=behind,
+        mean=aligned(m, 16), covariance=aligned(m, 16, 16), cross=aligned(m, 2, 16), track=np.zeros((m, 2, 2)),
+        tangent=aligned(m, 16, 16), track_tangent=aligned(m, 2, 16), gain=aligned(m, 10, 16),
+        scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=seeds,
+        columns=aligned(16, 24), half=aligned(16, 16), ahead=aligned(16, 16), behind=aligned(16, 16),
     )  # fmt: skip
-
-
-def _seeds() -> Array:
-    seeds = lane_array(10, GROUPS)
-    seeds.reshape(10, 16)[:, :10] = np.eye(10)
-    return seeds
 
 
 @inner_kernel
@@ -285,14 +271,11 @@ def copy_row(source, i, target, j):
 def allocate_segments(rows: Array, stands_for: Array = ()) -> Segments:
     """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`."""
     longest = int(np.diff(rows).max())
-    noise, after = (lane_array(BLOCK, 16, GROUPS) for _ in range(2))
-    by_noise, half = lane_array(BLOCK, longest, 16, NOISE_GROUPS), lane_array(16, NOISE_GROUPS)
     return Segments(
         rows=np.ascontiguousarray(rows, dtype=np.int64), stands_for=np.ascontiguousarray(stands_for, dtype=np.int64),
-        noise=noise.reshape(BLOCK, 16, 16), noise_lanes=noise,
-        noise_cross=np.zeros((BLOCK, 2, 16)), noise_track=np.zeros((BLOCK, 2, 2)), offset=np.zeros((BLOCK, 16)),
-        after=after.reshape(BLOCK, 16, 16), after_lanes=after, by_noise=by_noise.reshape(BLOCK, longest, 16, 8),
-        by_noise_lanes=by_noise, lanes=_allocate_lanes(longest), half=half.reshape(16, 8), half_lanes=half,
+        noise=aligned(BLOCK, 16, 16), noise_cross=aligned(BLOCK, 2, 16), noise_track=np.zeros((BLOCK, 2, 2)),
+        offset=aligned(BLOCK, 16), after=aligned(BLOCK, 16, 16), by_noise=aligned(BLOCK, longest, 11, 8),
+        lanes=_allocate_lanes(longest), half=aligned(3, 8),
     )  # fmt: skip
 
 
@@ -304,8 +287,8 @@ def _allocate_lanes(longest: int) -> SegmentLanes:
         transition=lane_array(12, 16), remaining=lane_array(6), gathered=lane_array(12, 12),
         gathered_cross=lane_array(6, 12), gathered_own=lane_array(6), offset=lane_array(16), after=lane_array(10, 16),
         by_noise=lane_array(groups, longest, 12, 6), by_own=lane_array(groups, longest, 6),
-        partials=lane_array(1, 4, ENTRIES), track_partials=lane_array(4, 3, 6),
-        stages=lane_array(4, 10), stage_costates=lane_array(4, 12, 10),
+        partials=lane_array(longest, 4, ENTRIES), track_partials=lane_array(longest, 4, 3, 6),
+        stages=lane_array(longest, 4, 10), stage_costates=lane_array(4, 12, 10),
     )  # fmt: skip
 
 
@@ -329,7 +312,6 @@ def allocate_backward(segments: int, steps: int, rows: Any = (), *, mean_shift: 
     )  # fmt: skip
 
 
-def allocate_costate() -> tuple[Array, Array, Array]:
-    """Allocate the memory for the costate, and for its covariance as numbers and as lanes."""
-    lanes = lane_array(16, GROUPS)
-    return np.zeros(16), lanes.reshape(16, 16), lanes
+def allocate_costate() -> tuple[Array, Array]:
+    """Allocate the memory for the costate and for its covariance."""
+    return aligned(16), aligned(16, 16)

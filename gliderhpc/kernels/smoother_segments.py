@@ -6,14 +6,14 @@ steps' transitions, computed by the transpose of the step, carry the states and 
 is exact for the linearised problem (docs/smoother.md).
 """
 
-from gliderhpc.kernels.dynamics import rates
+from gliderhpc.kernels.dynamics import horizontal_velocity, rates
 from gliderhpc.kernels.elementwise import LANES, clear, load, store, zero_like
 from gliderhpc.kernels.jacobian import store_partials, track_partials
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.kalman import dot6
 from gliderhpc.kernels.mass import load_body
-from gliderhpc.kernels.rk4 import displacement, shifted, step
-from gliderhpc.kernels.smoother_memory import DEFECTS
+from gliderhpc.kernels.rk4 import scaled, shifted
+from gliderhpc.kernels.smoother_memory import DEFECTS, NOISE_COLUMN
 from gliderhpc.kernels.tangent import decay_over, load_ten, pulled_over_step
 
 
@@ -67,16 +67,38 @@ def _gather_noise(noise, segments, number):
 
 
 @inner_kernel
-def run_model(hull, lanes):
-    """Run the model over the segments."""
+def run_model(hull, lanes, with_stages):
+    """Run the model over the segments, and store the stages of each step if asked for.
+
+    The Jacobians of the stages' rates, and those of the horizontal velocity, are multiplied by the step.
+    """
     for s in range(lanes.durations.shape[0]):
-        h, body = load(lanes.durations, s), load_body(lanes.bodies, s)
-        new, stages, _ = step(hull, body, load_ten(lanes.states, s), _load_six(lanes.disturbances, s, 0), h)
-        north, east = displacement(stages, h)
+        h, body, y = load(lanes.durations, s), load_body(lanes.bodies, s), load_ten(lanes.states, s)
+        disturbance = _load_six(lanes.disturbances, s, 0)
+        stage, total = y, scaled(0.0, y)
+        north = east = zero_like(h)
+        for number in range(4):
+            inner = number == 1 or number == 2
+            weight = 2.0 if inner else 1.0
+            rate = rates(hull, body, stage, disturbance)
+            to_north, to_east = horizontal_velocity(stage)
+            if with_stages:
+                store_partials(hull, body, stage, 0.5 * h if inner else h, lanes.partials, (s, number))
+                track = track_partials(stage)
+                for row in range(2):
+                    for i in range(6):
+                        store(lanes.track_partials, (s, number, 1 + row, i), h * track[row][i])
+                for i in range(10):
+                    store(lanes.stages, (s, number, i), stage[i])
+            north, east = north + weight * to_north, east + weight * to_east
+            total = shifted(total, weight, rate)
+            stage = shifted(y, h if number == 2 else 0.5 * h, rate)
+        # Summed first, as in `step`: a depth of hundreds of metres is then rounded only once per step.
+        new = shifted(y, h / 6.0, total)
         for i in range(10):
             store(lanes.states, (s + 1, i), new[i])
-        store(lanes.states, (s + 1, 10), load(lanes.states, (s, 10)) + north)
-        store(lanes.states, (s + 1, 11), load(lanes.states, (s, 11)) + east)
+        store(lanes.states, (s + 1, 10), load(lanes.states, (s, 10)) + h / 6.0 * north)
+        store(lanes.states, (s + 1, 11), load(lanes.states, (s, 11)) + h / 6.0 * east)
 
 
 @inner_kernel
@@ -135,38 +157,20 @@ def save_products(lanes, group, s):
                 store(lanes.after, (i, j), load(lanes.transition, (i, j)))
 
 
-@inner_kernel
-def _store_stages(hull, lanes, s):
-    """Store the Jacobians of the stages of step ``s``, and of the horizontal velocity there, times the step."""
-    h, body, y = load(lanes.durations, s), load_body(lanes.bodies, s), load_ten(lanes.states, s)
-    disturbance = _load_six(lanes.disturbances, s, 0)
-    stage = y
-    for number in range(4):
-        inner = number == 1 or number == 2
-        store_partials(hull, body, stage, 0.5 * h if inner else h, lanes.partials, (0, number))
-        track = track_partials(stage)
-        for row in range(2):
-            for i in range(6):
-                store(lanes.track_partials, (number, 1 + row, i), h * track[row][i])
-        for i in range(10):
-            store(lanes.stages, (number, i), stage[i])
-        stage = shifted(y, h if number == 2 else 0.5 * h, rates(hull, body, stage, disturbance))
-
-
 @formula
-def _load_track(partials, number, row, zero):
-    """Return a stage's derivative of X (``row`` 1) or Y (2) by the ten sensed states, or zeros (0)."""
+def _load_track(partials, s, number, row, zero):
+    """Return the derivative of X (``row`` 1) or Y (2) by the ten sensed states at a stage of step ``s``; zeros (0)."""
+    at = (s, number, row)
     return (
-        load(partials, (number, row, 0)), load(partials, (number, row, 1)), load(partials, (number, row, 2)), zero,
-        load(partials, (number, row, 3)), load(partials, (number, row, 4)), load(partials, (number, row, 5)),
+        load(partials, (*at, 0)), load(partials, (*at, 1)), load(partials, (*at, 2)), zero,
+        load(partials, (*at, 3)), load(partials, (*at, 4)), load(partials, (*at, 5)),
         zero, zero, zero,
     )  # fmt: skip
 
 
 @inner_kernel
-def pull_back(hull, decay, lanes, s):
-    """Multiply the transition from the right by that of step ``s``; the stages and their costates are stored."""
-    _store_stages(hull, lanes, s)
+def pull_back(hull, decay, lanes, s, with_costates):
+    """Multiply the transition from the right by that of step ``s``; the stages' costates are stored if asked for."""
     h, transition = load(lanes.durations, s), lanes.transition
     sixth, zero = h / 6.0, zero_like(h)
     pushes = (
@@ -176,17 +180,19 @@ def pull_back(hull, decay, lanes, s):
     for i in range(12):
         row = max(i - 9, 0)
         by_stages = (
-            _load_track(lanes.track_partials, 0, row, zero), _load_track(lanes.track_partials, 1, row, zero),
-            _load_track(lanes.track_partials, 2, row, zero), _load_track(lanes.track_partials, 3, row, zero),
+            _load_track(lanes.track_partials, s, 0, row, zero), _load_track(lanes.track_partials, s, 1, row, zero),
+            _load_track(lanes.track_partials, s, 2, row, zero), _load_track(lanes.track_partials, s, 3, row, zero),
         )  # fmt: skip
-        new, costates = pulled_over_step(lanes.partials, 0, load_ten(transition, i), by_stages, zero)
+        new, costates = pulled_over_step(lanes.partials, s, load_ten(transition, i), by_stages, zero)
         n1, n2, n3, n4 = costates
         for j in range(10):
             store(transition, (i, j), new[j])
-            store(lanes.stage_costates, (0, i, j), n1[j])
-            store(lanes.stage_costates, (1, i, j), n2[j])
-            store(lanes.stage_costates, (2, i, j), n3[j])
-            store(lanes.stage_costates, (3, i, j), n4[j])
+        if with_costates:
+            for j in range(10):
+                store(lanes.stage_costates, (0, i, j), n1[j])
+                store(lanes.stage_costates, (1, i, j), n2[j])
+                store(lanes.stage_costates, (2, i, j), n3[j])
+                store(lanes.stage_costates, (3, i, j), n4[j])
         for j in range(6):
             decayed = load(transition, (i, 10 + j)) * decay_over(decay, h, j)
             store(transition, (i, 10 + j), decayed + pushes[j] * (n4[4 + j] + n3[4 + j] + n2[4 + j] + n1[4 + j]))
@@ -195,10 +201,10 @@ def pull_back(hull, decay, lanes, s):
 
 
 @inner_kernel
-def scatter_run(dive, states, segments, number, tally):
+def scatter_run(states, segments, number, tally):
     """Write the run of each segment into the path, up to the row before its end; X and Y up to its end.
 
-    The defects of the sensed states are added to the offsets, and those of the disturbances to the cost.
+    The defects of the sensed states are added to the offsets.
     """
     lanes, rows = segments.lanes, segments.rows
     for lane in range(min(LANES, rows.shape[0] - 1 - number)):
@@ -210,13 +216,22 @@ def scatter_run(dive, states, segments, number, tally):
             if k + 1 < stop:
                 for i in range(10):
                     states[k + 1, i if i < 3 else i + 2] = lanes.states[s + 1, i, lane]
-            for i in range(6):
-                defect = lanes.defects[s, i, lane]
-                tally[2] += 0.5 * defect * defect / dive.noise[k, i]
         for i in range(10):
             defect = lanes.states[stop - first, i, lane] - states[stop, i if i < 3 else i + 2]
             lanes.offset[i, lane] += defect
             tally[DEFECTS + i] += abs(defect)
+
+
+@inner_kernel
+def _add_cost_of_noise(dive, segments, number, tally):
+    """Add the disturbances' defects in the segments to the cost."""
+    lanes, rows = segments.lanes, segments.rows
+    for lane in range(min(LANES, rows.shape[0] - 1 - number)):
+        first = rows[number + lane]
+        for k in range(first, rows[number + lane + 1]):
+            for i in range(6):
+                defect = lanes.defects[k - first, i, lane]
+                tally[2] += 0.5 * defect * defect / dive.noise[k, i]
 
 
 @inner_kernel
@@ -230,10 +245,10 @@ def scatter_transition(segments, number, block, at):
             segments.offset[row, i] = lanes.offset[i, lane]
             for j in range(10):
                 tangent[i, j] = lanes.transition[j, i, lane]
-            for j in range(6):
-                tangent[i, 10 + j] = lanes.remaining[j, lane] if i == 10 + j else 0.0
             moved[0, i] = lanes.transition[10, i, lane]
             moved[1, i] = lanes.transition[11, i, lane]
+        for i in range(6):
+            tangent[10 + i, 10 + i] = lanes.remaining[i, lane]
 
 
 @inner_kernel
@@ -279,19 +294,20 @@ def _scatter_products(segments, number, at):
     """Write what only the backward sweep uses: derivatives by the noise, and the transition after the first step."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
-        after = segments.after[at + lane]
-        for i in range(16):
-            for j in range(10):
-                after[j, i] = lanes.after[j, i, lane]
-        for j in range(6):
-            after[10 + j, 10 + j] = lanes.by_own[0, 0, j, lane]
+        if segments.stands_for[number + lane] > 0:
+            after = segments.after[at + lane]
+            for i in range(16):
+                for j in range(10):
+                    after[j, i] = lanes.after[j, i, lane]
+            for j in range(6):
+                after[10 + j, 10 + j] = lanes.by_own[0, 0, j, lane]
         for s in range(lanes.durations.shape[0]):
             by_noise = segments.by_noise[at + lane, s]
             for i in range(10):
                 for j in range(6):
-                    by_noise[i, j] = lanes.by_noise[0, s, i, j, lane]
-            for i in range(6):
-                by_noise[10 + i, i] = lanes.by_own[0, s, i, lane]
+                    by_noise[i, NOISE_COLUMN + j] = lanes.by_noise[0, s, i, j, lane]
+            for j in range(6):
+                by_noise[10, NOISE_COLUMN + j] = lanes.by_own[0, s, j, lane]
 
 
 @kernel
@@ -310,23 +326,25 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
     number, at : int
         First segment, and its row in the block.
     tally : (14,)
-        Sums as in `gliderhpc.kernels.smoother.forward`; those of noise and defects are added.
+        Sums as in `gliderhpc.kernels.smoother.forward`; those of defects and, in the forward sweep, noise are added.
     backwards : bool
         Whether the results that only the backward sweep uses are stored too.
     """
     lanes = segments.lanes
     gather(dive, states, disturbances, segments, number)
-    run_model(hull, lanes)
+    run_model(hull, lanes, True)
     begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
         add_defects(lanes, s)
         save_products(lanes, 0, s)
-        pull_back(hull, dive.decay, lanes, s)
-    scatter_run(dive, states, segments, number, tally)
+        pull_back(hull, dive.decay, lanes, s, False)
+    scatter_run(states, segments, number, tally)
     scatter_transition(segments, number, block, at)
     sum_noise(dive.noise, segments, number, 0, at)
     if backwards:
         _scatter_products(segments, number, at)
+    else:
+        _add_cost_of_noise(dive, segments, number, tally)
 
 
 @inner_kernel
@@ -337,5 +355,6 @@ def run_segments(hull, dive, states, disturbances, segments, tally):
     """
     for number in range(0, segments.rows.shape[0] - 1, LANES):
         gather(dive, states, disturbances, segments, number)
-        run_model(hull, segments.lanes)
-        scatter_run(dive, states, segments, number, tally)
+        run_model(hull, segments.lanes, False)
+        scatter_run(states, segments, number, tally)
+        _add_cost_of_noise(dive, segments, number, tally)

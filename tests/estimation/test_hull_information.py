@@ -102,9 +102,9 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
         disturbances = ((ahead.disturbances - behind.disturbances) / 2e-3)[rows]
         expected = np.hstack([states, disturbances])
         scale = np.sqrt(dive.dive.deviation)
-        assert np.linalg.norm((found.states[:, j] - expected) / scale) < 0.05 * np.linalg.norm(expected / scale), key
+        assert np.linalg.norm((found.states[..., j] - expected) / scale) < 0.05 * np.linalg.norm(expected / scale), key
         moved = (ahead.displacement - behind.displacement) / 2e-3
-        np.testing.assert_allclose(found.displacement[j], moved, atol=0.05 * np.abs(moved).max())
+        np.testing.assert_allclose(found.displacement[:, j], moved, atol=0.05 * np.abs(moved).max())
 
 
 def test_the_guess_of_the_start_changes_with_what_acts_on_it(flown):
@@ -190,7 +190,7 @@ def test_the_masses_change_as_the_lag_of_the_actuators_changes():
     expected = parameters[lag].slope(profile.glider.platform, 0.0) * moved / (2.0 * profile.series.step)
     inside = slice(20, -20)
     np.testing.assert_allclose(
-        forcing.bodies[inside, list(forcing.moving).index(lag)], expected[inside], rtol=1e-9, atol=1e-12
+        forcing.bodies[forcing.row[inside], list(forcing.moving).index(lag)], expected[inside], rtol=1e-9, atol=1e-12
     )
     assert np.abs(expected[inside]).max(axis=0)[[0, 1, 2, 9]].min() > 0.0
 

@@ -14,9 +14,11 @@ from gliderhpc.kernels.elementwise import (
     UncompiledLanes,
     lane_array,
     load,
+    load_along,
     select,
     square_root,
     store,
+    store_along,
     zero_like,
 )
 
@@ -177,6 +179,21 @@ def test_loads_and_stores_touch_their_own_lanes_alone():
     np.testing.assert_array_equal(target, expected)
     assert taken[0] == 2.5
     np.testing.assert_array_equal(numbers, [3.0, 1.5, 2.5])
+
+
+def _shift_along(source, target):
+    store_along(target, (0, 3), load_along(source, (1, 2)) + load_along(source, (0, 5)))
+    store_along(target, (1, 0), 2.0 * load_along(source, (1, 0)))
+
+
+@pytest.mark.parametrize("compile_it", [numba.njit, lambda function: function], ids=["compiled", "uncompiled"])
+def test_lanes_are_loaded_from_and_stored_to_any_place_in_a_row(compile_it):
+    source, target = np.arange(48.0).reshape(2, 24) ** 2, np.full((2, 24), -1.0)
+    expected = target.copy()
+    expected[0, 3 : 3 + LANES] = source[1, 2 : 2 + LANES] + source[0, 5 : 5 + LANES]
+    expected[1, :LANES] = 2.0 * source[1, :LANES]
+    compile_it(_shift_along)(source, target)
+    np.testing.assert_array_equal(target, expected)
 
 
 @pytest.mark.parametrize("shape", [(1,), (3, 5), (7, 3, 10)])

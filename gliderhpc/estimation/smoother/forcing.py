@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of
 from gliderhpc.estimation.resample import harmonics
-from gliderhpc.estimation.self_motion import depth_rate, flight_guesses, smoothing_time
+from gliderhpc.estimation.self_motion import depth_rate, first_guess, smoothing_time
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.flight.glider import SENSED, Glider
+from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter, with_values
 from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.flight.steady_glide import glide_coefficients
@@ -57,6 +57,7 @@ def hull_forcing(
     constant, parameter, slope = _constants(platform, parameters)
     moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
     reading = [j for j, p in enumerate(parameters) if _shifts_measurements(p)]
+    bodies, row = _body_slopes(profile, [parameters[j] for j in moving])
     fed = np.flatnonzero(dive.fed)
     number = np.zeros(len(dive.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
@@ -65,7 +66,8 @@ def hull_forcing(
         parameter=parameter,
         slope=slope,
         moving=np.array(moving, dtype=np.int64),
-        bodies=_body_slopes(profile, [parameters[j] for j in moving]),
+        bodies=bodies,
+        row=row,
         reading=np.array(reading, dtype=np.int64),
         samples=fed_sample_slopes(profile, dive, records, parameters, attitude_and_depth),
         number=number,
@@ -139,35 +141,41 @@ def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
     return masses_of(moved) != masses_of(platform) or parameter.key.startswith(("buoyancy.", ACTUATOR_LAG))
 
 
-def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> Array:
-    """Derivatives ``(n, m, 11)`` of the mass properties, which are of second degree in the hull's numbers.
+def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> tuple[Array, NDArray[np.int64]]:
+    """Derivatives ``(b, m, 11)`` of the mass properties, of second degree in the hull's numbers, and the steps' rows.
 
-    Those by the hull's numbers are computed where the controls change; in between they are constant.
+    They are computed where the controls change; in between they are constant. A lag acts where the controls are about
+    to change, or have just changed.
     """
     platform, series = profile.glider.platform, profile.series
     controls = controls_of(platform, series)
-    changes = np.flatnonzero(np.append(True, (controls[1:] != controls[:-1]).any(axis=1)))
-    counts = np.diff(np.append(changes, len(controls)))
-    where = replace(
-        series,
-        controls=series.controls[changes],
-        seawater=None if series.seawater is None else series.seawater[changes],
-    )
-    slopes = np.empty((len(controls), len(moving), 11))
+    change = np.append(True, (controls[1:] != controls[:-1]).any(axis=1))
+    near = change | np.append(change[1:], False) | np.append(False, change[:-1])
+    firsts = np.flatnonzero(near)
+    where = _at_steps(series, firsts)
+    slopes = np.empty((len(firsts), len(moving), 11))
     for j, parameter in enumerate(moving):
         if parameter.key == ACTUATOR_LAG:
-            slopes[:, j] = -parameter.slope(platform, 0.0) * _body_rates(profile)
+            slopes[:, j] = -parameter.slope(platform, 0.0) * _body_rates(profile, firsts)
             continue
         ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
-        slopes[:, j] = np.repeat(0.5 * (ahead - behind), counts, axis=0)
-    return slopes
+        slopes[:, j] = 0.5 * (ahead - behind)
+    return slopes, np.cumsum(near) - 1
 
 
-def _body_rates(profile: PreparedProfile) -> Array:
-    """Rates ``(n, 11)``, 1/s, at which the actuators change the mass properties."""
+def _body_rates(profile: PreparedProfile, steps: NDArray[np.int64]) -> Array:
+    """Rates ``(s, 11)``, 1/s, at which the actuators change the mass properties at some steps."""
     series, platform = profile.series, profile.glider.platform
-    later, earlier = (replace(series, controls=_moved_rows(series.controls, by)) for by in (1, -1))
+    later, earlier = (
+        replace(_at_steps(series, steps), controls=_moved_rows(series.controls, by)[steps]) for by in (1, -1)
+    )
     return (_bodies(platform, later) - _bodies(platform, earlier)) / (2.0 * series.step)
+
+
+def _at_steps(series: ProfileSeries, steps: NDArray[np.int64]) -> ProfileSeries:
+    """Return the series with controls and seawater at some steps only."""
+    seawater = None if series.seawater is None else series.seawater[steps]
+    return replace(series, controls=series.controls[steps], seawater=seawater)
 
 
 def _moved_rows(rows: Array, by: int) -> Array:
@@ -218,6 +226,8 @@ def sample_slopes(
 
 def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
     """Heading before a correction, by fixed-point iteration, which converges since the correction's slope is small."""
+    if not any(errors.heading_deviation):
+        return np.asarray(heading + np.radians(errors.heading_offset))
     read = heading
     for _ in range(6):
         read = heading + np.radians(errors.heading_offset + harmonics(read) @ np.array(errors.heading_deviation))
@@ -245,4 +255,4 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
 def _first_guess(platform: Platform, series: ProfileSeries, change: Array) -> Array:
     """Guess of the initial state ``(10,)`` from changed measurements."""
     changed = replace(series, measurements=series.measurements + change)
-    return np.asarray(flight_guesses(platform, changed)[0, SENSED])
+    return first_guess(platform, changed)

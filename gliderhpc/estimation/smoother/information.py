@@ -29,10 +29,10 @@ from gliderhpc.kernels.sensitivity_memory import (
     Forcing,
     Information,
     SmoothedSensitivity,
-    allocate_checkpoints,
     allocate_information,
     allocate_scratch,
     allocate_smoothed,
+    allocate_tape,
 )
 from gliderhpc.kernels.smoother import run_path
 from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive, allocate_segments
@@ -253,11 +253,11 @@ def on_hull_alone(found: Information, parameters: int) -> tuple[Array, Array]:
 
 def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sensitivity:
     """Sensitivities at the records; no step follows the last row."""
-    states = np.empty((len(found.states), 12, found.states.shape[1]))
-    states[:, SENSED] = found.states[:, :, :10].swapaxes(1, 2)
-    states[:, 3:5] = found.track.swapaxes(1, 2)
-    disturbances = found.states[with_step, :, 10:].swapaxes(1, 2)
-    return Sensitivity(np.ascontiguousarray(found.displacement.T), states, np.ascontiguousarray(disturbances))
+    states = np.empty((len(found.states), 12, found.states.shape[2]))
+    states[:, SENSED] = found.states[:, :10]
+    states[:, 3:5] = found.track
+    disturbances = found.states[with_step, 10:]
+    return Sensitivity(np.ascontiguousarray(found.displacement), states, np.ascontiguousarray(disturbances))
 
 
 def split_sensitivity(
@@ -369,17 +369,22 @@ def _sweep(
     hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory, rows: Rows, wanted: Rows
 ) -> tuple[tuple[Information, ...], SmoothedSensitivity]:
     """Sweep forwards under each assumption, and backwards under the first one if any rows are wanted."""
-    segments, parameters, backwards = len(rows) - 1, len(forcing.start), len(wanted) > 0
-    information = allocate_information(len(assumed), segments, parameters)
-    again = allocate_information(1, segments, parameters) if backwards else information
-    checkpoints = allocate_checkpoints(segments if backwards else 0, parameters)
-    out = allocate_smoothed(wanted, parameters)
+    segments, parameters, wanted = len(rows) - 1, len(forcing.start), np.asarray(wanted, dtype=np.int64)
+    information, out = allocate_information(len(assumed), segments, parameters), allocate_smoothed(wanted, parameters)
+    samples, channels, _ = forcing.samples.shape
+    taped = len(wanted) > 0
+    tape = allocate_tape(taped * segments, taped * samples, channels, len(wanted), parameters)
     kernel.sum_information(
         hull, assumed[0], Assumptions(*(np.stack(column) for column in _columns(assumed))), forcing,
-        trajectory.states, trajectory.disturbances, allocate_scratch(rows, forcing, len(assumed)), checkpoints,
-        information, again, out,
+        trajectory.states, trajectory.disturbances, allocate_scratch(rows, forcing, len(assumed)), information, tape,
+        out,
     )  # fmt: skip
-    return tuple(Information(*one) for one in zip(*information, strict=True)), out
+    own = slice(parameters)
+    found = tuple(
+        Information(matrix[own, own], score[own], filtered)
+        for matrix, score, filtered in zip(*information, strict=True)
+    )
+    return found, SmoothedSensitivity(wanted, out.states[..., own], out.track[..., own], out.displacement[:, own])
 
 
 def _columns(assumed: Sequence[Dive]) -> tuple[list[Array], ...]:
