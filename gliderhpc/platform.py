@@ -377,7 +377,7 @@ _LISTS = {
     "sensors.heading_deviation": "a list of 4 numbers",
     "uncertainty": "a list, as `gliderhpc calibrate` writes it",
 }
-"""What the lists of some keys are; all others have three numbers."""
+"""Kinds of the lists of some keys; all others have three numbers."""
 
 
 def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:

@@ -181,7 +181,7 @@ class _DiveUnderWay(Generic[Key]):
 
     @property
     def is_alone(self) -> bool:
-        """Whether only the next window is known, since those after it start from its end."""
+        """Return whether only the next window is known, since those after it start from its end."""
         return self.problem.path is None and len(self.wanted) == 1
 
 

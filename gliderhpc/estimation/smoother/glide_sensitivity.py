@@ -1,4 +1,4 @@
-"""What errors of the hull change in steady glide: medians of the disturbances, and the speed through the water."""
+"""Effect of errors of the hull in steady glide: on medians of the disturbances, and on the speed through the water."""
 
 from typing import NamedTuple
 
