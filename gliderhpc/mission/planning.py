@@ -22,12 +22,12 @@ MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
 
 # Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
-    ("lanes", "recommended"): 3.6e-5,
-    ("lanes", "paper"): 4.3e-5,
-    ("fortran", "recommended"): 3.6e-5,
-    ("fortran", "paper"): 4.3e-5,
-    ("scipy", "recommended"): 4.8e-5,
-    ("scipy", "paper"): 6.0e-5,
+    ("lanes", "recommended"): 2.7e-5,
+    ("lanes", "paper"): 3.0e-5,
+    ("fortran", "recommended"): 2.7e-5,
+    ("fortran", "paper"): 3.0e-5,
+    ("scipy", "recommended"): 4.0e-5,
+    ("scipy", "paper"): 5.4e-5,
 }
 """Processor time per step (s), including the smoother; fortran is assumed as slow as lanes, but is slightly faster.
 
