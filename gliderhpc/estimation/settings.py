@@ -65,8 +65,8 @@ class OptimizerSettings(Settings):
     max_iterations: int = Field(
         200,
         ge=1,
-        description="largest number of iterations per window; half of it where a window that does not converge is "
-        "solved again with half the length",
+        description="largest number of iterations per window; half of it for a window that may be halved "
+        "and is longer than 120 s, or halved already",
     )
     history: int = Field(10, ge=1, description="number of correction pairs of L-BFGS")
     scale: SixPositive | None = Field(

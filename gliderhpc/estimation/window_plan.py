@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 _SPLIT = 1.25
 """Length, in usual windows, beyond which windows that do not converge are halved."""
 
+_LONG = 4.0
+"""Length, in usual windows, beyond which windows are halved after half of the iterations; shorter ones, if they result
+from halving."""
+
 _LONGEST_WAIT = 64
 """Largest number of windows that must converge before a longer one is tried again."""
 
@@ -31,6 +35,8 @@ class WindowPlan:
         Scale s of the control-variable transform ``b = s x`` for this length, N and N m.
     shorter : WindowPlan, optional
         Plan with which a window that does not converge is solved again.
+    halves_early : bool
+        Whether half of the iterations are enough before this.
     """
 
     length: int
@@ -38,6 +44,7 @@ class WindowPlan:
     cost_threshold: float
     scale: tuple[float, ...] = (1.0,) * 6
     shorter: "WindowPlan | None" = None
+    halves_early: bool = False
 
     def most_windows(self, steps: int) -> int:
         """Count the windows of a profile in which every one is retracted."""
@@ -58,7 +65,8 @@ def plan_windows(settings: EstimationSettings, interval: float, prior: Disturban
         share = length / lengths[0]
         steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
         scale = np.ones(6) if prior is None else transform_scale(prior, length, settings)
-        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), tuple(scale.tolist()), plan)
+        early = plan is not None and (length > _LONG * USUAL_WINDOW or length < lengths[0])
+        plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), tuple(scale.tolist()), plan, early)
     assert plan is not None
     return plan
 

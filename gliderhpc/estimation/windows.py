@@ -44,8 +44,8 @@ class WindowData:
         Step h, s.
     scale : (6,)
         Scale s of the control-variable transform ``b = s x`` (ones: none).
-    may_halve : bool
-        Whether the window is solved again with half the length if it does not converge.
+    halves_early : bool
+        Whether half of the iterations are enough before the window is solved again with half the length.
     """
 
     hull: Hull
@@ -55,12 +55,12 @@ class WindowData:
     weights: Array
     step: float
     scale: Array
-    may_halve: bool = False
+    halves_early: bool = False
 
     def iteration_limit(self, settings: EstimationSettings) -> int:
-        """Largest number of iterations: half of the usual one if shorter windows may follow."""
+        """Largest number of iterations: half of the usual one for a long window that may be halved."""
         most = settings.optimizer.max_iterations
-        return max(1, most // 2) if self.may_halve else most
+        return max(1, most // 2) if self.halves_early else most
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +328,7 @@ def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end:
         series.weights[begin : end + 1],
         series.step,
         np.array(plan.scale),
-        plan.shorter is not None,
+        plan.halves_early,
     )
     return data, problem.start[begin:end]
 
