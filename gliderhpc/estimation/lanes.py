@@ -4,7 +4,8 @@ Dives are independent of each other. The windows of one dive are solved in turn,
 determines where a window begins and how long it is. If windows start from a given path, nothing else depends on it: the
 lanes then take the windows that will probably follow as well, and another dive only when these do not fill them. A
 window that turns out to be another one is dropped. A solution does not depend on its lane, its neighbours, or when it
-was found. Where one window is left and none can be foreseen, it is solved alone, without lanes.
+was found. Where a few dives are left and no window after their next ones can be foreseen, each is solved alone, without
+lanes.
 """
 
 import time
@@ -46,6 +47,12 @@ Key = TypeVar("Key")
 Run = Callable[[Problem, Descent, Progress], None]
 """Function that evaluates and decides until a lane is done, such as `run_until_done`."""
 
+
+_STEPS_ALONE = 2000
+"""Steps in all lanes together for each dive that is solved as fast without lanes.
+
+Lanes with long windows wait for memory, and for the longest window among them.
+"""
 
 MAX_WINDOWS_AHEAD = 2 * LANES
 """Largest number of windows considered after the next one of a dive."""
@@ -197,8 +204,10 @@ def solve_in_lanes(
     lanes: _Lanes[Key] = {}
     while True:
         _take_dives(active, waiting)
-        if run is run_until_done and not lanes and len(active) == 1 and active[0].is_alone:
-            _finish_alone(active[0], settings)
+        if run is run_until_done and _are_few(active):
+            # Their windows in the lanes are dropped below, since none of them is wanted any more.
+            for dive in active:
+                _finish_alone(dive, settings)
         _occupy(batch, lanes, active)
         if lanes:
             _run(batch, lanes)
@@ -209,6 +218,13 @@ def solve_in_lanes(
         yield from ended
         if not active and not ended:
             return
+
+
+def _are_few(dives: list[_DiveUnderWay[Key]]) -> bool:
+    """Return whether dives, of which only the next window is known, are too few to be solved faster in lanes."""
+    longest = max((dive.problem.plan.length for dive in dives), default=0)
+    most = max(1, LANES * longest // _STEPS_ALONE)
+    return len(dives) <= most and all(dive.is_alone for dive in dives)
 
 
 def _take_dives(active: list[_DiveUnderWay[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
@@ -226,7 +242,7 @@ def _release(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
 
 
 def _finish_alone(dive: _DiveUnderWay[Key], settings: EstimationSettings) -> None:
-    """Solve the windows of the last dive one after the other, each without lanes."""
+    """Solve the windows of one of the last dives one after the other, each without lanes."""
     batch = LaneBatch(settings, alone=True)
     while dive.wanted:
         window, began = dive.wanted[0], time.perf_counter()

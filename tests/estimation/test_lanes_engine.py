@@ -143,8 +143,8 @@ HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=6))
         ({"cost_threshold": np.inf}, SETTINGS, {True}, 1),
         ({"cost_threshold": 0.0}, SETTINGS, {False}, 1),
         ({"cost_threshold": 0.0055}, SETTINGS, {True, False}, 1),
-        ({"shorter": SHORT}, HASTY, {True}, 2),
-        ({"shorter": replace(SHORT, length=60, scale=(0.5, *SHORT.scale[1:]))}, HASTY, {True}, 1),
+        ({"shorter": SHORT, "halves_early": True}, HASTY, {True}, 2),
+        ({"shorter": replace(SHORT, length=60, scale=(0.5, *SHORT.scale[1:])), "halves_early": True}, HASTY, {True}, 1),
     ],
     ids=["all retracted", "none retracted", "some retracted", "again with a shorter plan", "again with another scale"],
 )
