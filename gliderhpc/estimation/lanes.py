@@ -205,12 +205,11 @@ def solve_in_lanes(
     while True:
         _take_dives(active, waiting)
         if run is run_until_done and _are_few(active):
-            # Their windows in the lanes are dropped below, since none of them is wanted any more.
-            for dive in active:
-                _finish_alone(dive, settings)
-        _occupy(batch, lanes, active)
-        if lanes:
-            _run(batch, lanes)
+            _finish_alone(active[0], settings)
+        else:
+            _occupy(batch, lanes, active)
+            if lanes:
+                _run(batch, lanes)
         # Only the results of a dive that has ended remain in memory while the next one is posed.
         ended = [(dive.key, dive.solution) for dive in active if dive.solution is not None]
         active = [dive for dive in active if dive.solution is None]
@@ -221,10 +220,10 @@ def solve_in_lanes(
 
 
 def _are_few(dives: list[_DiveUnderWay[Key]]) -> bool:
-    """Return whether dives, of which only the next window is known, are too few to be solved faster in lanes."""
+    """Return whether dives, of which only the next window is known, are too few (at least one) to gain by lanes."""
     longest = max((dive.problem.plan.length for dive in dives), default=0)
     most = max(1, LANES * longest // _STEPS_ALONE)
-    return len(dives) <= most and all(dive.is_alone for dive in dives)
+    return 0 < len(dives) <= most and all(dive.is_alone for dive in dives)
 
 
 def _take_dives(active: list[_DiveUnderWay[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
