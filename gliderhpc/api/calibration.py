@@ -12,6 +12,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
+    errors_in_units,
     hull_parameters,
     with_covariance,
     with_deviations_of,
@@ -19,7 +20,7 @@ from gliderhpc.flight.hull_parameters import (
 )
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds, errors_in_units
+from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.report import hull_rounds as rounds_report
@@ -135,7 +136,8 @@ def calibrate_on_dives(
             "calibration: the hull that fits the dives best has no stable dive and climb, so nothing is written; start "
             "from another platform, or choose other --profiles"
         )
-    hull = with_deviations_of(platform, with_covariance(found.platform, errors_in_units(found)))
+    errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
+    hull = with_deviations_of(platform, with_covariance(found.platform, errors))
     with threadpool_limits(limits=1):
         try:
             ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))

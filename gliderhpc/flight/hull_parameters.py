@@ -19,6 +19,11 @@ from gliderhpc.platform_sections import CalibrationErrors, Uncertainty, number_a
 from gliderhpc.shipped import nearest
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
+Array = NDArray[np.float64]
+
+_DIGITS = 6
+"""Digits of the errors in a platform file."""
+
 
 def _zero(_: Platform) -> float:
     return 0.0
@@ -117,6 +122,56 @@ def with_covariance(platform: Platform, errors: CalibrationErrors) -> Platform:
     """Return a platform with the errors that remain after a calibration; its plausible deviations are unchanged."""
     uncertainty = Uncertainty() if platform.uncertainty is None else platform.uncertainty
     return platform.model_copy(update={"uncertainty": uncertainty.model_copy(update={"covariance": errors})})
+
+
+def errors_in_units(
+    platform: Platform, parameters: Sequence[HullParameter], steps: Array, covariance: Array
+) -> CalibrationErrors:
+    """Errors of parameters in the units of the platform file.
+
+    Parameters
+    ----------
+    platform : Platform
+        Hull from which the steps are measured.
+    parameters : sequence of HullParameter
+        Parameters whose errors are known.
+    steps, covariance : (p,), (p, p)
+        Estimates and their covariance, in plausible deviations.
+
+    Notes
+    -----
+    A number that varies by factors and is negative falls as its step grows, which reverses its correlations.
+    """
+    slope = np.array([p.slope(platform, float(x)) for p, x in zip(parameters, steps, strict=True)])
+    deviation, sign = np.sqrt(np.diag(covariance)), np.where(slope < 0.0, -1.0, 1.0)
+    correlation = covariance / np.outer(sign * deviation, sign * deviation)
+    return CalibrationErrors(
+        parameters=tuple(p.key for p in parameters),
+        deviation=tuple(_rounded(value) for value in (deviation * np.abs(slope)).tolist()),
+        correlation=tuple(tuple(_rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
+    )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def stated_covariance(platform: Platform, parameters: Sequence[HullParameter]) -> Array:
+    """Covariance ``(p, p)`` of a hull's errors, in plausible deviations, from the platform file.
+
+    It is that of its calibration, the inverse of `errors_in_units`, and one for parameters without a calibration.
+    """
+    covariance, names = np.eye(len(parameters)), [p.key for p in parameters]
+    stated = None if platform.uncertainty is None else platform.uncertainty.covariance
+    if stated is None:
+        return covariance
+    # A zero that varies by factors, such as thermal expansion, has no deviation to scale by.
+    slopes = {key: parameters[names.index(key)].slope(platform, 0.0) for key in stated.parameters if key in names}
+    theirs = [i for i, key in enumerate(stated.parameters) if slopes.get(key, 0.0) != 0.0]
+    mine = [names.index(stated.parameters[i]) for i in theirs]
+    slope = np.array([slopes[stated.parameters[i]] for i in theirs])
+    covariance[np.ix_(mine, mine)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(slope, slope)
+    return covariance
 
 
 def with_deviations_of(platform: Platform, found: Platform) -> Platform:
@@ -284,7 +339,7 @@ def _acts(parameter: HullParameter, platform: Platform) -> bool:
     return parameter.deviation(platform) > 0.0 and parameter.slope(platform, 0.0) != 0.0
 
 
-def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta: NDArray[np.float64]) -> Platform:
+def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta: Array) -> Platform:
     """Return the hull, including its sensors' errors, that differs by ``eta`` from a platform.
 
     Parameters
@@ -301,9 +356,7 @@ def moved_platform(platform: Platform, parameters: Sequence[HullParameter], eta:
     )
 
 
-def among_parameters(
-    values: NDArray[np.float64], keys: Sequence[str], labels: Sequence[str] = HULL_PARAMETERS
-) -> NDArray[np.float64]:
+def among_parameters(values: Array, keys: Sequence[str], labels: Sequence[str] = HULL_PARAMETERS) -> Array:
     """Put values ``(..., p)`` of parameters at their places among all ``(..., n)``, with NaN for the others.
 
     Parameters

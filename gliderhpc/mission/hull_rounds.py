@@ -36,7 +36,6 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
-from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
 from gliderhpc.tuning.rounds import RoundSettings
@@ -49,7 +48,6 @@ _MAX_STEP = 2.0
 """Maximum change of an error in a round, in plausible deviations, for which the linearisation is valid."""
 _RECORD_INTERVAL = 60.0
 """Time (s) between records of the smoothed sensitivities, from which only the displacement's is used."""
-_DIGITS = 6
 _HALVINGS = 5
 """Maximum number of halvings of a step to reach a hull that glides stably."""
 _PRIOR_WEIGHT = 1.0
@@ -207,23 +205,6 @@ class HullRounds:
         As in the smoother, the last move is added to the uncertainty; it is larger if the rounds ended unconverged.
         """
         return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.full_step, self.full_step))
-
-
-def errors_in_units(found: HullRounds) -> CalibrationErrors:
-    """Errors of the hull in any dive, in the platform file's units (`HullRounds.errors`)."""
-    errors = found.errors
-    slopes = [abs(p.slope(found.base, float(x))) for p, x in zip(found.parameters, errors.mean, strict=True)]
-    correlation = errors.covariance / np.outer(errors.std, errors.std)
-    return CalibrationErrors(
-        parameters=tuple(p.key for p in found.parameters),
-        deviation=tuple(round_number(std * slope) for std, slope in zip(errors.std.tolist(), slopes, strict=True)),
-        correlation=tuple(tuple(round_number(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
-    )
-
-
-def round_number(value: float) -> float:
-    """Round to the digits of a platform file."""
-    return float(f"{value:.{_DIGITS}g}")
 
 
 class DiveRounds:

@@ -15,6 +15,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     TREND,
     HullParameter,
+    errors_in_units,
     hull_parameters,
     with_covariance,
     with_values,
@@ -190,7 +191,7 @@ def calibrate(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     steps = np.array([p.steps for p in parameters])
-    hull = with_covariance(hull, _errors_in_units(errors, steps, covariance))
+    hull = with_covariance(hull, _stated(errors, steps, covariance))
     found = Calibration(
         hull,
         parameters,
@@ -355,21 +356,11 @@ def _few_profiles_factor(errors: SegmentErrors) -> float:
     return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
 
 
-def _errors_in_units(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
-    """Deviations, in the units of a platform file, and correlations of the parameters that the file contains."""
+def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
+    """Errors of the parameters that the platform file contains, in its units."""
     listed = [i for i, parameter in enumerate(errors.parameters) if parameter is not TREND]
-    deviation = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(deviation, deviation)
-    return CalibrationErrors(
-        parameters=tuple(errors.parameters[i].key for i in listed),
-        deviation=tuple(
-            float(f"{deviation[i] * abs(errors.parameters[i].slope(errors.platform, steps[i])):.{_DIGITS}g}")
-            for i in listed
-        ),
-        correlation=tuple(
-            tuple(round(float(correlation[i, j]), _DIGITS) for j in listed[:row]) for row, i in enumerate(listed)
-        ),
-    )
+    parameters = [errors.parameters[i] for i in listed]
+    return errors_in_units(errors.platform, parameters, steps[listed], covariance[np.ix_(listed, listed)])
 
 
 def _round_value(value: float, step: float) -> float:

@@ -12,8 +12,10 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     RECORD_PARAMETERS,
+    errors_in_units,
     hull_parameters,
     moved_platform,
+    stated_covariance,
     with_covariance,
     with_values,
 )
@@ -160,3 +162,27 @@ def test_what_is_written_is_read_again(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text(platform_yaml(with_covariance(PETREL, ERRORS)), "utf-8")
     assert load_platform(path) == with_covariance(PETREL, ERRORS)
+
+
+def test_a_covariance_survives_the_platform_file_though_numbers_are_negative():
+    """Errors in plausible deviations are the same after a way through the file's units, in which signs differ."""
+    parameters = hull_parameters(PETREL)
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((len(parameters), len(parameters)))
+    covariance = 0.1 * root @ root.T / len(parameters)
+    steps = 0.3 * rng.standard_normal(len(parameters))
+    hull = moved_platform(PETREL, parameters, steps)
+    found = with_covariance(hull, errors_in_units(PETREL, parameters, steps, covariance))
+    slopes = np.array([p.slope(hull, 0.0) for p in parameters])
+    before = np.array([p.slope(PETREL, x) for p, x in zip(parameters, steps.tolist(), strict=True)])
+    assert (slopes < 0.0).sum() > 3
+    expected = covariance * np.outer(before / slopes, before / slopes)
+    np.testing.assert_allclose(stated_covariance(found, parameters), expected, rtol=1e-4, atol=1e-6)
+    # Values that move by a step of the errors have the stated covariance, by differences.
+    move = np.linalg.cholesky(covariance) @ rng.standard_normal((len(parameters), 4)) * 1e-3
+    values = [
+        [p.value(moved_platform(PETREL, parameters, steps + one)) - p.value(hull) for p in parameters] for one in move.T
+    ]
+    inverse = np.linalg.inv(found.calibration.covariance)
+    for one, value in zip(move.T, values, strict=True):
+        assert value @ inverse @ value == pytest.approx(one @ np.linalg.inv(covariance) @ one, rel=0.02)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.flight.hull_parameters import HullParameter
+from gliderhpc.flight.hull_parameters import HullParameter, stated_covariance
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]
@@ -37,11 +37,4 @@ class HullErrors:
 
 def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> HullErrors:
     """Errors from the platform file alone: a calibration's covariance, and plausible deviations of other parameters."""
-    covariance, names = np.eye(len(parameters)), [p.key for p in parameters]
-    stated = None if platform.uncertainty is None else platform.uncertainty.covariance
-    if stated is not None:
-        theirs = [i for i, key in enumerate(stated.parameters) if key in names]
-        mine = [names.index(stated.parameters[i]) for i in theirs]
-        slope = np.array([parameters[j].slope(platform, 0.0) for j in mine])
-        covariance[np.ix_(mine, mine)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(slope, slope)
-    return HullErrors(np.zeros(len(covariance)), covariance)
+    return HullErrors(np.zeros(len(parameters)), stated_covariance(platform, parameters))

@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import PARAMETERS, PARAMETERS_BY_DENSITY, HullParameter, with_values
+from gliderhpc.flight.hull_parameters import (
+    PARAMETERS,
+    PARAMETERS_BY_DENSITY,
+    HullParameter,
+    stated_covariance,
+    with_values,
+)
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
@@ -263,20 +269,8 @@ class VerticalVelocity:
 
 def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters."""
-    parameters, stated = glide_parameters(by_density=by_density), platform.calibration
-    covariance = np.eye(len(parameters))
-    if stated is None:
-        return HullErrors(parameters, covariance, calibrated=False)
-    shared = [
-        (i, stated.parameters.index(p.key))
-        for i, p in enumerate(parameters)
-        # A zero parameter that varies by factors, such as thermal expansion, has no deviation to scale by.
-        if p.key in stated.parameters and p.slope(platform, 0.0) != 0.0
-    ]
-    ours, theirs = [i for i, _ in shared], [j for _, j in shared]
-    units = np.array([abs(parameters[i].slope(platform, 0.0)) for i in ours])
-    covariance[np.ix_(ours, ours)] = stated.covariance[np.ix_(theirs, theirs)] / np.outer(units, units)
-    return HullErrors(parameters, covariance, calibrated=True)
+    parameters = glide_parameters(by_density=by_density)
+    return HullErrors(parameters, stated_covariance(platform, parameters), calibrated=platform.calibration is not None)
 
 
 def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity:
