@@ -1,6 +1,6 @@
 """Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
 
-Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,calm] [--seeds 1:2] [--rounds 0,4] [--reuse]``
+Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,calm] [--seeds 1:2] [--rounds 0,8] [--reuse]``
 
 A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
 the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate`, with so
@@ -31,6 +31,7 @@ from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.tuning.rounds import USUAL_ROUNDS
 from gliderhpc.twins.cases import drawn_from
 from gliderhpc.vocabulary import CHANNELS
 
@@ -43,7 +44,7 @@ TITLES = {
     "paper": "Shear and lateral gusts",
     "demo": "Shear, gusts, yaw impulses, and a hull that fouls",
 }
-WAYS = {0: "steady glides", 4: "rounds over the dives"}
+WAYS = {0: "steady glides", USUAL_ROUNDS: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"
 VELOCITY = ("u", "v", "w")
@@ -286,7 +287,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seeds", default="1:2", help="first and last seed of each kind")
     parser.add_argument("--dives", type=int, default=16)
     parser.add_argument("--kinds", default=",".join(TITLES), help=f"of {', '.join(TITLES)}")
-    parser.add_argument("--rounds", default="0,4", help="numbers of rounds over the dives, one column each")
+    parser.add_argument("--rounds", default=f"0,{USUAL_ROUNDS}", help="numbers of rounds over the dives, one column each")
     parser.add_argument("--reuse", action="store_true", help="skip missions that already have a score")
     parser.add_argument("--work", type=Path, required=True)
     given = parser.parse_args(arguments)

@@ -37,12 +37,13 @@ from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.simulator import simulate_mission
+from gliderhpc.tuning.rounds import USUAL_ROUNDS
 
 KINDS = ("calm", "drawn", "impulses", "paper")
 WAYS = ("without", "measured")
 DEVIATION, OFFSET = 0.02, 0.002
 """Standard deviation of a sample, and of the sensor's constant error in each component, m/s."""
-DEPTH, ROUNDS = 120.0, 4
+DEPTH, ROUNDS = 120.0, USUAL_ROUNDS
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "measured-velocity.md"
 _STREAM = 79

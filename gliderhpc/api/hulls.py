@@ -59,7 +59,7 @@ def calibrate(
 ) -> CalibratedHull:
     """Fit the trim, drag and lateral terms that a mission's steady glides determine.
 
-    With ``rounds={"most": 4}`` the hull and the errors of the records are estimated in rounds over whole dives. In each
+    With ``rounds={"most": 8}`` the hull and the errors of the records are estimated in rounds over whole dives. In each
     round all dives are smoothed with the present hull. The rounds start from the fitted trim. If they find a better
     hull, it replaces the fit.
 

@@ -82,7 +82,7 @@ def calibrate(
     probable one. The errors before and after are printed for profiles held out of the fit. Nothing is written if the
     fit is worse than the platform (exit status 1).
 
-    For hulls with fast sensors (a sample interval of at most 2 s), or with --set rounds.most=4, the hull is estimated
+    For hulls with fast sensors (a sample interval of at most 2 s), or with --set rounds.most=8, the hull is estimated
     in rounds over whole dives. In each round all dives are smoothed with the present hull; together they determine all
     coefficients, trim, offsets of pitch, roll and compass, and lags of the records, which give the next hull, with its
     covariance. If the last one is worse than the platform on the steady glides, or farther from it than the plausible
@@ -100,7 +100,7 @@ def calibrate(
     settings = build_settings_of(CalibrateSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
     if history is not None and settings.rounds.largest_number(platform) == 0:
-        raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=4")
+        raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=8")
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:

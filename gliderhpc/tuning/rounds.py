@@ -5,7 +5,7 @@ from pydantic import Field
 from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, Settings
 from gliderhpc.platform import Platform
 
-USUAL_ROUNDS = 4
+USUAL_ROUNDS = 8
 """Maximum number of rounds for hulls with fast sensors, if the setting does not give one."""
 
 
@@ -15,7 +15,7 @@ class RoundSettings(Settings):
     most: int | None = Field(
         None,
         ge=0,
-        description="largest number of rounds; 0: only the fit of the steady glides; unset: 4 for hulls with a sample "
+        description="largest number of rounds; 0: only the fit of the steady glides; unset: 8 for hulls with a sample "
         "interval of at most 2 s, else 0",
     )
     tolerance: float = Field(

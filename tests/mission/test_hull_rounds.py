@@ -149,7 +149,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
                "--workers", "0", "--history", tmp_path / "hull.csv")  # fmt: skip
     refused = program(*command, "--set", "rounds.most=0")
     assert refused.status == 2
-    assert "add --set rounds.most=4" in refused.err
+    assert "add --set rounds.most=8" in refused.err
     done = program(*command, "--set", "rounds.most=1")
     assert done.status == 0, done.err
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
@@ -158,7 +158,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
 
 
 def test_hulls_with_fast_sensors_have_rounds_by_default():
-    assert RoundSettings().largest_number(PETREL) == 4
+    assert RoundSettings().largest_number(PETREL) == 8
     assert RoundSettings().largest_number(gh.load_platform("slocum")) == 0
     assert RoundSettings(most=2).largest_number(gh.load_platform("slocum")) == 2
     assert RoundSettings(most=0).largest_number(PETREL) == 0
