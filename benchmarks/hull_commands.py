@@ -287,7 +287,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seeds", default="1:2", help="first and last seed of each kind")
     parser.add_argument("--dives", type=int, default=16)
     parser.add_argument("--kinds", default=",".join(TITLES), help=f"of {', '.join(TITLES)}")
-    parser.add_argument("--rounds", default=f"0,{USUAL_ROUNDS}", help="numbers of rounds over the dives, one column each")
+    parser.add_argument(
+        "--rounds", default=f"0,{USUAL_ROUNDS}", help="numbers of rounds over the dives, one column each"
+    )
     parser.add_argument("--reuse", action="store_true", help="skip missions that already have a score")
     parser.add_argument("--work", type=Path, required=True)
     given = parser.parse_args(arguments)

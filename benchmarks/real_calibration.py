@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from gliderhpc.errors import InputError
+import gliderhpc as gh
+from gliderhpc.api.found_hulls import CalibratedHull
+from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, calibrate
-from gliderhpc.tuning.steady_segments import steady_segments
 from gliderhpc.vocabulary import QUALITY
 
 MOST_FITTED = 30
@@ -34,21 +34,16 @@ def shares(observations: Observations, every: int) -> tuple[list[int], list[int]
 
 def calibrated(
     observations: Observations, platform: Platform, fitted: Sequence[int], inverted: Sequence[int]
-) -> Calibration | None:
-    """Calibrate a hull on some profiles and score it on those that are inverted; None where there are too few."""
-    settings = CalibrateSettings()
+) -> CalibratedHull | None:
+    """Calibrate a hull on some profiles, as the command does, and score it on those that are inverted; else None."""
     try:
-        parts = [
-            steady_segments(observations, platform, numbers, settings, settings.steady)
-            for numbers in (fitted, inverted)
-        ]
-        return calibrate(platform, *parts, settings.calibration)
-    except InputError as error:
+        return gh.calibrate(observations.path, platform, profiles=fitted, hold_out=inverted)
+    except (InputError, CalibrationError) as error:
         print(f"{observations.path.name} is not calibrated: {error}")
         return None
 
 
-def balance_rows(found: Calibration) -> Rows:
+def balance_rows(found: CalibratedHull) -> Rows:
     """Errors of the balance at the held-out profiles, before and after."""
     pairs = zip(SCORES[2:], figures(found.held_out.before), figures(found.held_out.after), strict=True)
     return [

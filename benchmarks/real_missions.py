@@ -26,6 +26,7 @@ from benchmarks.real_calibration import (
     shares,
 )
 from gliderhpc import load_platform, open_mission
+from gliderhpc.api.found_hulls import CalibratedHull
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission
@@ -38,7 +39,6 @@ from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.calibration import Calibration
 from gliderhpc.vocabulary import QUALITY
 
 
@@ -74,7 +74,7 @@ class Inverted:
         What the import found.
     shipped : xarray.DataTree
         The archive with the shipped hull.
-    found : Calibration or None
+    found : CalibratedHull or None
         The hull calibrated on profiles that are not in the archives; None where there are too few.
     calibrated : xarray.DataTree or None
         The archive of the same profiles with that hull.
@@ -82,7 +82,7 @@ class Inverted:
 
     summary: ImportSummary
     shipped: xr.DataTree
-    found: Calibration | None
+    found: CalibratedHull | None
     calibrated: xr.DataTree | None
 
     def both(self, rows: Callable[[xr.DataTree], Rows]) -> tuple[Rows, Rows | None]:
@@ -358,7 +358,7 @@ PREAMBLE = [
     + " is inverted, so that the page is made within an hour;",
     f"the hull is calibrated ([calibration.md](calibration.md)) on the others, at most {MOST_FITTED} of them. Made by",
     "`python -m benchmarks.real_missions DATA_FOLDER`. Spreads are the median and the range from the 10th to the 90th percentile.",
-    "Buoyancy follows the depth slope here; [seawater.md](seawater.md) compares it with the measured density.",
+    "Buoyancy follows the measured density where there is one ([seawater.md](seawater.md)).",
     "",
 ]
 
