@@ -203,10 +203,46 @@ def _depth_rate(samples: GlideSamples, platform: Platform, pitch_offset: float, 
     return still_water_glide(glider, bodies, MeasuredAttitude(old.roll, pitch, old.turn_rate, old.depth)).depth_rate
 
 
+def _chosen(parameters: Sequence[HullParameter]) -> list[int]:
+    """Parameters of which the depth rate is a function."""
+    return [i for i, p in enumerate(parameters) if p.key in (*KEYS, *_PITCH)]
+
+
+def _hull_depth_rate(
+    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], eta: Array
+) -> Array:
+    """Depth rate (n,) in still water of a hull with errors ``(k,)`` in the chosen parameters."""
+    moved = np.zeros(len(parameters))
+    moved[_chosen(parameters)] = eta
+    hull = moved_platform(platform, parameters, moved)
+    old, new = platform.sensors, hull.sensors
+    offset = np.radians(new.pitch_offset - old.pitch_offset)
+    return _depth_rate(samples, hull, float(offset), new.pitch_scale / old.pitch_scale)
+
+
+def depth_rate_slopes(
+    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], mean: Array
+) -> Array:
+    """Derivatives ``(n, k)`` of the depth rate with respect to the chosen parameters at a mean of the errors."""
+    at = mean[_chosen(parameters)]
+    columns = [
+        _hull_depth_rate(samples, platform, parameters, at + step)
+        - _hull_depth_rate(samples, platform, parameters, at - step)
+        for step in _DIFFERENCE * np.eye(len(at))
+    ]
+    return np.column_stack(columns) / (2.0 * _DIFFERENCE)
+
+
 def compare(
-    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], found: MissionHull
+    samples: GlideSamples,
+    platform: Platform,
+    parameters: Sequence[HullParameter],
+    found: MissionHull,
+    slopes: Array | None = None,
 ) -> DepthRateCheck | None:
     """Compare the hull of a mission with the depth rates of its steady glides; None if fewer than four dives have them.
+
+    ``slopes`` are the derivatives of the depth rates, by default those at the mean of ``found`` (`depth_rate_slopes`).
 
     Notes
     -----
@@ -214,23 +250,11 @@ def compare(
     the derivatives of the means, the scatter of the residuals between ``n`` dives, and `MODEL_ERROR`. The motion within
     a leg is the residual of a fit of the errors, with their prior, to the deviations from the legs' means.
     """
-    chosen = [i for i, p in enumerate(parameters) if p.key in (*KEYS, *_PITCH)]
+    chosen = _chosen(parameters)
     errors: Gaussian = found.overall
-    mean = errors.mean[chosen]
-
-    def residual(eta: Array) -> Array:
-        moved = np.zeros(len(parameters))
-        moved[chosen] = eta
-        hull = moved_platform(platform, parameters, moved)
-        old, new = platform.sensors, hull.sensors
-        offset = np.radians(new.pitch_offset - old.pitch_offset)
-        return _depth_rate(samples, hull, float(offset), new.pitch_scale / old.pitch_scale) - samples.depth_rate
-
-    at_mean = residual(mean)
-    slopes = np.column_stack([
-        (residual(mean + step) - residual(mean - step)) / (2.0 * _DIFFERENCE)
-        for step in _DIFFERENCE * np.eye(len(chosen))
-    ])  # fmt: skip
+    if slopes is None:
+        slopes = depth_rate_slopes(samples, platform, parameters, errors.mean)
+    at_mean = _hull_depth_rate(samples, platform, parameters, errors.mean[chosen]) - samples.depth_rate
     known = np.isfinite(at_mean + slopes.sum(axis=1))
     legs = [
         [known & (samples.dive == dive) & (samples.climbing == up) for up in (False, True)]
@@ -275,15 +299,16 @@ def check_hull(
 
     ``whole`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the dives'
     information is the number that brings chi-square to its expectation; otherwise it is one. All other figures are
-    those of the undivided information.
+    those of the undivided information, at whose mean the derivatives are taken.
     """
 
     def comparison(divisor: float) -> DepthRateCheck | None:
         terms = [dive.weakened(divisor) for dive in dives]
-        return compare(samples, platform, parameters, solve_mission(terms, whole.prior, robust=robust))
+        return compare(samples, platform, parameters, solve_mission(terms, whole.prior, robust=robust), slopes)
 
     with threadpool_limits(limits=1):
-        first = now = compare(samples, platform, parameters, whole)
+        slopes = depth_rate_slopes(samples, platform, parameters, whole.overall.mean)
+        first = now = compare(samples, platform, parameters, whole, slopes)
         if first is None or not first.contradicts:
             return first
         divisor = 1.0
