@@ -13,6 +13,7 @@ from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
+    ATTITUDE_PARAMETERS,
     TREND,
     HullParameter,
     errors_in_units,
@@ -91,7 +92,7 @@ class CalibratedParameter:
         95 % interval; NaN where held.
     scatter_share : float
         Fraction of the interval's variance due to scatter between profiles; the rest is due to errors of the held
-        parameters and to the rounding of the attitude.
+        parameters, of the attitude's sensors, and of its rounding.
     verdict : CalibrationVerdict
         Outcome.
     alike : tuple of str
@@ -304,7 +305,7 @@ def _judge_parameters(
     jacobian = search.weighted()[0][:, search.free]
     scatter = np.full(len(search.free), np.nan)
     scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles_factor(errors)
-    variance = np.where(search.free, np.diag(covariance), np.nan)
+    variance = np.where(search.free, np.diag(covariance)[: len(search.free)], np.nan)
     quantile = float(scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL))
     parameters = []
     for i, parameter in enumerate(errors.parameters):
@@ -328,24 +329,29 @@ def _judge_parameters(
 
 
 def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
-    """Covariance (p, p) of all parameters, in plausible deviations.
+    """Covariance (p+3, p+3) of all parameters and of the attitude's errors, in plausible deviations.
 
     Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
-    they are held at another one; this moves the free ones. The free ones also scatter from profile to profile and
-    depend on the rounding of the attitude.
+    they are held at another one. Roll and pitch may have the errors of `ATTITUDE_PARAMETERS`, which the glides do not
+    determine apart from the hull. Both move the free parameters. These also scatter from profile to profile and depend
+    on the rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    count = len(search.free)
+    attitude = np.arange(count, count + len(ATTITUDE_PARAMETERS))
     jacobian, _ = search.weighted()
     wrong = np.maximum(1.0, np.abs(search.steps[held]))
-    by_held, by_offsets = (
-        sensitivity(jacobian[:, free], unseen) for unseen in (jacobian[:, held] * wrong, search.weighted_offsets())
+    by_held, by_offsets, by_attitude = (
+        sensitivity(jacobian[:, free], unseen)
+        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_attitude())
     )
-    covariance = np.eye(len(search.free))
+    covariance = np.eye(count + len(attitude))
     covariance[held, held] = wrong**2
-    covariance[np.ix_(free, held)] = by_held * wrong
-    covariance[np.ix_(held, free)] = (by_held * wrong).T
-    covariance[np.ix_(free, free)] = (
-        search.scatter_covariance() * _few_profiles_factor(errors) + by_held @ by_held.T + by_offsets @ by_offsets.T
+    for others, by_others in ((held, by_held * wrong), (attitude, by_attitude)):
+        covariance[np.ix_(free, others)] = by_others
+        covariance[np.ix_(others, free)] = by_others.T
+    covariance[np.ix_(free, free)] = search.scatter_covariance() * _few_profiles_factor(errors) + sum(
+        by_others @ by_others.T for by_others in (by_held, by_offsets, by_attitude)
     )
     return covariance
 
@@ -358,9 +364,12 @@ def _few_profiles_factor(errors: SegmentErrors) -> float:
 
 def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
     """Errors of the parameters that the platform file contains, in its units."""
-    listed = [i for i, parameter in enumerate(errors.parameters) if parameter is not TREND]
-    parameters = [errors.parameters[i] for i in listed]
-    return errors_in_units(errors.platform, parameters, steps[listed], covariance[np.ix_(listed, listed)])
+    parameters = (*errors.parameters, *ATTITUDE_PARAMETERS)
+    every = np.concatenate([steps, np.zeros(len(ATTITUDE_PARAMETERS))])
+    listed = [i for i, parameter in enumerate(parameters) if parameter is not TREND]
+    return errors_in_units(
+        errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]
+    )
 
 
 def _round_value(value: float, step: float) -> float:

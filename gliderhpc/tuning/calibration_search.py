@@ -172,6 +172,10 @@ class CalibrationSearch:
         """`SegmentErrors.offsets` (m, 4), divided by the scales and weighted by the robust loss."""
         return np.asarray(self._weights()[:, None] * self._errors.offsets())
 
+    def weighted_attitude(self) -> Array:
+        """`SegmentErrors.by_attitude` (m, 3), divided by the scales and weighted by the robust loss."""
+        return np.asarray(self._weights()[:, None] * self._errors.by_attitude(self.steps))
+
     def _weights(self) -> Array:
         scale = self._scale_of_each()
         return np.asarray((1.0 + (self._errors(self.steps) / scale) ** 2) ** -0.25 / scale)

@@ -13,15 +13,17 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
+    ATTITUDE_PARAMETERS,
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     TREND,
     HullParameter,
     compressible,
+    moved_platform,
     with_values,
 )
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
-from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
+from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, Sensors
 from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.tuning.steady_segments import SteadySegments
 
@@ -143,8 +145,26 @@ class SegmentErrors:
             [deviation * ((self.kind == kind) & (diving == phase)) for kind in _ROUNDED for phase in (True, False)]
         )
 
+    def by_attitude(self, steps: Array) -> Array:
+        """Derivatives (m, 3) of the errors used, with respect to the errors of the attitude (`ATTITUDE_PARAMETERS`)."""
+        here = self(steps)
+        columns = []
+        for parameter in ATTITUDE_PARAMETERS:
+            sensors = moved_platform(self.platform, [parameter], np.array([DIFFERENCE])).sensors
+            segments = _with_sensors(self.segments, self.platform.sensors, sensors)
+            moved = SegmentErrors(self.platform, self.parameters, segments, self.reference)
+            columns.append((moved(steps) - here) / DIFFERENCE)
+        return np.column_stack(columns)
+
     def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
         return list(zip(self.parameters, steps.tolist(), strict=True))
+
+
+def _with_sensors(segments: SteadySegments, before: Sensors, after: Sensors) -> SteadySegments:
+    """Segments, whose attitude was corrected for the errors of some sensors, corrected for those of others instead."""
+    pitch = segments.pitch / before.pitch_scale + math.radians(before.pitch_offset - after.pitch_offset)
+    roll = segments.roll + math.radians(before.roll_offset - after.roll_offset)
+    return replace(segments, roll=roll, pitch=after.pitch_scale * pitch)
 
 
 def fits_density(platform: Platform, segments: SteadySegments) -> bool:

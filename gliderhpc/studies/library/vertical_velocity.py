@@ -25,6 +25,7 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
+    ATTITUDE_PARAMETERS,
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     HullParameter,
@@ -268,9 +269,17 @@ class VerticalVelocity:
 
 
 def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
-    """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters."""
+    """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters.
+
+    They are those for the attitude as measured. An error of the pitch shifts the calibrated hull so that its depth rate
+    remains that of the glides; such errors of both therefore cancel.
+    """
     parameters = glide_parameters(by_density=by_density)
-    return HullErrors(parameters, stated_covariance(platform, parameters), calibrated=platform.calibration is not None)
+    hull, attitude = slice(len(parameters)), slice(len(parameters), None)
+    both = stated_covariance(platform, (*parameters, *ATTITUDE_PARAMETERS))
+    through = np.linalg.lstsq(both[attitude, attitude], both[attitude, hull], rcond=None)[0]
+    covariance = both[hull, hull] - both[hull, attitude] @ through
+    return HullErrors(parameters, covariance, calibrated=platform.calibration is not None)
 
 
 def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity:
