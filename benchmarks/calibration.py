@@ -17,7 +17,7 @@ from gliderhpc.api.hulls import chosen_profiles, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.findings import markdown
-from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
+from gliderhpc.flight.hull_parameters import ATTITUDE_PARAMETERS, PARAMETERS, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
@@ -36,6 +36,7 @@ HELD_OUT = 4
 PITCHES = (19.0, 32.0)
 ONE_PITCH = (23.0, 23.0)
 SETTINGS = CalibrateSettings()
+_ATTITUDE_STREAM = 81
 UNFLOWN = "viscous.K_delta"
 """Petrel-L has no rudder."""
 
@@ -89,14 +90,16 @@ def fly(
         }
     )
     record, _ = simulate_profile(hull, scenario, int(rng.integers(2**31)), number=number)
-    return segments_of(on_steps(record, SETTINGS), platform, SETTINGS.steady)
+    return segments_of(on_steps(record, SETTINGS, platform), platform, SETTINGS.steady)
 
 
 def twin(seed: int, pitches: tuple[float, float] = PITCHES, profiles: int = PROFILES) -> Twin:
-    """Draw a hull, fly it, and calibrate the platform on its records."""
-    platform, rng = load_platform(PLATFORM), np.random.default_rng(seed)
+    """Draw a hull, fly it, and calibrate on its records a platform that is wrong on the attitude's offsets and scale."""
+    hull, rng = load_platform(PLATFORM), np.random.default_rng(seed)
+    offsets = np.random.default_rng([seed, _ATTITUDE_STREAM]).uniform(-1.0, 1.0, len(ATTITUDE_PARAMETERS))
+    platform = moved_platform(hull, ATTITUDE_PARAMETERS, offsets)
     while True:
-        truth = draw_hull(platform, rng)
+        truth = draw_hull(hull, rng)
         try:
             flown = join_segments([fly(truth, platform, rng, number, pitches) for number in range(1, profiles + 1)])
         except GliderhpcError:
@@ -206,9 +209,11 @@ def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[st
         METHOD.read_text("utf-8").rstrip(), "",
         f"<!-- {FIELD} -->", f"<!-- /{FIELD} -->", "",
         "## Twins", "",
-        f"Hulls drawn about `{PLATFORM}`, every parameter uniformly within one plausible deviation; {PROFILES} dives each to",
-        f"120 m, pitch of {PITCHES[0]:g} to {PITCHES[1]:g} degrees drawn for every dive, turns of up to 150 s every 200 s, the",
-        "simulator's usual slow disturbances, yaw impulses, sensors and lagging actuators; every fourth dive held out. Seeds",
+        f"Hulls drawn about `{PLATFORM}`, every parameter uniformly within one plausible deviation. The offsets of roll and pitch",
+        "and the scale of the pitch are drawn likewise, and the platform given does not know them.",
+        f"{PROFILES} dives each to 120 m, pitch of {PITCHES[0]:g} to {PITCHES[1]:g} degrees drawn for every dive, turns of up to",
+        "150 s every 200 s, the simulator's usual slow disturbances, yaw impulses, sensors and lagging actuators; every fourth",
+        "dive held out. Seeds",
         f"{FIRST_SEED} to {FIRST_SEED + len(twins) - 1}.", "", summary(twins), "", coverage(twins), "", *scores(twins), "",
         f"With all dives at {ONE_PITCH[0]:g} degrees, {len(one_pitch)} twins: {summary(one_pitch)}", "", coverage(one_pitch), "",
         "## Real missions", "",
