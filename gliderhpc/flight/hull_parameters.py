@@ -153,7 +153,7 @@ def errors_in_units(
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+    return float(f"{value:.{_DIGITS}g}") + 0.0  # Without the sign of a zero.
 
 
 def stated_covariance(platform: Platform, parameters: Sequence[HullParameter]) -> Array:
@@ -317,7 +317,7 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
 )
 """Errors of the records, which the section `sensors` of a platform corrects."""
 
-ATTITUDE_PARAMETERS = RECORD_PARAMETERS[:3]
+ATTITUDE_PARAMETERS = ROLL_OFFSET, *PITCH_PARAMETERS = RECORD_PARAMETERS[:3]
 """Errors of the measured roll and pitch, to which steady glides respond."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))

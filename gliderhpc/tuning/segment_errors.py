@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -13,13 +14,13 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
-    ATTITUDE_PARAMETERS,
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
+    PITCH_PARAMETERS,
+    ROLL_OFFSET,
     TREND,
     HullParameter,
     compressible,
-    moved_platform,
     with_values,
 )
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
@@ -87,11 +88,13 @@ class SegmentErrors:
 
     def _balances(self, moves: Sequence[Array], velocity: Array | None = None) -> Iterator[SteadyBalance]:
         """Yield the balance of the hull with each of several steps."""
-        gliders = [Glider(self.hull(steps)) for steps in moves]
-        bodies = [
-            glider.bodies(self._controls(glider.platform, steps)) for glider, steps in zip(gliders, moves, strict=True)
-        ]
-        return steady_balances(gliders, bodies, self.segments.motion, velocity)
+        hulls = zip((self.hull(steps) for steps in moves), moves, strict=True)
+        for sensors, group in groupby(hulls, key=lambda each: each[0].sensors):
+            with_steps = [(Glider(hull), steps) for hull, steps in group]
+            gliders = [glider for glider, _ in with_steps]
+            bodies = [glider.bodies(self._controls(glider.platform, steps)) for glider, steps in with_steps]
+            segments = _with_sensors(self.segments, self.platform.sensors, sensors)
+            yield from steady_balances(gliders, bodies, segments.motion, velocity)
 
     def _controls(self, hull: Platform, steps: Array) -> Array:
         controls = model_controls(hull, self.segments.actuators, self._seawater)
@@ -145,16 +148,12 @@ class SegmentErrors:
             [deviation * ((self.kind == kind) & (diving == phase)) for kind in _ROUNDED for phase in (True, False)]
         )
 
-    def by_attitude(self, steps: Array) -> Array:
-        """Derivatives (m, 3) of the errors used, with respect to the errors of the attitude (`ATTITUDE_PARAMETERS`)."""
-        here = self(steps)
-        columns = []
-        for parameter in ATTITUDE_PARAMETERS:
-            sensors = moved_platform(self.platform, [parameter], np.array([DIFFERENCE])).sensors
-            segments = _with_sensors(self.segments, self.platform.sensors, sensors)
-            moved = SegmentErrors(self.platform, self.parameters, segments, self.reference)
-            columns.append((moved(steps) - here) / DIFFERENCE)
-        return np.column_stack(columns)
+    def by_pitch(self, steps: Array) -> Array:
+        """Derivatives (m, 2) of the errors used, with respect to the errors of the pitch (`PITCH_PARAMETERS`)."""
+        both = SegmentErrors(self.platform, (*self.parameters, *PITCH_PARAMETERS), self.segments, self.reference)
+        count = len(self.parameters)
+        extended = np.concatenate([steps, np.zeros(len(PITCH_PARAMETERS))])
+        return both.jacobian(extended, range(count, count + len(PITCH_PARAMETERS)))
 
     def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
         return list(zip(self.parameters, steps.tolist(), strict=True))
@@ -173,8 +172,11 @@ def fits_density(platform: Platform, segments: SteadySegments) -> bool:
 
 
 def steady_parameters(platform: Platform, segments: SteadySegments) -> tuple[HullParameter, ...]:
-    """Parameters that steady glides may determine, for buoyancy by density or by depth slope."""
-    return PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    """Parameters that steady glides may determine, for buoyancy by density or by depth slope.
+
+    They include the offset of the roll, which turns show: without it, lateral terms would be moved in its place.
+    """
+    return (*(PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS), ROLL_OFFSET)
 
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
