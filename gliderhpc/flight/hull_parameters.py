@@ -317,7 +317,7 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
 )
 """Errors of the records, which the section `sensors` of a platform corrects."""
 
-ATTITUDE_PARAMETERS = ROLL_OFFSET, *PITCH_PARAMETERS = RECORD_PARAMETERS[:3]
+ATTITUDE_PARAMETERS = ROLL_OFFSET, *_ = RECORD_PARAMETERS[:3]
 """Errors of the measured roll and pitch, to which steady glides respond."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))

@@ -13,7 +13,6 @@ from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
-    PITCH_PARAMETERS,
     TREND,
     HullParameter,
     errors_in_units,
@@ -92,7 +91,7 @@ class CalibratedParameter:
         95 % interval; NaN where held.
     scatter_share : float
         Fraction of the interval's variance due to scatter between profiles; the rest is due to errors of the held
-        parameters, of the measured pitch, and of the attitude's rounding.
+        parameters, of the measured attitude, and of its rounding.
     verdict : CalibrationVerdict
         Outcome.
     alike : tuple of str
@@ -329,29 +328,29 @@ def _judge_parameters(
 
 
 def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
-    """Covariance (p+2, p+2) of all parameters and of the errors of the measured pitch, in plausible deviations.
+    """Covariance (p+r, p+r) of all parameters and of the attitude's other errors, in plausible deviations.
 
     Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
-    they are held at another one. The pitch may have the errors of `PITCH_PARAMETERS`, which the glides do not
+    they are held at another one. The attitude may have the errors of `SegmentErrors.attitude`, which the glides do not
     determine apart from the hull. Both move the free parameters. These also scatter from profile to profile and depend
     on the rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
     count = len(search.free)
-    pitch = np.arange(count, count + len(PITCH_PARAMETERS))
+    attitude = np.arange(count, count + len(errors.attitude))
     jacobian, _ = search.weighted()
     wrong = np.maximum(1.0, np.abs(search.steps[held]))
-    by_held, by_offsets, by_pitch = (
+    by_held, by_offsets, by_attitude = (
         sensitivity(jacobian[:, free], unseen)
-        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_pitch())
+        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_attitude())
     )
-    covariance = np.eye(count + len(pitch))
+    covariance = np.eye(count + len(attitude))
     covariance[held, held] = wrong**2
-    for others, by_others in ((held, by_held * wrong), (pitch, by_pitch)):
+    for others, by_others in ((held, by_held * wrong), (attitude, by_attitude)):
         covariance[np.ix_(free, others)] = by_others
         covariance[np.ix_(others, free)] = by_others.T
     covariance[np.ix_(free, free)] = search.scatter_covariance() * _few_profiles_factor(errors) + sum(
-        by_others @ by_others.T for by_others in (by_held, by_offsets, by_pitch)
+        by_others @ by_others.T for by_others in (by_held, by_offsets, by_attitude)
     )
     return covariance
 
@@ -364,8 +363,8 @@ def _few_profiles_factor(errors: SegmentErrors) -> float:
 
 def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
     """Errors of the parameters that the platform file contains, in its units."""
-    parameters = (*errors.parameters, *PITCH_PARAMETERS)
-    every = np.concatenate([steps, np.zeros(len(PITCH_PARAMETERS))])
+    parameters = (*errors.parameters, *errors.attitude)
+    every = np.concatenate([steps, np.zeros(len(errors.attitude))])
     listed = [i for i, parameter in enumerate(parameters) if parameter is not TREND]
     return errors_in_units(
         errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]

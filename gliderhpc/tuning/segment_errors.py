@@ -14,9 +14,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
+    ATTITUDE_PARAMETERS,
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
-    PITCH_PARAMETERS,
     ROLL_OFFSET,
     TREND,
     HullParameter,
@@ -148,12 +148,16 @@ class SegmentErrors:
             [deviation * ((self.kind == kind) & (diving == phase)) for kind in _ROUNDED for phase in (True, False)]
         )
 
-    def by_pitch(self, steps: Array) -> Array:
-        """Derivatives (m, 2) of the errors used, with respect to the errors of the pitch (`PITCH_PARAMETERS`)."""
-        both = SegmentErrors(self.platform, (*self.parameters, *PITCH_PARAMETERS), self.segments, self.reference)
-        count = len(self.parameters)
-        extended = np.concatenate([steps, np.zeros(len(PITCH_PARAMETERS))])
-        return both.jacobian(extended, range(count, count + len(PITCH_PARAMETERS)))
+    @property
+    def attitude(self) -> tuple[HullParameter, ...]:
+        """Errors of the measured attitude (r,) that are not among the parameters."""
+        return tuple(p for p in ATTITUDE_PARAMETERS if p not in self.parameters)
+
+    def by_attitude(self, steps: Array) -> Array:
+        """Derivatives (m, r) of the errors used, with respect to the other errors of the attitude."""
+        both = SegmentErrors(self.platform, (*self.parameters, *self.attitude), self.segments, self.reference)
+        count, others = len(self.parameters), len(self.attitude)
+        return both.jacobian(np.concatenate([steps, np.zeros(others)]), range(count, count + others))
 
     def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
         return list(zip(self.parameters, steps.tolist(), strict=True))
@@ -174,9 +178,11 @@ def fits_density(platform: Platform, segments: SteadySegments) -> bool:
 def steady_parameters(platform: Platform, segments: SteadySegments) -> tuple[HullParameter, ...]:
     """Parameters that steady glides may determine, for buoyancy by density or by depth slope.
 
-    They include the offset of the roll, which turns show: without it, lateral terms would be moved in its place.
+    They include the offset of the roll, which turns show: without it, lateral terms would be moved in its place. On a
+    hull that is steered by a rudder, an offset of the rudder would act like it.
     """
-    return (*(PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS), ROLL_OFFSET)
+    steady = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
+    return steady if segments.actuators[:, 3].any() else (*steady, ROLL_OFFSET)
 
 
 def middle_of(time: NDArray[np.datetime64]) -> np.datetime64:
