@@ -41,7 +41,7 @@ from gliderhpc.tuning.calibration_search import (
     correlated_scale,
 )
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
-from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy
+from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of, steady_segments
 from gliderhpc.tuning.trim import TRIM, fit_trim
 
@@ -297,6 +297,54 @@ def test_one_pitch_tells_less():
     estimated = [sum(found.verdict(key) is CalibrationVerdict.ESTIMATED for key in KEYS) for found in (one, several)]
     assert one.verdict("viscous.K_L") is CalibrationVerdict.UNDETERMINED
     assert estimated[0] < estimated[1]
+
+
+def test_the_offset_of_the_roll_is_found_from_turns(twins):
+    """The platforms given state offsets of up to a degree that the records do not have; turns show it."""
+    every = [next(p for p in t.found.parameters if p.parameter.key == "sensors.roll_offset") for t in twins]
+    found = [p for p in every if p.verdict is CalibrationVerdict.ESTIMATED]
+    assert len(found) >= 3
+    assert all(p.interval[0] < 0.0 < p.interval[1] for p in found)
+    worst = max(found, key=lambda p: abs(p.before))
+    assert abs(worst.after) < 0.4 * abs(worst.before)
+    assert all(t.found.platform.sensors.roll_offset == p.after for t, p in zip(twins, every, strict=True))
+
+
+def test_a_hull_with_a_rudder_keeps_the_offset_of_the_roll_as_an_error():
+    segments = glides(PETREL, PETREL)
+    steered = replace(segments, actuators=segments.actuators + np.array([0.0, 0.0, 0.0, 0.01]))
+    kept, found = (SegmentErrors(PETREL, steady_parameters(PETREL, each), each) for each in (steered, segments))
+    assert [p.key for p in kept.attitude] == ["sensors.roll_offset", "sensors.pitch_offset", "sensors.pitch_scale"]
+    assert [p.key for p in found.attitude] == ["sensors.pitch_offset", "sensors.pitch_scale"]
+
+
+def test_errors_of_the_attitude_act_as_in_the_correction_of_a_record():
+    """Derivatives are those of the balance with roll and pitch as corrected for other sensors, by differences."""
+    segments = glides(TRUTH, PETREL)
+    errors = SegmentErrors(PETREL, PARAMETERS, segments)
+    steps, small = np.full(len(PARAMETERS), 0.1), 1e-3
+    scale = math.exp(0.02 * small)
+    moved = (
+        replace(segments, roll=segments.roll - math.radians(small)),
+        replace(segments, pitch=segments.pitch - math.radians(small)),
+        replace(segments, pitch=segments.pitch * scale),
+    )
+    expected = [(SegmentErrors(PETREL, PARAMETERS, each)(steps) - errors(steps)) / small for each in moved]
+    np.testing.assert_allclose(errors.by_attitude(steps), np.column_stack(expected), rtol=0.01, atol=1e-6)
+
+
+def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
+    """An offset of the pitch of one degree moves the fit by about what the platform file states."""
+    segments = glides(TRUTH, PETREL)
+    offset = replace(segments, pitch=segments.pitch + math.radians(1.0))
+    straight, off = (calibrate(PETREL, each, each.none(), CalibrationSettings()) for each in (segments, offset))
+    moved = off.platform.buoyancy.neutral_volume - straight.platform.buoyancy.neutral_volume
+    stated = straight.platform.calibration
+    names = list(stated.parameters)
+    volume, pitch = names.index("buoyancy.neutral_volume"), names.index("sensors.pitch_offset")
+    assert abs(moved) > 5.0
+    # The errors are those of the file: truth minus estimate.
+    assert stated.covariance[volume, pitch] / stated.deviation[pitch] == pytest.approx(-moved, rel=0.1)
 
 
 def test_the_page_counts_what_it_says(twins):
