@@ -317,8 +317,11 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
 )
 """Errors of the records, which the section `sensors` of a platform corrects."""
 
-ATTITUDE_PARAMETERS = ROLL_OFFSET, *_ = RECORD_PARAMETERS[:3]
+ATTITUDE_PARAMETERS = RECORD_PARAMETERS[:3]
 """Errors of the measured roll and pitch, to which steady glides respond."""
+
+ROLL_OFFSET = ATTITUDE_PARAMETERS[0]
+"""The one of them that steady glides determine, by turns."""
 
 TREND = HullParameter("trend", "cm3/day", "trend of the neutral volume", _absolute(1.0))
 """Not in the platform file; fitted on request."""
