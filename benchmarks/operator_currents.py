@@ -109,7 +109,7 @@ def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
 def main(data: Path, work: Path) -> None:
     """Run the dives and write the page."""
     path = work / f"{MISSION.folder}.nc"
-    MISSION.bring([data / MISSION.folder], path)
+    MISSION.bring([data / MISSION.folder], path, overwrite=True)
     platforms, every, unseen = hulls(path)
     columns = {
         f"{kind} hull, {estimate}": rows(
