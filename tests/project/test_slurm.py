@@ -68,11 +68,13 @@ def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief,
         if "worker" not in process.cmdline():
             process.send_signal(signal.SIGCONT)
     job.wait(timeout=400)
+    # A worker that goes on may still write the dive that it had finished.
+    stopped_with = len(read_commits(store))
     signal_group(job, signal.SIGCONT)
     out, err = job.communicate(timeout=400)
     assert job.returncode == 130, err
     assert "scontrol requeue 17" in out
-    assert len(read_commits(store)) < 3
+    assert stopped_with < 3
     job = start()
     out, err = job.communicate(timeout=400)
     assert job.returncode == 0, err
