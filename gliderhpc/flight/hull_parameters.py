@@ -22,7 +22,7 @@ from gliderhpc.vocabulary import HULL_PARAMETERS
 Array = NDArray[np.float64]
 
 _DIGITS = 6
-"""Digits of the errors in a platform file."""
+"""Digits of numbers in a platform file."""
 
 
 def _zero(_: Platform) -> float:
@@ -147,12 +147,13 @@ def errors_in_units(
     correlation = covariance / np.outer(sign * deviation, sign * deviation)
     return CalibrationErrors(
         parameters=tuple(p.key for p in parameters),
-        deviation=tuple(_rounded(value) for value in (deviation * np.abs(slope)).tolist()),
-        correlation=tuple(tuple(_rounded(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
+        deviation=tuple(round_number(value) for value in (deviation * np.abs(slope)).tolist()),
+        correlation=tuple(tuple(round_number(x) for x in row[:i]) for i, row in enumerate(correlation.tolist())),
     )
 
 
-def _rounded(value: float) -> float:
+def round_number(value: float) -> float:
+    """Round to the digits of a platform file."""
     return float(f"{value:.{_DIGITS}g}") + 0.0  # Without the sign of a zero.
 
 

@@ -17,6 +17,7 @@ from gliderhpc.flight.hull_parameters import (
     HullParameter,
     errors_in_units,
     hull_parameters,
+    round_number,
     with_covariance,
     with_values,
 )
@@ -47,7 +48,6 @@ LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
 
 _MAX_COST_INCREASE = 1.02
-_DIGITS = 6
 
 
 class CalibrationSettings(Settings):
@@ -372,7 +372,7 @@ def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> Calibrati
 
 
 def _round_value(value: float, step: float) -> float:
-    return value if step == 0.0 else float(f"{value:.{_DIGITS}g}")
+    return value if step == 0.0 else round_number(value)
 
 
 def _in_order(a: float, b: float) -> tuple[float, float]:
