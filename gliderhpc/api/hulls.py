@@ -53,6 +53,7 @@ def calibrate(
     *,
     profiles: Profiles = None,
     hold_out: Profiles = None,
+    tune: bool = False,
     settings: CalibrateSettings | None = None,
     workers: int | None = None,
     **named: Any,
@@ -73,6 +74,8 @@ def calibrate(
         Profiles to use; by default a selection spread over the mission.
     hold_out : int, iterable of int, or str, optional
         Profiles held out of the fit and used only for the score; by default every fourth.
+    tune : bool
+        Whether to tune the disturbance prior on the calibrated hull, and to calibrate again with that prior.
     settings : CalibrateSettings, optional
         Settings of the fit.
     workers : int, optional
@@ -94,8 +97,9 @@ def calibrate(
     """
     chosen, platform = settings_of(CalibrateSettings, settings, named), platform_of(hull)
     executor = executor_of(workers)
+    calibration = calibrate_and_tune if tune else calibrate_open
     with opened_records(records) as observations:
-        return calibrate_open(
+        return calibration(
             observations,
             platform,
             chosen,
@@ -150,6 +154,33 @@ def calibrate_open(
         found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, trouble=trouble)
     made = _provenance(found, observations.path.name, observations.digest(), assignments)
     return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
+
+
+def calibrate_and_tune(
+    observations: Observations,
+    platform: Platform,
+    settings: CalibrateSettings,
+    profiles: str | None,
+    hold_out: str | None,
+    assignments: Sequence[str],
+    executor: OpenExecutor,
+    progress: Progress = no_progress,
+) -> CalibratedHull:
+    """Calibrate, tune the disturbance prior on the hull found, and calibrate again from the platform with that prior.
+
+    Hull and prior depend on each other: on a hull whose trim is wrong the prior becomes wide enough to contain the
+    error, and the prior decides how much of the records the hull has to explain.
+    """
+    first = calibrate_open(observations, platform, settings, profiles, hold_out, assignments, executor, progress)
+    tuning = TuneSettings(**{name: getattr(settings, name) for name in TuneSettings.model_fields})
+    some = ",".join(map(str, evenly_spaced(list(first.fitted.profiles), tuning.tuning.profiles)))
+    tuned = tune_open(observations, first.platform, tuning, some, assignments, log.info)
+    log.info(tuned.notes[0])
+    with_prior = platform.model_copy(update={"prior": tuned.platform.prior})
+    found = calibrate_open(observations, with_prior, settings, profiles, hold_out, assignments, executor, progress)
+    used = tuning_report.used_text(list(tuned.profiles), tuning)
+    source = f"{found.platform.source} Disturbance prior tuned on {used} with the hull of a first calibration."
+    return replace(found, platform=found.platform.model_copy(update={"source": source}))
 
 
 def _before_rounds(

@@ -7,7 +7,7 @@ import click
 from rich.table import Table
 
 from gliderhpc.api.found_hulls import CalibratedHull, write_history, write_platform
-from gliderhpc.api.hulls import calibrate_open, tune_open
+from gliderhpc.api.hulls import calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
@@ -57,6 +57,12 @@ _out = click.option(
     metavar="FILE.csv",
     help="With rounds over the dives: also write the parameters of each dive, from all dives and from those up to it.",
 )
+@click.option(
+    "--tune",
+    "tunes",
+    is_flag=True,
+    help="Tune the disturbance prior on the calibrated hull, and calibrate again with that prior.",
+)
 @options.workers
 @options.assignments
 @options.overwrite
@@ -68,6 +74,7 @@ def calibrate(
     profiles: str | None,
     hold_out: str | None,
     history: Path | None,
+    tunes: bool,
     workers: int | None,
     assignments: tuple[str, ...],
     overwrite: bool,
@@ -95,6 +102,7 @@ def calibrate(
       gliderhpc calibrate mission.nc --platform seaglider --out sg249.yaml --set calibration.hold=[K_L]
       gliderhpc calibrate mission.nc --platform slocum --out modena.yaml --set calibration.trend=true
       gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --history hull.csv
+      gliderhpc calibrate mission.nc --platform petrel-l --out hull.yaml --tune
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
@@ -104,7 +112,8 @@ def calibrate(
     for file in filter(None, (out, history)):
         check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = calibrate_open(
+        calibration = calibrate_and_tune if tunes else calibrate_open
+        found = calibration(
             opened,
             platform,
             settings,

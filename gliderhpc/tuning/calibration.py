@@ -26,6 +26,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
+from gliderhpc.tuning.disturbance_prior import TuningSettings
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
@@ -67,12 +68,13 @@ class CalibrationSettings(Settings):
 
 
 class CalibrateSettings(EstimationSettings):
-    """Settings of the records' preparation, steady flight, the fit, the rounds over the dives and the turn test."""
+    """Settings of records, steady flight, fit, rounds over the dives, turn test, and tuning of the prior."""
 
     steady: SegmentSettings = SegmentSettings()
     calibration: CalibrationSettings = CalibrationSettings()
     rounds: RoundSettings = RoundSettings()
     turn_test: TurnTestSettings = TurnTestSettings()
+    tuning: TuningSettings = TuningSettings()
 
 
 @dataclass(frozen=True, eq=False)

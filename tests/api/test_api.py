@@ -24,6 +24,7 @@ from gliderhpc.api.records import RecordsInspected
 from gliderhpc.api.studies import StudyFindings
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
+from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
 from gliderhpc.wording import counted, python_words
@@ -445,6 +446,24 @@ def test_a_hull_is_calibrated_as_by_the_command(brief, tmp_path):
     assert found.notes
     with pytest.raises(gh.InputError, match=r"ours\.yaml: this file exists; .*overwrite=True"):
         found.save(tmp_path / "ours.yaml")
+
+
+def test_a_hull_is_calibrated_again_with_the_prior_tuned_on_it(brief, tmp_path):
+    few = {"profiles": "1:3", "calibration": {"hold": ["K_L"]}, "rounds": {"most": 0}}
+    tuning = {"max_rounds": 1, "longest": 190.0, "profiles": 1}
+    alone = gh.calibrate(brief, "petrel-l", **few)
+    tuned = gh.tune(brief, alone.platform, profiles=evenly_spaced(list(alone.fitted.profiles), 1), tuning=tuning)
+    done = program(
+        "calibrate", brief, "--platform", "petrel-l", "--out", tmp_path / "hull.yaml", "--profiles", "1:3", "--tune",
+        "--set", "calibration.hold=[K_L]", "--set", "rounds.most=0",
+        *(word for key, value in tuning.items() for word in ("--set", f"tuning.{key}={value}")),
+    )  # fmt: skip
+    assert done.status == 0, done.err
+    hull = gh.load_platform(tmp_path / "hull.yaml")
+    assert hull.prior == tuned.platform.prior
+    assert hull.prior != gh.load_platform("petrel-l").prior
+    assert hull.viscous == alone.platform.viscous  # The steady glides do not depend on the prior.
+    assert "Disturbance prior tuned on profile" in hull.source
 
 
 def test_a_prior_is_tuned_as_by_the_command(swift, tmp_path):
