@@ -12,10 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gliderhpc.estimation.smoother.hull_errors import disagreement
 
-_UNINFORMATIVE = 1e-3
-"""Information of a dive below which a direction is left out of its comparison with the others."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,21 +97,8 @@ class Gaussian:
         return Gaussian(self.mean - covariance @ (term.vector - term.matrix @ self.mean), covariance)
 
     def disagreement(self, term: Information) -> tuple[float, int]:
-        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom.
-
-        Notes
-        -----
-        The score ``h - L mean`` of the dive has the covariance ``L + LPL``. Directions in which the dive has no
-        information are left out.
-        """
-        values, vectors = np.linalg.eigh(term.matrix)
-        known = values > _UNINFORMATIVE
-        if not known.any():
-            return 0.0, 0
-        scaled = vectors[:, known] * np.sqrt(values[known])
-        score = (vectors[:, known].T @ (term.vector - term.matrix @ self.mean)) / np.sqrt(values[known])
-        spread = np.eye(len(score)) + scaled.T @ self.covariance @ scaled
-        return float(score @ np.linalg.solve(spread, score)), len(score)
+        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom."""
+        return disagreement(term.vector - term.matrix @ self.mean, term.matrix, self.covariance)
 
 
 @dataclass(frozen=True, eq=False)

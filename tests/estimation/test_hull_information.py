@@ -13,7 +13,7 @@ from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
-from gliderhpc.estimation.smoother.hull_errors import stated_errors
+from gliderhpc.estimation.smoother.hull_errors import HullErrors, disagreement, stated_errors
 from gliderhpc.estimation.smoother.information import (
     DiveInformation,
     flyable,
@@ -199,7 +199,7 @@ def _information(parameters, seed=0, rows=40):
     rng, p = np.random.default_rng(seed), len(parameters)
     root = rng.standard_normal((p, p))
     return DiveInformation(
-        parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p), score=rng.standard_normal(p),
+        parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p), score=root @ rng.standard_normal(p),
         information=root @ root.T, others=(), displacement=rng.standard_normal((2, p)),
         states=rng.standard_normal((rows, 12, p)), disturbances=rng.standard_normal((rows, 6, p)),
     )  # fmt: skip
@@ -215,6 +215,22 @@ def test_the_posterior_is_that_of_bayes_and_takes_a_singular_covariance(flown):
     np.testing.assert_allclose(after.mean, expected @ information.score, rtol=1e-9, atol=1e-12)
     known = replace(errors, covariance=np.zeros_like(errors.covariance))
     np.testing.assert_array_equal(after_dive(known, information).covariance, 0.0)
+
+
+def test_a_dive_that_contradicts_the_stated_errors_does_not_narrow_them(flown):
+    information = _information(flown[2])
+    p = len(information.parameters)
+    before = HullErrors(np.zeros(p), 0.01 * np.eye(p))
+    matrix = information.information
+    for size, contradicts in ((1.0, False), (3.0, True)):
+        # A score that is `size` standard deviations off in every direction.
+        score = size * np.linalg.cholesky(matrix + 0.01 * matrix @ matrix) @ np.ones(p)
+        chi_square, freedom = disagreement(score, matrix, before.covariance)
+        assert (freedom, chi_square) == (p, pytest.approx(p * size**2))
+        after = after_dive(before, replace(information, score=score))
+        narrowed = before.after(score, matrix)
+        np.testing.assert_array_equal(after.mean, narrowed.mean)
+        np.testing.assert_array_equal(after.covariance, before.covariance if contradicts else narrowed.covariance)
 
 
 def test_a_calibration_s_covariance_is_read_in_plausible_deviations(flown):

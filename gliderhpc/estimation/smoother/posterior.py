@@ -15,8 +15,17 @@ Array = NDArray[np.float64]
 
 
 def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
-    """Errors after a dive."""
-    return errors.after(information.score, information.information)
+    """Errors after a dive.
+
+    Notes
+    -----
+    A dive that contradicts the stated errors, at a probability of 1 %, gives their mean but does not narrow them.
+    Either the errors are larger than stated, or the water moved in another way than the smoother assumes (such as yaw
+    impulses in slow records) and acts like errors of the hull. One dive cannot distinguish the two.
+    """
+    score, matrix = information.score, information.information
+    after = errors.after(score, matrix)
+    return replace(after, covariance=errors.covariance) if errors.contradicted_by(score, matrix) else after
 
 
 class HullShare(NamedTuple):
