@@ -15,6 +15,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import profile as estimation
+from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
@@ -105,6 +106,21 @@ def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
         np.testing.assert_allclose(off, 0.0, atol=2e-7 * max(1.0, np.abs(value).max()) + 3e-5)
         np.testing.assert_allclose(row[f"{name}_std"].values[:records], deviation, rtol=1e-6)
         assert np.isnan(row[name].values[records:]).all()
+
+
+def test_the_adjoint_s_deviations_contain_the_smoother_s_and_the_difference(brief_store, carried):
+    every, on_records = EVERY, carried.smoothed
+    expected = adjoint_deviation(carried.solution, on_records, every, SETTINGS.output_interval)
+    assert (expected >= on_records.disturbances_std).all()
+    apart = np.mean((carried.solution.disturbances[::every] - on_records.disturbances) ** 2, axis=0)
+    gained = np.mean(expected**2 - on_records.disturbances_std**2, axis=0)
+    np.testing.assert_allclose(gained, apart, rtol=0.05)
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        row = tree["state"].ds.sel(profile=1).load()
+    for channel, name in enumerate(CHANNELS):
+        stored = row[f"{name}_std"].values
+        np.testing.assert_allclose(stored[: len(expected)], expected[:, channel], rtol=1e-6)
+        assert np.isnan(stored[len(expected) :]).all()
 
 
 def test_records_are_those_of_the_state(group, brief_store):
@@ -272,6 +288,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
         assert known.sum() > 300
         np.testing.assert_array_equal(row["B_cr"].values[known], prior[: len(known)][known])
         assert np.isnan(row["B_cr_std"].values).all()
+        assert np.isnan(tree["state"].ds["B_cr_std"].values).all()
         # Without a smoothed disturbance the windows start from the filter's.
         np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
 
@@ -390,7 +407,10 @@ def test_profile_data_of_either_estimate(brief_store, group):
     row = group.sel(profile=1)
     n = len(adjoint.time) - 1
     np.testing.assert_array_equal(other.time, adjoint.time)
-    assert np.isnan(adjoint.disturbances_std).all()
+    assert (adjoint.disturbances_std[:n] >= other.disturbances_std[:n] * (1.0 - 1e-6)).all()
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        stored = tree["state"].ds["B_cr_std"].sel(profile=1).values
+    np.testing.assert_array_equal(adjoint.disturbances_std[:n:EVERY, 5], stored[: len(range(0, n, EVERY))])
     assert np.isnan(adjoint.motion_std).all()
     for data in (adjoint, other):
         assert np.isfinite(data.disturbances[:n]).all()
@@ -456,6 +476,16 @@ def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     assert [content["facts"]["estimate"] for content in contents.values()] == ["adjoint", "smoothed"]
     again = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")
     assert "held the study of the smoothed estimate" in again.out
+
+
+@pytest.mark.spoils
+def test_the_adjoint_of_an_earlier_archive_has_no_deviations(own_copy):
+    root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    for name in CHANNELS:
+        del root[f"state/{name}_std"]
+    consolidate(own_copy)
+    with open_mission(own_copy) as archive:
+        assert np.isnan(read_profile_data(archive, 1).disturbances_std).all()
 
 
 @pytest.mark.spoils
