@@ -54,7 +54,7 @@ _TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
 _LEGEND_COLUMNS = 5
 
 _DASHES = (0, (4, 2))
-_BAND, _ADJOINT_BAND = 0.3, 0.2
+_BAND, _ADJOINT_BAND = 0.3, 0.15
 """Opacity of the bands of one standard deviation either way (68 %), the smoother's and the adjoint's."""
 
 

@@ -12,7 +12,7 @@ from support.archives import put_table_rows
 from support.missions import CHANNELS, archive_bytes, profile_series, program
 
 from gliderhpc.archive.mission import open_mission
-from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.archive.profile import read_profile_data, truth_on_samples
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import profile as estimation
 from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
@@ -121,6 +121,24 @@ def test_the_adjoint_s_deviations_contain_the_smoother_s_and_the_difference(brie
         stored = row[f"{name}_std"].values
         np.testing.assert_allclose(stored[: len(expected)], expected[:, channel], rtol=1e-6)
         assert np.isnan(stored[len(expected) :]).all()
+
+
+def test_the_adjoint_s_intervals_hold_what_they_promise(prepared, brief, brief_store):
+    """Windows of preset paper are far from the smoother: its own deviation is too small for them."""
+    smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
+    settings = SETTINGS.model_copy(update={"preset": "paper", "smoother": smoother})
+    found = estimate_profile(prepared, settings, smooth=True)
+    with open_mission(brief_store) as archive:
+        data = read_profile_data(archive, 1)
+        true = truth_on_samples(data, read_profile_truth(truth_path(brief), 1))
+    steady = data.steady[:-1:EVERY]
+    # The lateral disturbances of this mission are zero but for the yaw's impulses.
+    longitudinal = np.ix_(steady, [0, 2, 4])
+    error = np.abs(found.solution.disturbances - true[:-1])[::EVERY][longitudinal]
+    deviation = adjoint_deviation(found.solution, found.smoothed, EVERY, SETTINGS.output_interval)[longitudinal]
+    for width, low, high in ((0.9945, 0.62, 0.8), (1.96, 0.92, 0.99)):
+        assert low < np.mean(error < width * deviation) < high
+        assert np.mean(error < width * found.smoothed.disturbances_std[longitudinal]) < low - 0.2
 
 
 def test_records_are_those_of_the_state(group, brief_store):

@@ -151,7 +151,7 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
             np.testing.assert_allclose(curve[:STEPS:EVERY], smoothed[name][:-1], atol=1e-6)
             (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.3]
             assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(curve[:-1]) + 0.1, abs=1e-3)
-            (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.2]
+            (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.15]
             adjoint = line(axes, "adjoint").get_ydata()[:-1]
             assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(adjoint) + 0.2, abs=1e-3)
     assert "north +0.100 ± 0.003, east −0.200 ± 0.004 m/s (by the smoother)" in words(figure)
