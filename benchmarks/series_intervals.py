@@ -131,12 +131,13 @@ def section(seeds: range, dives: int) -> str:
         "## Intervals of the disturbances\n\n"
         "Made by `python -m benchmarks.series_intervals`. Share of the truth within the 68 / 95 % intervals of the adjoint\n"
         "(`series.B_cu` with `state.B_cu_std` ...) and of the smoother (`smoothed.B_cu` with its `_std`), over the steps of\n"
-        f"steady glide; means over the dives, to {DEPTH:.0f} m, of seeds {seeds[0]} to {seeds[-1]} with {dives} dives each. The hull is\n"
-        "known exactly (`smoother.hull=believed`), so that the intervals contain no errors of the hull; the *unknown* one is wrong in\n"
-        f"all parameters by plausible deviations and calibrated on the mission's {CALIBRATION_DIVES} dives ([unknown hulls](unknown-hull.md)).\n"
+        f"steady glide; means over the dives, to {DEPTH:.0f} m, of seeds {seeds[0]} to {seeds[-1]} with {dives} dives each.\n"
+        "The hull is known exactly, except for its fouling, and the intervals contain no errors of the hull\n"
+        "(`smoother.hull=believed`); the *unknown* one is wrong in all parameters by plausible deviations and calibrated on\n"
+        f"the mission's {CALIBRATION_DIVES} dives ([unknown hulls](unknown-hull.md)).\n\n"
         "The adjoint's interval follows from the smoother's posterior and shares its faults: both are too wide where the\n"
-        "disturbance is much calmer than its prior, and too narrow where a force departs from it, as the surge of shear and\n"
-        f"gusts does.\n\n{table}"
+        "disturbance is much calmer than its prior, and too narrow where a force departs from it, as the surge in shear and\n"
+        f"the sway in rare gusts do.\n\n{table}"
     )
 
 
