@@ -1,6 +1,6 @@
 """Both presets and the filter against the truth of a synthetic mission; writes ``docs/accuracy.md``.
 
-Usage: ``python benchmarks/accuracy.py [PROFILES]``. The simulator integrates at half the estimator's step, its actuators
+Usage: ``python -m benchmarks.accuracy [PROFILES]``. The simulator integrates at half the estimator's step, its actuators
 lag the commands that are recorded, and the estimator never sees the truth file.
 """
 
@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.sections import section_of, with_section
+from benchmarks.series_intervals import PAGE, SECTION
 from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.estimation.preparation import controls_of, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
@@ -97,7 +99,7 @@ def main(profiles: int) -> None:
     lines = [
         "# Accuracy on a synthetic mission",
         "",
-        f"Made by `python benchmarks/accuracy.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m (about 42 minutes),",
+        f"Made by `python -m benchmarks.accuracy {profiles}`: {profiles} dives of {PLATFORM} to 200 m (about 42 minutes),",
         f"seed {SEED}, 1 Hz, attitude quantised to 0.1 degree, depth noise 0.03 m. Truth: slow longitudinal disturbances,",
         "yaw impulses of 0.6 to 3 N m and 1.2 to 2.5 s (standard deviation of a Gaussian pulse), one in 90 s on average.",
         "Medians over profiles, over steady-glide samples (outside the vibration set, first minute excluded). Roll, pitch,",
@@ -133,8 +135,9 @@ def main(profiles: int) -> None:
             "",
             *open_loop(path),
         ]
-    page = Path(__file__).resolve().parents[1] / "docs" / "accuracy.md"
-    page.write_text("\n".join(lines) + "\n", "utf-8")
+    intervals = section_of(PAGE.read_text("utf-8"), SECTION)
+    text = "\n".join([*lines, "", f"<!-- {SECTION} --><!-- /{SECTION} -->", ""])
+    PAGE.write_text(with_section(text, SECTION, intervals), "utf-8")
     print("\n".join(lines))
 
 

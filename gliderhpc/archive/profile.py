@@ -58,7 +58,8 @@ class ProfileData:
     disturbances, prior : (n, 6) arrays
         ``B_cu`` ... ``B_cr`` of the estimate and of the filter, N and N m; row k acts from sample k to k+1.
     disturbances_std : (n, 6) array
-        Standard deviation of the disturbances; NaN if the estimate has none (the adjoint).
+        Standard deviation of the disturbances; NaN if the estimate has none (the adjoint's in archives before version
+        1.9, and where the smoother has no estimate).
     quality : (n,) array of uint8
         Flag masks of the samples.
     record_time : (m,) array
@@ -153,8 +154,8 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     number : int
         Number of the profile.
     estimate : str
-        One of `ESTIMATES`. The smoother's disturbances, which the archive stores on the records, are interpolated to
-        the samples; they change little from one record to the next.
+        One of `ESTIMATES`. The smoother's disturbances and all standard deviations, which the archive stores on the
+        records, are interpolated to the samples; they change little from one record to the next.
 
     Raises
     ------
@@ -170,12 +171,11 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     time, record_time = _seconds(instants, epoch), _seconds(state["time"].values[records], epoch)
     if estimate == SMOOTHED:
         disturbances = _interpolate_to_samples(time, record_time, _columns(state, CHANNELS)[records])
-        disturbances_std = _interpolate_to_samples(time, record_time, _columns(state, _std_names(CHANNELS))[records])
         motion_std = _columns(state, _std_names(MOTION))[records]
     else:
         disturbances = _columns(series, CHANNELS)[samples]
-        disturbances_std = np.full_like(disturbances, np.nan)
         motion_std = np.full((len(record_time), len(MOTION)), np.nan)
+    deviation = _optional_columns(state, _std_names(CHANNELS))[records]
     reconstructed = _columns(state, TRACKED)[records]
     measured = _columns(observed, TRACKED)[records]
     measured[:, 2] = unwrap(measured[:, 2])
@@ -188,7 +188,7 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
         time=time,
         estimate=estimate,
         disturbances=disturbances,
-        disturbances_std=disturbances_std,
+        disturbances_std=_interpolate_to_samples(time, record_time, deviation),
         prior=_columns(prior, CHANNELS)[samples],
         quality=series["quality"].values[samples].astype(np.uint8),
         record_time=record_time,
@@ -332,6 +332,13 @@ def _sampled_mask(observed: xr.Dataset) -> Mask:
 
 def _columns(dataset: xr.Dataset, names: Iterable[str]) -> Array:
     return np.column_stack([dataset[name].values.astype(np.float64) for name in names])
+
+
+def _optional_columns(dataset: xr.Dataset, names: list[str]) -> Array:
+    """Return columns that archives of an earlier version lack; NaN there."""
+    if names[0] not in dataset:
+        return np.full((dataset.sizes["record"], len(names)), np.nan)
+    return _columns(dataset, names)
 
 
 def _seconds(instants: NDArray[Any], epoch: np.datetime64) -> Array:

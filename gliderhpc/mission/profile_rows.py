@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.currents import describe_doubt
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
@@ -145,7 +146,7 @@ def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dic
             "quality": flags,
         },
         "prior": _channels(estimate.filtered.disturbances),
-        "state": {"time": clock[::every], **_states(solution.states[::every])},
+        "state": {"time": clock[::every], **_states(solution.states[::every]), **_adjoint_deviations(estimate, every)},
         "observed": {"time": clock[::every], **observed_row(series, every)},
         "windows": _windows(estimate),
     }
@@ -154,6 +155,14 @@ def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dic
 
 def _channels(disturbances: Array) -> Row:
     return {name: disturbances[:, i] for i, name in enumerate(CHANNELS)}
+
+
+def _adjoint_deviations(estimate: ProfileEstimate, every: int) -> Row:
+    """Return the standard deviations of the windows' disturbances; none without a smoothed estimate."""
+    if estimate.smoothed is None:
+        return {}
+    deviation = adjoint_deviation(estimate.solution, estimate.smoothed, every, every * estimate.series.step)
+    return {f"{name}_std": column for name, column in _channels(deviation).items()}
 
 
 def _states(states: Array) -> Row:

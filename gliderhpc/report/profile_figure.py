@@ -54,8 +54,8 @@ _TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
 _LEGEND_COLUMNS = 5
 
 _DASHES = (0, (4, 2))
-_BAND = 0.3
-"""Opacity of the smoother's band of one standard deviation either way (68 %)."""
+_BAND, _ADJOINT_BAND = 0.3, 0.15
+"""Opacity of the bands of one standard deviation either way (68 %), the smoother's and the adjoint's."""
 
 
 def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
@@ -195,22 +195,13 @@ def _draw_disturbance(
     minutes = data.time / 60.0
     curves = {"adjoint": data.disturbances[:, channel], "filter": data.prior[:, channel]}
     axes.axhline(0.0, color="#888888", linewidth=0.5, zorder=1.0)
+    _draw_band(axes, data, channel, ADJOINT, _ADJOINT_BAND)
     axes.plot(minutes, curves["adjoint"], color=ADJOINT, linewidth=0.9, label="adjoint")
     axes.plot(minutes, curves["filter"], color=FILTER, linewidth=0.6, label="filter")
     if smoothed is not None:
-        middle, deviation = smoothed.disturbances[:, channel], smoothed.disturbances_std[:, channel]
-        curves["smoother"] = middle
-        axes.fill_between(
-            minutes,
-            middle - deviation,
-            middle + deviation,
-            color=SMOOTHER,
-            alpha=_BAND,
-            linewidth=0.0,
-            zorder=1.5,
-            rasterized=True,
-        )
-        axes.plot(minutes, middle, color=SMOOTHER, linewidth=0.6, label="smoother")
+        curves["smoother"] = smoothed.disturbances[:, channel]
+        _draw_band(axes, smoothed, channel, SMOOTHER, _BAND)
+        axes.plot(minutes, curves["smoother"], color=SMOOTHER, linewidth=0.6, label="smoother")
     if true is not None:
         curves["truth"] = true[:, channel]
         axes.plot(minutes, true[:, channel], color=TRUTH, linewidth=0.7, linestyle=_DASHES, label="truth")
@@ -221,6 +212,23 @@ def _draw_disturbance(
     outside = outside_axis(curves, limits, _UNITS[unit])
     if outside:
         _note(axes, outside, "right")
+
+
+def _draw_band(axes: Axes, data: ProfileData, channel: int, colour: str, opacity: float) -> None:
+    """Draw one standard deviation of a disturbance either way, if the estimate has one."""
+    middle, deviation = data.disturbances[:, channel], data.disturbances_std[:, channel]
+    if not np.isfinite(deviation).any():
+        return
+    axes.fill_between(
+        data.time / 60.0,
+        middle - deviation,
+        middle + deviation,
+        color=colour,
+        alpha=opacity,
+        linewidth=0.0,
+        zorder=1.5,
+        rasterized=True,
+    )
 
 
 def _describe_errors(accuracy: ProfileAccuracy, channel: int) -> str:
@@ -253,6 +261,8 @@ def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Arti
         Line2D([], [], color=ADJOINT, linewidth=1.2, label="reconstructed; adjoint estimate"),
         Line2D([], [], color=FILTER, linewidth=0.9, label="filter (EKF)"),
     ]
+    if np.isfinite(data.disturbances_std).any():
+        handles.append(Patch(facecolor=ADJOINT, alpha=_ADJOINT_BAND, label="adjoint, 68 %"))
     if smoothed:
         band = Patch(facecolor=SMOOTHER, edgecolor=SMOOTHER, linewidth=0.6, alpha=_BAND, label="smoother, 68 %")
         handles.append(band)

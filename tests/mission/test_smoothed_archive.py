@@ -12,9 +12,10 @@ from support.archives import put_table_rows
 from support.missions import CHANNELS, archive_bytes, profile_series, program
 
 from gliderhpc.archive.mission import open_mission
-from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.archive.profile import read_profile_data, truth_on_samples
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import profile as estimation
+from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
@@ -105,6 +106,39 @@ def test_the_archive_holds_the_smoother_s_records(group, smoothed, carried):
         np.testing.assert_allclose(off, 0.0, atol=2e-7 * max(1.0, np.abs(value).max()) + 3e-5)
         np.testing.assert_allclose(row[f"{name}_std"].values[:records], deviation, rtol=1e-6)
         assert np.isnan(row[name].values[records:]).all()
+
+
+def test_the_adjoint_s_deviations_contain_the_smoother_s_and_the_difference(brief_store, carried):
+    every, on_records = EVERY, carried.smoothed
+    expected = adjoint_deviation(carried.solution, on_records, every, SETTINGS.output_interval)
+    assert (expected >= on_records.disturbances_std).all()
+    apart = np.mean((carried.solution.disturbances[::every] - on_records.disturbances) ** 2, axis=0)
+    gained = np.mean(expected**2 - on_records.disturbances_std**2, axis=0)
+    np.testing.assert_allclose(gained, apart, rtol=0.05)
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        row = tree["state"].ds.sel(profile=1).load()
+    for channel, name in enumerate(CHANNELS):
+        stored = row[f"{name}_std"].values
+        np.testing.assert_allclose(stored[: len(expected)], expected[:, channel], rtol=1e-6)
+        assert np.isnan(stored[len(expected) :]).all()
+
+
+def test_the_adjoint_s_intervals_hold_what_they_promise(prepared, brief, brief_store):
+    """Windows of preset paper are far from the smoother: its own deviation is too small for them."""
+    smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
+    settings = SETTINGS.model_copy(update={"preset": "paper", "smoother": smoother})
+    found = estimate_profile(prepared, settings, smooth=True)
+    with open_mission(brief_store) as archive:
+        data = read_profile_data(archive, 1)
+        true = truth_on_samples(data, read_profile_truth(truth_path(brief), 1))
+    steady = data.steady[:-1:EVERY]
+    # The lateral disturbances of this mission are zero but for the yaw's impulses.
+    longitudinal = np.ix_(steady, [0, 2, 4])
+    error = np.abs(found.solution.disturbances - true[:-1])[::EVERY][longitudinal]
+    deviation = adjoint_deviation(found.solution, found.smoothed, EVERY, SETTINGS.output_interval)[longitudinal]
+    for width, low, high in ((0.9945, 0.62, 0.8), (1.96, 0.92, 0.99)):
+        assert low < np.mean(error < width * deviation) < high
+        assert np.mean(error < width * found.smoothed.disturbances_std[longitudinal]) < low - 0.2
 
 
 def test_records_are_those_of_the_state(group, brief_store):
@@ -272,6 +306,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
         assert known.sum() > 300
         np.testing.assert_array_equal(row["B_cr"].values[known], prior[: len(known)][known])
         assert np.isnan(row["B_cr_std"].values).all()
+        assert np.isnan(tree["state"].ds["B_cr_std"].values).all()
         # Without a smoothed disturbance the windows start from the filter's.
         np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
 
@@ -390,7 +425,10 @@ def test_profile_data_of_either_estimate(brief_store, group):
     row = group.sel(profile=1)
     n = len(adjoint.time) - 1
     np.testing.assert_array_equal(other.time, adjoint.time)
-    assert np.isnan(adjoint.disturbances_std).all()
+    assert (adjoint.disturbances_std[:n] >= other.disturbances_std[:n] * (1.0 - 1e-6)).all()
+    with xr.open_datatree(brief_store, engine="zarr") as tree:
+        stored = tree["state"].ds["B_cr_std"].sel(profile=1).values
+    np.testing.assert_array_equal(adjoint.disturbances_std[:n:EVERY, 5], stored[: len(range(0, n, EVERY))])
     assert np.isnan(adjoint.motion_std).all()
     for data in (adjoint, other):
         assert np.isfinite(data.disturbances[:n]).all()
@@ -456,6 +494,16 @@ def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     assert [content["facts"]["estimate"] for content in contents.values()] == ["adjoint", "smoothed"]
     again = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")
     assert "held the study of the smoothed estimate" in again.out
+
+
+@pytest.mark.spoils
+def test_the_adjoint_of_an_earlier_archive_has_no_deviations(own_copy):
+    root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    for name in CHANNELS:
+        del root[f"state/{name}_std"]
+    consolidate(own_copy)
+    with open_mission(own_copy) as archive:
+        assert np.isnan(read_profile_data(archive, 1).disturbances_std).all()
 
 
 @pytest.mark.spoils

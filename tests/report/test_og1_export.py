@@ -173,6 +173,8 @@ def test_estimates_are_those_of_the_archive(content, archive):
         for suffix in ("", "_std"):
             values = rows[f"{name}_SMOOTHED{suffix}".upper()]
             np.testing.assert_array_equal(values, archived(archive, "smoothed", f"{name}{suffix}", 2))
+    found, stored = rows["B_CR_ADJOINT_STD"].values, archived(archive, "state", "B_cr_std", 2)
+    np.testing.assert_allclose(found[np.isfinite(stored)], stored[np.isfinite(stored)], rtol=1e-6)
     speed = np.sqrt(sum(archived(archive, "state", name, 2).astype(float) ** 2 for name in "uvw"))
     assert rows["GLIDE_SPEED"].values == pytest.approx(speed, rel=1e-5)
     flags = archived(archive, "series", "quality", 2)

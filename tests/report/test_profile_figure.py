@@ -137,20 +137,25 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
     deviation = {f"{name}_std": np.full(len(clock), 0.05) for name in CHANNELS}
     still = {name: np.zeros(len(clock)) for name in TRACKED}
     put_profile(path, 1, "smoothed", {"time": clock, **still, **smoothed, **deviation})
+    put_profile(path, 1, "state", {"time": clock, **still, **{name: 2.0 * std for name, std in deviation.items()}})
     put_table_rows(path, {1: {"dac_north_smoothed": 0.1, "dac_north_smoothed_std": 0.003, "dac_east_smoothed": -0.2,
                                 "dac_east_smoothed_std": 0.004}})  # fmt: skip
     with open_mission(path) as archive:
         without, figure = (profile_figure(archive, number, None) for number in (1, 2))
     assert not any(curve.get_label() == "smoother" for axes in without.axes for curve in axes.lines)
     assert "smoother" not in words(without)
+    assert not any(axes.collections for axes in without.axes)
     for name, axes in panels(figure).items():
         if name in CHANNELS:
             curve = line(axes, "smoother").get_ydata()
             np.testing.assert_allclose(curve[:STEPS:EVERY], smoothed[name][:-1], atol=1e-6)
             (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.3]
             assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(curve[:-1]) + 0.1, abs=1e-3)
+            (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.15]
+            adjoint = line(axes, "adjoint").get_ydata()[:-1]
+            assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(adjoint) + 0.2, abs=1e-3)
     assert "north +0.100 ± 0.003, east −0.200 ± 0.004 m/s (by the smoother)" in words(figure)
-    assert any(text.get_text() == "smoother, 68 %" for text in figure.legends[0].get_texts())
+    assert {"adjoint, 68 %", "smoother, 68 %"} < {text.get_text() for text in figure.legends[0].get_texts()}
 
 
 def test_the_truth_of_another_profile_is_refused(tmp_path, truth):

@@ -154,7 +154,7 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
     }
     for name, values in _currents(data, smoothed is not None):
         rows[name] = np.full(count, values)
-    return rows if smoothed is None else rows | dict(_smoothed_rows(smoothed, count))
+    return rows if smoothed is None else rows | _adjoint_deviations(data) | dict(_smoothed_rows(smoothed, count))
 
 
 def _legs(depth: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -184,6 +184,13 @@ def _adjoint_rows(data: ProfileData) -> Rows:
     reconstructed[:, 2] = np.mod(reconstructed[:, 2], 360.0)
     columns = np.column_stack([means, data.motion, reconstructed])
     return dict(zip((term.name for term in ADJOINT_TERMS), columns.T, strict=True))
+
+
+def _adjoint_deviations(data: ProfileData) -> Rows:
+    """Return the standard deviations of the adjoint's disturbances, which follow from the smoothed estimate."""
+    deviations = data.disturbances_std[_first_steps(data)]
+    terms = ADJOINT_TERMS[: len(CHANNELS)]
+    return {f"{term.name}_STD": column for term, column in zip(terms, deviations.T, strict=True)}
 
 
 def _smoothed_rows(row: xr.Dataset, count: int) -> Iterator[tuple[str, Array]]:

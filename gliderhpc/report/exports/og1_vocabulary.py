@@ -329,7 +329,7 @@ TERMS: Mapping[str, Term] = {
     for term in (
         *_coordinates(), *_count_terms(), *_measured_terms(), *_current_terms(), *_SPEEDS, *VERTICAL_TERMS, VERTICAL_QC,
         *ADJOINT_TERMS, *SMOOTHED_TERMS,
-        *map(deviation_of, SMOOTHED_TERMS), *map(quality_control, WITH_QC),
+        *map(deviation_of, (*ADJOINT_TERMS[: len(CHANNELS)], *SMOOTHED_TERMS)), *map(quality_control, WITH_QC),
     )
 }  # fmt: skip
 """Variables along the axis of measurements, by name."""

@@ -181,10 +181,10 @@ def _table_value(data: ProfileData, name: str) -> float:
 _MOTION_CAPTION = (
     "Top: measured attitude and depth, and those of the model under the adjoint's disturbances; the residual is that "
     "in steady glide. Below: the three forces and three moments of the water not explained by the hull's "
-    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter and, with a band of "
-    "one standard deviation on either side, by the smoother. The band includes the uncertainty of prior and sensors "
-    "and, where it was computed, that of the hull's parameters; axial and heave force are only weakly observed. Grey: "
-    "actuators moving."
+    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter and by the smoother. "
+    "Bands are one standard deviation on either side. The smoother's includes the uncertainty of prior and sensors "
+    "and, where it was computed, that of the hull's parameters; the adjoint's also the difference from the smoother; "
+    "axial and heave force are only weakly observed. Grey: actuators moving."
 )
 
 
