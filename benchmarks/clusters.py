@@ -23,7 +23,7 @@ TIMEOUT = 300.0
 
 
 @cache
-def _forking() -> BaseContext:
+def forking() -> BaseContext:
     """Context of a server that has loaded all that a worker needs, which takes a new process three seconds."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["benchmarks.loaded"])
@@ -68,7 +68,7 @@ class Cluster:
     def _start(self, what: str, *arguments: object) -> BaseProcess:
         words = ["dask", what, *map(str, arguments)]
         log, environment = self._folder / f"{what}.log", dict(os.environ)
-        process = _forking().Process(target=_run_dask, args=(words, log, environment), daemon=True)
+        process = forking().Process(target=_run_dask, args=(words, log, environment), daemon=True)
         # The first process starts the server, which imports from these folders.
         with patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
             process.start()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import threadpoolctl
 from support.implementations import IMPLEMENTATIONS, Implementation, implementation_named
 from support.missions import BRIEF, SWIFT, Answer, estimate, program
 from support.repository import REPOSITORY
@@ -68,8 +69,15 @@ ROOM = 8e9
 """Free memory (bytes) from which the tests' folders are in memory; a whole run makes a hundred thousand small files."""
 
 
+BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+"""Variable of the environment with the number of threads for linear algebra."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Put the tests' folders in memory if there is room and no other place is asked for.
+
+    Linear algebra gets one thread, in this process and in those that it starts: with a thread for each core, the
+    decomposition of a small matrix takes thirty times the processor time, in which threads wait for each other.
 
     Search for garbage less often than the program does: a worker has a great many objects that live to its end.
 
@@ -77,6 +85,8 @@ def pytest_configure(config: pytest.Config) -> None:
     that import them.
     """
     gc.set_threshold(ALLOCATIONS)
+    os.environ.setdefault(BLAS_THREADS, "1")
+    threadpoolctl.threadpool_limits(int(os.environ[BLAS_THREADS]), user_api="blas")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     is_worker = hasattr(config, "workerinput")

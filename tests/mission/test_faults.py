@@ -13,6 +13,7 @@ import xarray as xr
 from support.missions import DIPS, WHOLE, archive_bytes, estimate, program
 
 from benchmarks.clusters import (
+    forking,
     freeze_when,
     killing_workers,
     running_cluster,
@@ -156,9 +157,11 @@ def _dies_on(number, run):
 # Dask's warnings at the restart of a worker would otherwise end the process that starts it.
 @pytest.mark.filterwarnings("ignore")
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
-    from gliderhpc.mission import jobs
+    from gliderhpc.mission import jobs, local_workers
 
     monkeypatch.setattr(jobs, "batch_results", _dies_on(5, jobs.batch_results))
+    # Half a dozen processes, each of which would spend its life on imports.
+    monkeypatch.setattr(local_workers, "_CONTEXT", forking())
     store = tmp_path / "poison.zarr"
     with open_observations(dips) as opened:
         result = run_mission(

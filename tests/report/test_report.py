@@ -384,6 +384,7 @@ def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy,
     assert "run it again" in program("report", own_copy, "--out", tmp_path / "out", "--twins", twins).line
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_truth_of_a_synthetic_mission_is_drawn(brief, studied, tmp_path):
     answer = program("report", studied, "--out", tmp_path, "--profile", 1, "--truth", truth_path(brief))
     assert answer.status == 0, answer.err
@@ -396,15 +397,23 @@ SMALL = ("nulls.noise_only=1", "nulls.model_error=1", "nulls.gaussian=1", "inter
 
 @pytest.fixture(scope="module")
 def tour(tmp_path_factory):
-    """The demo's tour of a smaller mission with smaller ensembles, without the twins; figures are PNG alone."""
+    """The demo's tour of a smaller mission with smaller ensembles, without the twins.
+
+    Figures are PNG alone, and not laid out, which takes a third of the time: the studies' own tests do that.
+    """
     scenario = load_scenario("demo").replaced({"profiles": 4, "depth": 60.0, "depth_spread": 5.0})
     drawn = drawing.render_image
+
+    def sketched(figure, form):
+        figure.set_layout_engine("none")
+        return drawn(figure, form) if form == "png" else b""
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "gliderhpc.cli.demo.analyze_archive",
             lambda name, request: analyze_archive(name, replace(request, assignments=SMALL)),
         )
-        patch.setattr(drawing, "render_image", lambda figure, form: drawn(figure, form) if form == "png" else b"")
+        patch.setattr(drawing, "render_image", sketched)
         patch.setattr("gliderhpc.cli.demo.load_scenario", lambda _: scenario)
         patch.setattr("gliderhpc.cli.demo.default_workers", lambda: 0)
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
