@@ -22,10 +22,11 @@ from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.store_schema import check_archive, is_archive
 
 MODULES_FIRST = (
-    "test_faults.py", "test_docs.py", "test_report.py", "test_calibration.py", "test_mission.py", "test_fuzz.py",
-    "test_commits.py", "test_object_store.py", "test_turbulence_studies.py", "test_reconstruction.py",
-    "test_vertical.py", "test_api.py", "test_twin_studies.py", "test_drift.py", "test_cli.py", "test_real_missions.py",
-    "test_engines_agree.py", "test_sensitivity.py", "test_watch.py", "test_slurm.py",
+    "test_docs.py", "test_report.py", "test_mission.py", "test_faults.py", "test_calibration.py", "test_watch.py",
+    "test_api.py", "test_commits.py", "test_slurm.py", "test_fuzz.py", "test_object_store.py", "test_drift.py",
+    "test_turbulence_studies.py", "test_vertical.py", "test_twin_studies.py", "test_fleet.py", "test_hull_rounds.py",
+    "test_real_missions.py", "test_reconstruction.py", "test_damaged_archives.py", "test_cli.py",
+    "test_profile_figure.py", "test_engines_agree.py", "test_benchmarks.py",
 )  # fmt: skip
 """Modules that take longest: no worker shall begin one of them when the others have nothing left to do."""
 

@@ -64,6 +64,11 @@ def assert_whole(store, undisturbed):
     assert not store.with_name(store.name + ".lock").exists()
 
 
+def committed(store):
+    """Return the number of committed profiles by the names of their markers, which takes no time to look at."""
+    return sum(path.suffix != ".partial" for path in (store / "commits" / "marker").glob("c.*"))
+
+
 def run_on(cluster, dips, store, *, resume=False, patience=60.0):
     """Run the mission from this process on a cluster."""
     address = ClusterAddress(file=cluster.file, patience=patience)
@@ -98,7 +103,7 @@ def test_a_scheduler_that_is_killed_stops_the_run_and_resume_finishes_it(dips, u
         run = start_program(
             "run-mission", dips, "--platform", "petrel-l", "--store", store, "--scheduler-file", cluster.file
         )
-        wait_until(lambda: (store / "zarr.json").exists() and read_commits(store))
+        wait_until(lambda: committed(store))
         cluster.scheduler.kill()
         _, err = run.communicate(timeout=300)
     assert run.returncode == 1
@@ -274,7 +279,7 @@ def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, 
     )
     enough = np.random.default_rng(seed).integers(1, COUNT // 2)
     wait_until(lambda: run.poll() is not None or (store / "zarr.json").exists())
-    freeze_when(run, lambda: len(read_commits(store)) >= enough)
+    freeze_when(run, lambda: committed(store) >= enough)
     if number == signal.SIGINT:
         signal_group(run, number)
     else:

@@ -1,5 +1,7 @@
 """The gust field's own statistics: what the cascade promises and its Gaussian twin does not."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import welch
@@ -20,8 +22,20 @@ CASCADE = Gusts(kind="cascade", rms=0.02, outer=128.0, inner=0.0625)
 GAUSSIAN = CASCADE.model_copy(update={"kind": "gaussian"})
 
 
+@cache
+def field_of(settings, seed):
+    return gust_field(settings, LENGTH, np.random.default_rng([8, seed]))
+
+
 def fields(settings, count=FIELDS):
-    return [gust_field(settings, LENGTH, np.random.default_rng([8, seed])) for seed in range(count)]
+    return [field_of(settings, seed) for seed in range(count)]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forgotten_fields():
+    """Free the memory of the fields that the tests of this module share."""
+    yield
+    field_of.cache_clear()
 
 
 def moments_of(field, lag):
