@@ -222,6 +222,12 @@ def _undrawn_elsewhere(request):
 
 
 @pytest.fixture
+def unchecked_records(monkeypatch):
+    """Runs of the program that do not look for errors of the records first, a tenth of the time of a short one."""
+    monkeypatch.setattr("gliderhpc.cli.run_mission.warn_of_records", lambda *_: None)
+
+
+@pytest.fixture
 def undrawn_studies(monkeypatch):
     """Studies whose figures are made but not drawn: the tests of each study draw theirs."""
     leave_studies_undrawn(monkeypatch)

@@ -33,7 +33,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.store_schema import check_archive, damaged_chunks, read_commits
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.usefixtures("unchecked_records")]
 
 PETREL = read_platform("petrel-l")
 COUNT = DIPS.profiles

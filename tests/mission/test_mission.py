@@ -55,7 +55,7 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.vocabulary import QUALITY
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.usefixtures("unchecked_records")]
 
 PETREL = read_platform("petrel-l")
 

@@ -18,7 +18,7 @@ from gliderhpc.store_schema.place import store_at
 obstore = pytest.importorskip("obstore", reason="the extra 'cloud' is not installed")
 pytest.importorskip("moto.server", reason="moto's server, the S3 server of these tests, is not installed")
 
-pytestmark = pytest.mark.compiled
+pytestmark = [pytest.mark.compiled, pytest.mark.usefixtures("unchecked_records")]
 
 BUCKET = "gliders"
 
