@@ -200,7 +200,8 @@ def _information(parameters, seed=0, rows=40):
     root = rng.standard_normal((p, p))
     return DiveInformation(
         parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p),
-        score=root @ rng.standard_normal(p), information=root @ root.T, others=(), displacement=rng.standard_normal((2, p)),
+        score=root @ rng.standard_normal(p), information=root @ root.T, others=(),
+        displacement=rng.standard_normal((2, p)),
         states=rng.standard_normal((rows, 12, p)), disturbances=rng.standard_normal((rows, 6, p)),
     )  # fmt: skip
 
