@@ -63,6 +63,9 @@ class PartLibrary(JITCodeLibrary):
         for function in self._final_module.functions:
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"
+                if not self.inlined and not any(b"alwaysinline" in group for group in function.attributes):
+                    # Merged into one function, a kernel would need more registers than there are.
+                    function.add_function_attribute("noinline")
         self._finalized = True
 
     def modules(self, seen):
@@ -97,6 +100,10 @@ class KernelLibrary(JITCodeLibrary):
         """Link the parts, optimise, and generate machine code."""
         for module in linked_modules(self._linking_libraries, set()):
             self._final_module.link_in(module, preserve=True)
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.linkonce_odr:
+                # LLVM then drops unused arguments: most of the fields of arrays.
+                function.linkage = "internal"
         self._optimize_final_module()
         self._final_module.verify()
         self._finalize_final_module()
@@ -105,6 +112,7 @@ class KernelLibrary(JITCodeLibrary):
         if not _SEPARATE_PASSES:
             super()._optimize_final_module()
             return
+        _propagate_constants(self._final_module, self._codegen)
         # Only numba's full optimisation: the cheap one before it serves reference counting.
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
@@ -118,6 +126,15 @@ def _simplify(module, codegen):
     passes.add_instruction_combine_pass()
     passes.add_simplify_cfg_pass()
     passes.add_global_dead_code_eliminate_pass()
+    passes.run(module, codegen._pass_builder())
+
+
+def _propagate_constants(module, codegen):
+    """Replace arguments that are the same constant in all calls of an internal function."""
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_sroa_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_ipsccp_pass()
     passes.run(module, codegen._pass_builder())
 
 
