@@ -93,14 +93,45 @@ def copy(source, target):
     target[...] = source
 
 
-def operation(function, kind_of, lower):
+_SIZES: dict[type, dict[str, tuple[int, ...]]] = {}
+
+
+def declare_sizes(memory, **sizes):
+    """Declare the sizes of the last axes of a named tuple's arrays, for `with_sizes`."""
+    _SIZES[memory] = sizes
+
+
+def with_sizes(memory):
+    """Return a named tuple of contiguous arrays with its declared sizes, and with those of the named tuples in it.
+
+    In a kernel they become constants of the compiler, which then addresses elements at constant distances.
+    """
+    declared = _SIZES.get(type(memory), {})
+    for name, part in zip(memory._fields, memory, strict=True):
+        if isinstance(part, tuple):
+            with_sizes(part)
+        elif name in declared and part.shape[part.ndim - len(declared[name]) :] != declared[name]:
+            raise ValueError(f"{type(memory).__name__}.{name} has shape {part.shape}, not (..., *{declared[name]})")
+    return memory
+
+
+def with_columns(array, columns):
+    """Return a contiguous array whose last axis has ``columns`` elements, for the compiler as in `with_sizes`."""
+    if array.shape[-1] != columns:
+        raise ValueError(f"an array of shape {array.shape} does not have {columns} columns")
+    return array
+
+
+def operation(function, kind_of, lower, *, literal=False):
     """Make a function callable from compiled formulas: type it with ``kind_of(*kinds)`` and lower it at each call.
 
-    As an overload it would be a separate function, compiled for every combination of types.
+    As an overload it would be a separate function, compiled for every combination of types. Constant arguments are
+    typed with their values if they are to be ``literal``.
     """
 
     class Template(AbstractTemplate):  # type: ignore[misc]
         key = function
+        prefer_literal = literal
 
         def generic(self, args, kws):
             kind = kind_of(*args)
@@ -236,6 +267,44 @@ def _address(context, builder, sig, args, lane=None):
     return builder.bitcast(pointer, VECTOR.as_pointer()) if has_lanes and lane is None else pointer
 
 
+def _lower_with_columns(context, builder, sig, args):
+    return _with_last_axes(context, builder, sig.args[0], args[0], (sig.args[1].literal_value,))
+
+
+def _lower_with_sizes(context, builder, sig, args):
+    return _with_declared(context, builder, sig.return_type, args[0])
+
+
+def _with_declared(context, builder, kind, value):
+    """Return the value of a named tuple with constants for declared sizes, and for those of the tuples in it."""
+    declared = _SIZES.get(kind.instance_class, {})
+    for position, (name, own) in enumerate(zip(kind.fields, kind.types, strict=True)):
+        part = builder.extract_value(value, position)
+        if isinstance(own, types.BaseNamedTuple):
+            part = _with_declared(context, builder, own, part)
+        elif name in declared:
+            part = _with_last_axes(context, builder, own, part, declared[name])
+        value = builder.insert_value(value, part, position)
+    return value
+
+
+def _with_last_axes(context, builder, kind, array, sizes):
+    """Return an array with constants for the sizes of its last axes, and for the strides that follow from them."""
+    if kind.layout != "C":
+        return array
+    model = context.data_model_manager[kind]
+    shape, strides = (model.get_field_position(name) for name in ("shape", "strides"))
+    stride = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    for axis in range(kind.ndim - 1, -1, -1):
+        array = builder.insert_value(array, context.get_constant(types.intp, stride), (strides, axis))
+        position = axis - kind.ndim + len(sizes)
+        if position < 0:
+            break
+        array = builder.insert_value(array, context.get_constant(types.intp, sizes[position]), (shape, axis))
+        stride *= sizes[position]
+    return array
+
+
 def lane_array(*shape: int):
     """Return zeros of a shape with a further last axis of `LANES`, aligned to a vector register."""
     count = int(np.prod(shape)) * LANES
@@ -254,6 +323,8 @@ operation(set_entry, lambda array, index, lane, value: types.void, _lower_set_en
 operation(load_along, lambda array, index: lanes, _lower_load_along)
 operation(store_along, lambda array, index, value: types.void, _lower_store_along)
 operation(clear, _nothing_of_contiguous, _lower_clear)
+operation(with_columns, lambda array, columns: array, _lower_with_columns, literal=True)
+operation(with_sizes, lambda memory: memory, _lower_with_sizes)
 operation(copy, _nothing_of_contiguous, _lower_copy)
 
 __all__ = [

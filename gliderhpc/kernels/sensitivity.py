@@ -16,7 +16,7 @@ Parameters are the columns of all sensitivities, and are computed in lanes.
 import math
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along
+from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along, with_columns, with_sizes
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.sensitivity_segments import linearise_with_constants
 from gliderhpc.kernels.smoother_covariance import predict_over_segment, symmetrise, update
@@ -257,6 +257,9 @@ def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch,
     out : SmoothedSensitivity
         Sensitivities in the rows asked for, and of the displacement, to be filled; nothing is filled without rows.
     """
+    dive, assumed, forcing, scratch = with_sizes(dive), with_sizes(assumed), with_sizes(forcing), with_sizes(scratch)
+    information, tape, out = with_sizes(information), with_sizes(tape), with_sizes(out)
+    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
     block, sensitivity, carried = scratch.block, scratch.sensitivity, scratch.carried
     rows, done = scratch.segments.rows.shape[0], 0
     _begin(dive, forcing, states, disturbances, carried)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS
-from gliderhpc.kernels.elementwise import LANES, lane_array
+from gliderhpc.kernels.elementwise import LANES, declare_sizes, lane_array
 from gliderhpc.kernels.smoother_memory import (
     BLOCK,
     LOG_DETERMINANT,
@@ -204,6 +204,22 @@ class Scratch(NamedTuple):
     gradient: Gradient
     sensitivity: Sensitivity
     carried: SensitivityRows
+
+
+declare_sizes(Forcing, start=(16,), bodies=(11,))
+declare_sizes(Sensitivity, cross=(2,))
+declare_sizes(
+    Gradient,
+    hull=(HULL_CONSTANTS, LANES),
+    body=(CONSTANTS - HULL_CONSTANTS, LANES),
+    slopes=(CONSTANTS - HULL_CONSTANTS, LANES),
+    row=(LANES,),
+    forced=(12, LANES),
+)
+declare_sizes(Assumptions, noise=(6,))
+declare_sizes(SensitivityRows, mean=(16,), covariance=(16, 16), cross=(2, 16), track=(2, 2))
+declare_sizes(Tape, transition=(11, 16), gain=(16,), covariance=(16, 16), cross=(2, 16))
+declare_sizes(Information, filtered=(16,))
 
 
 def columns_for(parameters: int) -> int:

@@ -11,7 +11,7 @@ Covariances are stored at every `BLOCK`-th row and recomputed in between.
 import math
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along
+from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along, with_columns, with_sizes
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.smoother_covariance import (
     predict_over_segment,
@@ -124,6 +124,10 @@ def sweep(
     out : Backward
         Results, filled by `backward`.
     """
+    dive, segments, block = with_sizes(dive), with_sizes(segments), with_sizes(block)
+    checkpoints, out = with_sizes(checkpoints), with_sizes(out)
+    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
+    mean_shift = with_columns(mean_shift, 16)
     if backwards:
         backward(hull, dive, states, disturbances, mean_shift, segments, block, checkpoints, tally, costates, out)
     else:
@@ -176,6 +180,8 @@ def run_path(hull, dive, states, disturbances, segments, tally):
     hull, dive, states, disturbances, segments, tally
         Arguments of `forward`.
     """
+    dive, segments = with_sizes(dive), with_sizes(segments)
+    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
     clear(tally)
     run_segments(hull, dive, states, disturbances, segments, tally)
     _add_cost_of_start(dive, states, disturbances, tally)

@@ -13,12 +13,11 @@ determinant of the cost's Hessian; it is larger where the record determines the 
 
 import math
 
-from gliderhpc.kernels.elementwise import LANES, load_along, store_along
+from gliderhpc.kernels.elementwise import LANES, clear, load_along, select, store_along
 from gliderhpc.kernels.jit import formula, inner_kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import step, step_vjp
 from gliderhpc.kernels.smoother_covariance import multiply
-from gliderhpc.kernels.window import sensed_of
 
 _OUTPUTS = 10
 """Number of nonlinear outputs of the step, the sensed states; the disturbances are linear."""
@@ -58,38 +57,43 @@ def expected_mean_shift(hull, dive, states, disturbances, k, segments, block, at
     # covariance carried back to the end of the first step, this is F' L of the step.
     multiply(block.half, segments.after[at], product)
     multiply(covariance, product, joint)
-    length = block.half[0]
-    for i in range(_OUTPUTS):
-        length[i] = 0.0
+    # Scratch: largest moves in deviations, their reciprocals, and products.
+    longest, length, products = block.half[0], block.half[1], block.half[2]
+    clear(longest)
     for j in range(16):
         precision = 1.0 / math.sqrt(covariance[j, j]) if covariance[j, j] > 0.0 else 0.0
-        for i in range(_OUTPUTS):
-            length[i] = max(length[i], abs(joint[j, i]) * precision)
-    for i in range(_OUTPUTS):
-        length[i] = 1.0 / length[i] if length[i] > 0.0 else 0.0
-    y = sensed_of(states[k])
+        for first in range(0, 16, LANES):
+            size, most = precision * abs(load_along(joint, (j, first))), load_along(longest, (first,))
+            store_along(longest, (first,), select(size > most, size, most))
+    for i in range(_OUTPUTS, 16):
+        longest[i] = 0.0
+    for i in range(16):
+        length[i] = 1.0 / longest[i] if longest[i] > 0.0 else 0.0
     for j in range(16):
-        centre = y[j] if j < 10 else disturbances[k, j - 10]
-        for i in range(_OUTPUTS):
-            move = length[i] * joint[j, i]
-            columns[j, i] = centre + move
-            columns[j, _OUTPUTS + i] = centre - move
-        for i in range(2 * _OUTPUTS, columns.shape[1]):
-            columns[j, i] = centre
+        centre = disturbances[k, j - 10] if j >= 10 else states[k, j if j < 3 else j + 2]
+        for first in range(0, 16, LANES):
+            move = load_along(length, (first,)) * load_along(joint, (j, first))
+            store_along(columns, (j, first), centre + move)
+            store_along(product, (j, first), centre - move)
+        # Columns left over are those of no output, at the centre.
+        for first in range(0, 16, LANES):
+            store_along(columns, (j, _OUTPUTS + first), load_along(product, (j, first)))
     _transposes(hull, dive, k, columns, block.seeds)
     for j in range(16):
+        for first in range(0, 16, LANES):
+            change = load_along(columns, (j, first)) - load_along(columns, (j, _OUTPUTS + first))
+            store_along(products, (first,), change * load_along(longest, (first,)))
         total = 0.0
         for i in range(_OUTPUTS):
-            if length[i] > 0.0:
-                total += 0.5 * (columns[j, i] - columns[j, _OUTPUTS + i]) / length[i]
-        mean_shift[j] = total
+            total += products[i]
+        mean_shift[j] = 0.5 * total
 
 
 @inner_kernel
 def _transposes(hull, dive, k, columns, seeds):
     """Replace each column of states and disturbances ``(16, m)`` by the derivatives there of its seed's output."""
     body, h = load_body(dive.bodies, k), dive.step
-    for first in range(0, columns.shape[1], LANES):
+    for first in range(0, seeds.shape[1], LANES):
         y, b, a = _load_ten(columns, first), _load_six(columns, first), _load_ten(seeds, first)
         _, stages, geometry = step(hull, body, y, b, h)
         e, g = step_vjp(hull, body, stages, geometry, a, h)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gliderhpc.kernels.elementwise import LANES, copy, lane_array
+from gliderhpc.kernels.elementwise import LANES, copy, declare_sizes, lane_array
 from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.kernels.jit import inner_kernel
 
@@ -175,8 +175,9 @@ class Block(NamedTuple):
     gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
         Gain, innovation over its variance, and reciprocal of that variance (zero where there was no update), for the
         update with each sensed state: the measured ones and those that may be damped.
-    seeds, columns : (10, 24), (16, 24)
-        Unit costates of the ten sensed states, twice, and points at which their derivatives are computed.
+    seeds, columns : (10, 24), (16, 32)
+        Unit costates of the ten sensed states, twice, and in as many columns the points at which their derivatives are
+        computed; the other columns are scratch.
     half, ahead, behind : (16, 16)
         Scratch.
     """
@@ -241,6 +242,72 @@ class Backward(NamedTuple):
     covariances: Array
 
 
+declare_sizes(Dive, bodies=(11,), noise=(6,), mean=(16,), deviation=(16,), decay=(6,), damping=(6,))
+declare_sizes(
+    Segments,
+    noise=(16, 16),
+    noise_cross=(2, 16),
+    noise_track=(2, 2),
+    offset=(16,),
+    after=(16, 16),
+    by_noise=(11, 8),
+    half=(3, 8),
+)
+declare_sizes(
+    SegmentLanes,
+    bodies=(11, LANES),
+    disturbances=(6, LANES),
+    noise=(6, LANES),
+    defects=(6, LANES),
+    states=(12, LANES),
+    transition=(12, 16, LANES),
+    remaining=(6, LANES),
+    gathered=(12, 12, LANES),
+    gathered_cross=(6, 12, LANES),
+    gathered_own=(6, LANES),
+    offset=(16, LANES),
+    after=(10, 16, LANES),
+    by_noise=(12, 6, LANES),
+    by_own=(6, LANES),
+    partials=(4, ENTRIES, LANES),
+    track_partials=(4, 3, 6, LANES),
+    stages=(4, 10, LANES),
+    stage_costates=(4, 12, 10, LANES),
+    durations=(LANES,),
+)
+declare_sizes(
+    Block,
+    mean=(16,),
+    covariance=(16, 16),
+    cross=(2, 16),
+    track=(2, 2),
+    tangent=(16, 16),
+    track_tangent=(2, 16),
+    gain=(10, 16),
+    scaled_innovation=(10,),
+    information=(10,),
+    seeds=(10, 24),
+    columns=(16, 32),
+    half=(16, 16),
+    ahead=(16, 16),
+    behind=(16, 16),
+)
+declare_sizes(Checkpoints, mean=(16,), covariance=(16, 16), cross=(2, 16), track=(2, 2))
+declare_sizes(
+    Backward,
+    correction=(16,),
+    state_variance=(10,),
+    disturbance_variance=(6,),
+    track_variance=(2,),
+    noise_mean=(6,),
+    noise_resolved=(6,),
+    steepest=(10,),
+    displacement=(2, 2),
+    mean_shift=(16,),
+    covariances=(18, 18),
+)
+
+
 def aligned(*shape: int) -> Array:
     """Return zeros of a shape whose last axis is a whole number of vectors, aligned to a vector register."""
     return lane_array(*shape[:-1], shape[-1] // LANES).reshape(shape)
@@ -255,7 +322,7 @@ def allocate_block() -> Block:
         mean=aligned(m, 16), covariance=aligned(m, 16, 16), cross=aligned(m, 2, 16), track=np.zeros((m, 2, 2)),
         tangent=aligned(m, 16, 16), track_tangent=aligned(m, 2, 16), gain=aligned(m, 10, 16),
         scaled_innovation=np.zeros((m, 10)), information=np.zeros((m, 10)), seeds=seeds,
-        columns=aligned(16, 24), half=aligned(16, 16), ahead=aligned(16, 16), behind=aligned(16, 16),
+        columns=aligned(16, 32), half=aligned(16, 16), ahead=aligned(16, 16), behind=aligned(16, 16),
     )  # fmt: skip
 
 

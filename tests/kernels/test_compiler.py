@@ -3,13 +3,27 @@
 These tests are about compilation, so kernels are compiled here even under NUMBA_DISABLE_JIT.
 """
 
+import re
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
 from gliderhpc.kernels.compiler import InnerDispatcher, KernelDispatcher
-from gliderhpc.kernels.elementwise import LANES, clear, copy, lane_array, load, select, store
+from gliderhpc.kernels.elementwise import (
+    LANES,
+    clear,
+    copy,
+    declare_sizes,
+    lane_array,
+    load,
+    select,
+    store,
+    with_columns,
+    with_sizes,
+)
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.window import duration, hull_in
@@ -158,3 +172,76 @@ def test_the_decorators_make_kernels_and_parts():
     assert isinstance(kernel(lambda x: x), KernelDispatcher)
     assert isinstance(formula(lambda x: x), InnerDispatcher)
     assert isinstance(inner_kernel(lambda x: x), InnerDispatcher)
+
+
+class Memory(NamedTuple):
+    """A named tuple of arrays, one of which has declared sizes."""
+
+    matrices: Any
+    vector: Any
+
+
+class Outer(NamedTuple):
+    """A named tuple with another in it."""
+
+    memory: Memory
+    lanes: Any
+
+
+declare_sizes(Memory, matrices=(3, 4))
+declare_sizes(Outer, lanes=(6, LANES))
+
+
+def definition_of_part(compiled):
+    """Return the line that defines the only part of a kernel."""
+    (line,) = (line for line in code_of(compiled).splitlines() if line.startswith("define internal"))
+    return line
+
+
+def test_a_part_is_a_function_without_unused_arguments():
+    """Of an array's fields, only the address of its numbers and the number of columns are used."""
+    inner = part(lambda x, i: x[i, 2] + x[i, 1])
+    kernel = entry(lambda x, i: inner(x, i) + inner(x, 0))
+    assert kernel(np.arange(12.0).reshape(3, 4), 1) == 14.0
+    arguments = definition_of_part(kernel)
+    assert "noinline" in code_of(kernel)
+    for field, used in {"x.4": True, "x.5.1": True, "x.2": False, "x.3": False, "x.6.0": False}.items():
+        assert (f"%arg.{field}" in arguments) is used, (field, arguments)
+
+
+def test_declared_sizes_are_constants_in_the_parts_of_a_kernel():
+    inner = part(lambda matrices, lanes, vector, i: matrices[i][2, 1] + load(lanes[i, 0], 2) + vector[i])
+
+    @entry
+    def kernel(outer, i):
+        sized = with_sizes(outer)
+        memory, lanes = sized.memory, sized.lanes
+        return inner(memory.matrices, lanes, memory.vector, i) + inner(memory.matrices, lanes, memory.vector, 0)
+
+    matrices, lanes, vector = np.arange(60.0).reshape(5, 3, 4), np.arange(5.0 * 6 * LANES), np.arange(5.0)
+    outer = Outer(Memory(matrices, vector), lanes.reshape(5, 6, LANES))
+    assert kernel(outer, 4) == pytest.approx(sum(matrices[i, 2, 1] + outer.lanes[i, 0, 2] + i for i in (4, 0)))
+    arguments = definition_of_part(kernel)
+    assert "%arg.matrices.4" in arguments
+    assert not re.search(r"%arg\.(matrices|lanes)\.[56]\.[12]", arguments)
+
+
+def test_the_number_of_columns_is_a_constant_in_the_parts_of_a_kernel():
+    inner = part(lambda x, i: x[i, 2])
+    kernel = entry(lambda x, i: inner(with_columns(x, 4), i) + inner(with_columns(x, 4), 0))
+    assert kernel(np.arange(12.0).reshape(3, 4), 1) == 8.0
+    assert "%arg.x.5.1" not in definition_of_part(kernel)
+
+
+def test_sizes_of_an_array_that_is_not_contiguous_are_left_to_it():
+    kernel = entry(lambda x, i: with_columns(x, 4)[i, 2])
+    assert kernel(np.arange(24.0).reshape(3, 8)[:, ::2], 1) == 12.0
+
+
+def test_other_sizes_than_the_declared_ones_are_refused_without_the_compiler():
+    right = Outer(Memory(np.zeros((2, 3, 4)), np.zeros(3)), np.zeros((6, LANES)))
+    assert with_sizes(right) is right
+    with pytest.raises(ValueError, match=r"Memory.matrices has shape \(2, 4, 3\)"):
+        with_sizes(right._replace(memory=Memory(np.zeros((2, 4, 3)), np.zeros(3))))
+    with pytest.raises(ValueError, match="4 columns"):
+        with_columns(np.zeros((2, 3)), 4)

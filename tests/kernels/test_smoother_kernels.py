@@ -9,6 +9,7 @@ from support.specimens import random_controls, random_disturbances, random_state
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.dynamics import horizontal_velocity
+from gliderhpc.kernels.elementwise import with_sizes
 from gliderhpc.kernels.jacobian import track_partials
 from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, allocate_block, allocate_segments
 from gliderhpc.kernels.smoother_segments import linearise_segments
@@ -239,3 +240,11 @@ def test_an_outlier_s_variance_is_widened_to_the_gate_once(problem, longest):
     once = dive.variance.copy()
     sweeps.forward(path)
     np.testing.assert_array_equal(dive.variance, once)
+
+
+def test_the_declared_sizes_are_those_of_the_memory(problem, sweeps):
+    """Kernels rely on them, and only code without the compiler checks them."""
+    dive, _ = problem
+    assert with_sizes(dive) is dive
+    for memory in (sweeps._segments, sweeps._block, sweeps._checkpoints, sweeps._backward):
+        assert with_sizes(memory) is memory
