@@ -3,7 +3,7 @@
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS, by_constants
 from gliderhpc.kernels.dynamics import geometry_of
 from gliderhpc.kernels.elementwise import LANES, clear, load, store
-from gliderhpc.kernels.jit import inner_kernel, kernel
+from gliderhpc.kernels.jit import formula, inner_kernel, kernel
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.smoother_segments import (
     add_defects,
@@ -47,6 +47,24 @@ def _slopes_differ(gradient, s):
     return differ
 
 
+@formula
+def _add(array, i, j, factor, value):
+    store(array, (i, j), load(array, (i, j)) + factor * value)
+
+
+@formula
+def _add_eight(array, i, first, factor, values):
+    """Add ``factor`` times eight values to row ``i``; a loop over a tuple of many would be compiled to jumps."""
+    _add(array, i, first, factor, values[0])
+    _add(array, i, first + 1, factor, values[1])
+    _add(array, i, first + 2, factor, values[2])
+    _add(array, i, first + 3, factor, values[3])
+    _add(array, i, first + 4, factor, values[4])
+    _add(array, i, first + 5, factor, values[5])
+    _add(array, i, first + 6, factor, values[6])
+    _add(array, i, first + 7, factor, values[7])
+
+
 @inner_kernel
 def _add_gradient(hull, lanes, gradient, s):
     """Add the derivatives of the segment's end by the constants that act at step ``s``."""
@@ -61,11 +79,13 @@ def _add_gradient(hull, lanes, gradient, s):
         geometry = geometry_of(y)
         for i in range(12):
             found = by_constants(hull, body, y, geometry, b, load_ten(costates, i))
-            for c in range(HULL_CONSTANTS):
-                store(gradient.hull, (i, c), load(gradient.hull, (i, c)) + sixth * found[c])
-            for c in range(CONSTANTS - HULL_CONSTANTS):
-                total = load(gradient.body, (i, c)) + sixth * found[HULL_CONSTANTS + c]
-                store(gradient.body, (i, c), total)
+            _add_eight(gradient.hull, i, 0, sixth, found[0:8])
+            _add_eight(gradient.hull, i, 8, sixth, found[8:16])
+            _add_eight(gradient.hull, i, 16, sixth, found[16:24])
+            _add_eight(gradient.body, i, 0, sixth, found[24:32])
+            _add(gradient.body, i, 8, sixth, found[32])
+            _add(gradient.body, i, 9, sixth, found[33])
+            _add(gradient.body, i, 10, sixth, found[34])
     if s == 0 or _slopes_differ(gradient, s):
         for m in range(gradient.moving.shape[0]):
             for i in range(12):
@@ -112,7 +132,7 @@ def linearise_with_constants(
     lanes = segments.lanes
     gather(dive, states, disturbances, segments, number)
     _gather_slopes(forcing, segments, number, gradient)
-    run_model(hull, lanes, True)
+    run_model(hull, lanes)
     begin_products(lanes)
     clear(gradient.hull)
     clear(gradient.body)

@@ -292,11 +292,11 @@ def smoothed_noise(dive, segments, number, at, costate, information, out):
             square = load_along(half, (2, first)) * own * own
             for i in range(10):
                 v = load_along(by_noise, (i, first))
-                total = load_along(information, (i, _TAIL + first)) * own
-                for j in range(i):
+                total = 2.0 * own * load_along(information, (i, _TAIL + first))
+                for j in range(10):
                     total += information[i, j] * load_along(by_noise, (j, first))
                 along += costate[i] * v
-                square += v * (2.0 * total + information[i, i] * v)
+                square += v * total
             store_along(half, (0, first), along)
             store_along(half, (1, first), square)
         for i in range(6):

@@ -14,7 +14,7 @@ from gliderhpc.kernels.kalman import dot6
 from gliderhpc.kernels.mass import load_body
 from gliderhpc.kernels.rk4 import scaled, shifted
 from gliderhpc.kernels.smoother_memory import DEFECTS, NOISE_COLUMN
-from gliderhpc.kernels.tangent import decay_over, load_ten, pulled_over_step
+from gliderhpc.kernels.tangent import NOTHING, decay_over, load_ten, pulled_over_step
 
 
 @formula
@@ -67,10 +67,11 @@ def _gather_noise(noise, segments, number):
 
 
 @inner_kernel
-def run_model(hull, lanes, with_stages):
-    """Run the model over the segments, and store the stages of each step if asked for.
+def run_model(hull, lanes):
+    """Run the model over the segments, and store the stages of each step.
 
-    The Jacobians of the stages' rates, and those of the horizontal velocity, are multiplied by the step.
+    The Jacobians of the stages' rates, and those of the horizontal velocity, are multiplied by the step. They are stored
+    even for a run without linearisation: its rounding is then that of the sweeps, to the bit.
     """
     for s in range(lanes.durations.shape[0]):
         h, body, y = load(lanes.durations, s), load_body(lanes.bodies, s), load_ten(lanes.states, s)
@@ -82,14 +83,13 @@ def run_model(hull, lanes, with_stages):
             weight = 2.0 if inner else 1.0
             rate = rates(hull, body, stage, disturbance)
             to_north, to_east = horizontal_velocity(stage)
-            if with_stages:
-                store_partials(hull, body, stage, 0.5 * h if inner else h, lanes.partials, (s, number))
-                track = track_partials(stage)
-                for row in range(2):
-                    for i in range(6):
-                        store(lanes.track_partials, (s, number, 1 + row, i), h * track[row][i])
-                for i in range(10):
-                    store(lanes.stages, (s, number, i), stage[i])
+            store_partials(hull, body, stage, 0.5 * h if inner else h, lanes.partials, (s, number))
+            track = track_partials(stage)
+            for row in range(2):
+                for i in range(6):
+                    store(lanes.track_partials, (s, number, 1 + row, i), h * track[row][i])
+            for i in range(10):
+                store(lanes.stages, (s, number, i), stage[i])
             north, east = north + weight * to_north, east + weight * to_east
             total = shifted(total, weight, rate)
             stage = shifted(y, h if number == 2 else 0.5 * h, rate)
@@ -168,34 +168,47 @@ def _load_track(partials, s, number, row, zero):
     )  # fmt: skip
 
 
+@formula
+def _track_at(lanes, s, row, zero):
+    """Return the derivatives of X (``row`` 1) or Y (2) by the sensed states at the four stages of step ``s``."""
+    return (
+        _load_track(lanes.track_partials, s, 0, row, zero), _load_track(lanes.track_partials, s, 1, row, zero),
+        _load_track(lanes.track_partials, s, 2, row, zero), _load_track(lanes.track_partials, s, 3, row, zero),
+    )  # fmt: skip
+
+
+@formula
+def _pull_row(decay, lanes, s, i, by_stages, h, zero, pushes, with_costates):
+    """Multiply row ``i`` of the transition from the right by the transition of step ``s``."""
+    transition = lanes.transition
+    new, costates = pulled_over_step(lanes.partials, s, load_ten(transition, i), by_stages, zero)
+    n1, n2, n3, n4 = costates
+    for j in range(10):
+        store(transition, (i, j), new[j])
+    if with_costates:
+        for j in range(10):
+            store(lanes.stage_costates, (0, i, j), n1[j])
+            store(lanes.stage_costates, (1, i, j), n2[j])
+            store(lanes.stage_costates, (2, i, j), n3[j])
+            store(lanes.stage_costates, (3, i, j), n4[j])
+    for j in range(6):
+        decayed = load(transition, (i, 10 + j)) * decay_over(decay, h, j)
+        store(transition, (i, 10 + j), decayed + pushes[j] * (n4[4 + j] + n3[4 + j] + n2[4 + j] + n1[4 + j]))
+
+
 @inner_kernel
 def pull_back(hull, decay, lanes, s, with_costates):
     """Multiply the transition from the right by that of step ``s``; the stages' costates are stored if asked for."""
-    h, transition = load(lanes.durations, s), lanes.transition
+    h = load(lanes.durations, s)
     sixth, zero = h / 6.0, zero_like(h)
     pushes = (
         sixth / hull.mass_u, sixth / hull.mass_v, sixth / hull.mass_w,
         sixth / hull.inertia_p, sixth / hull.inertia_q, sixth / hull.inertia_r,
     )  # fmt: skip
-    for i in range(12):
-        row = max(i - 9, 0)
-        by_stages = (
-            _load_track(lanes.track_partials, s, 0, row, zero), _load_track(lanes.track_partials, s, 1, row, zero),
-            _load_track(lanes.track_partials, s, 2, row, zero), _load_track(lanes.track_partials, s, 3, row, zero),
-        )  # fmt: skip
-        new, costates = pulled_over_step(lanes.partials, s, load_ten(transition, i), by_stages, zero)
-        n1, n2, n3, n4 = costates
-        for j in range(10):
-            store(transition, (i, j), new[j])
-        if with_costates:
-            for j in range(10):
-                store(lanes.stage_costates, (0, i, j), n1[j])
-                store(lanes.stage_costates, (1, i, j), n2[j])
-                store(lanes.stage_costates, (2, i, j), n3[j])
-                store(lanes.stage_costates, (3, i, j), n4[j])
-        for j in range(6):
-            decayed = load(transition, (i, 10 + j)) * decay_over(decay, h, j)
-            store(transition, (i, 10 + j), decayed + pushes[j] * (n4[4 + j] + n3[4 + j] + n2[4 + j] + n1[4 + j]))
+    for i in range(10):
+        _pull_row(decay, lanes, s, i, (NOTHING, NOTHING, NOTHING, NOTHING), h, zero, pushes, with_costates)
+    for i in range(10, 12):
+        _pull_row(decay, lanes, s, i, _track_at(lanes, s, i - 9, zero), h, zero, pushes, with_costates)
     for j in range(6):
         store(lanes.remaining, j, load(lanes.remaining, j) * decay_over(decay, h, j))
 
@@ -332,7 +345,7 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
     """
     lanes = segments.lanes
     gather(dive, states, disturbances, segments, number)
-    run_model(hull, lanes, True)
+    run_model(hull, lanes)
     begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
         add_defects(lanes, s)
@@ -355,6 +368,6 @@ def run_segments(hull, dive, states, disturbances, segments, tally):
     """
     for number in range(0, segments.rows.shape[0] - 1, LANES):
         gather(dive, states, disturbances, segments, number)
-        run_model(hull, segments.lanes, False)
+        run_model(hull, segments.lanes)
         scatter_run(states, segments, number, tally)
         _add_cost_of_noise(dive, segments, number, tally)

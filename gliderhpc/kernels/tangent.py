@@ -86,7 +86,7 @@ def _with_psi(f, n_psi):
     return f[0], f[1], n_psi, f[2], f[3], f[4], f[5], f[6], f[7], f[8]
 
 
-_NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @formula
@@ -139,7 +139,7 @@ def pull_back(hull, durations, decay, partials, transition, k):
     )  # fmt: skip
     for row in range(10):
         a = load_ten(transition, row)
-        new, (n1, n2, n3, n4) = pulled_over_step(partials, k, a, (_NOTHING, _NOTHING, _NOTHING, _NOTHING), zero_like(h))
+        new, (n1, n2, n3, n4) = pulled_over_step(partials, k, a, (NOTHING, NOTHING, NOTHING, NOTHING), zero_like(h))
         for i in range(10):
             store(transition, (row, i), new[i])
         for i in range(6):
