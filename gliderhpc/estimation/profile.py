@@ -199,8 +199,8 @@ def estimate_profiles(
         Whether to return the smoother's estimates. They are computed after the windows, or before if these start from
         the smoothed path.
     threads : concurrent.futures.Executor, optional
-        Threads that compute, while the windows are solved, what these do not depend on; by default it is computed in
-        turn. Only for a single profile, since each one that is being smoothed needs much memory.
+        Threads in which profiles are smoothed while their windows are solved, as far as these do not depend on it; by
+        default one follows the other. Only for a single profile: each one that is being smoothed needs much memory.
 
     Yields
     ------
@@ -291,7 +291,7 @@ def _smoothing(
     *,
     with_hull: bool,
 ) -> _Smoothing:
-    """Finish a smoothed estimate; make one for the hull if the windows start without."""
+    """Finish a smoothed estimate; if the windows started without one and the hull's part is wanted, smooth first."""
     if smoothed is None and with_hull:
         smoothed = smooth_dive(profile, filtered, settings)
     return _finished(profile, filtered, smoothed, settings, with_hull=with_hull)

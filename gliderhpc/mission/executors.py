@@ -1,4 +1,4 @@
-"""Executors of jobs: in this process, on local processes of one thread each, or on a running Dask cluster."""
+"""Executors of jobs: in this process, on local processes of one core each, or on a running Dask cluster."""
 
 import pickle
 import queue
@@ -324,7 +324,7 @@ def _run_synchronously(function: Callable[[Job], Result], job: Job) -> Result:
 
 @contextmanager
 def spare_threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Open threads for what can be computed beside the calling one; none if the number is zero."""
+    """Open threads for what can be computed at the same time as the calling thread's work; None for zero threads."""
     if count < 1:
         yield None
         return
@@ -342,7 +342,7 @@ def warm_estimation() -> None:
 
 @contextmanager
 def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
-    """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
+    """Open an executor on this machine: `workers` processes of one core each, or this process if 0.
 
     Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
     Those for a single window are compiled by the first worker that needs them.
