@@ -6,8 +6,10 @@ share the lanes of filter and windows; the results are identical to the bit.
 
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Generic, NamedTuple, TypeVar
 
@@ -31,6 +33,9 @@ from gliderhpc.observations.series import ProfileSeries
 
 Array = NDArray[np.float64]
 Key = TypeVar("Key")
+
+_Smoothing = tuple[SmoothedEstimate | None, HullPart | None]
+"""Smoothed estimate at the records and its information on the hull, as far as there are any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +133,7 @@ def _finished(
     settings: EstimationSettings,
     *,
     with_hull: bool,
-) -> tuple[SmoothedEstimate | None, HullPart | None]:
+) -> _Smoothing:
     """Return the smoothed estimate at the records, with the hull's errors in its uncertainty if `with_hull`."""
     if smoothed is None:
         return None, None
@@ -176,7 +181,11 @@ def smooth_profile(
 
 
 def estimate_profiles(
-    profiles: Iterable[tuple[Key, PreparedProfile]], settings: EstimationSettings, *, smooth: bool = False
+    profiles: Iterable[tuple[Key, PreparedProfile]],
+    settings: EstimationSettings,
+    *,
+    smooth: bool = False,
+    threads: Executor | None = None,
 ) -> Iterator[tuple[Key, ProfileEstimate | ProfileError]]:
     """Filter, smooth and invert many profiles as `estimate_profile` does one; yield each with its key when complete.
 
@@ -189,6 +198,9 @@ def estimate_profiles(
     smooth : bool
         Whether to return the smoother's estimates. They are computed after the windows, or before if these start from
         the smoothed path.
+    threads : concurrent.futures.Executor, optional
+        Threads in which profiles are smoothed while their windows are solved, as far as these do not depend on it; by
+        default one follows the other. Only for a single profile: each one that is being smoothed needs much memory.
 
     Yields
     ------
@@ -201,25 +213,24 @@ def estimate_profiles(
         The engine cannot run on this machine.
     """
     refused: deque[tuple[Key, ProfileError]] = deque()
-    for work, solution in solve_dives(_posed(profiles, settings, refused, with_hull=smooth), settings):
+    posed = _posed(profiles, settings, refused, with_hull=smooth, threads=threads)
+    for work, solution in solve_dives(posed, settings):
         while refused:
             yield refused.popleft()
-        began, smoothed, hull = time.perf_counter(), work.smoothed, work.hull
-        if smooth and smoothed is None:
-            smoothed, hull = smooth_profile(work.profile, work.filtered, settings)
+        began = time.perf_counter()
+        smoothed, hull = work.smoothing()
         seconds = work.seconds + solution.seconds + time.perf_counter() - began
         yield work.key, ProfileEstimate(work.profile, work.filtered, solution, smoothed, seconds, hull)
     yield from refused
 
 
 class _Work(NamedTuple, Generic[Key]):
-    """A profile whose windows are being solved; ``smoothed`` and ``hull`` if these were computed before."""
+    """A profile whose windows are being solved, and the function that returns its smoothed estimate after them."""
 
     key: Key
     profile: PreparedProfile
     filtered: FilterEstimate
-    smoothed: SmoothedEstimate | None
-    hull: HullPart | None
+    smoothing: Callable[[], _Smoothing]
     seconds: float
 
 
@@ -229,6 +240,7 @@ def _posed(
     refused: deque[tuple[Key, ProfileError]],
     *,
     with_hull: bool,
+    threads: Executor | None,
 ) -> Iterator[tuple[_Work[Key], DiveProblem]]:
     """Filter as many profiles at a time as there are lanes, and pose the windows of each when it is taken."""
     waiting = iter(profiles)
@@ -245,7 +257,7 @@ def _posed(
                 refused.append((key, filtered))
                 continue
             # A separate function, to free its memory, mainly the smoother's, before the next profile is posed.
-            yield _posed_profile(key, profile, filtered, settings, share, with_hull=with_hull)
+            yield _posed_profile(key, profile, filtered, settings, share, with_hull=with_hull, threads=threads)
 
 
 def _posed_profile(
@@ -256,11 +268,34 @@ def _posed_profile(
     seconds: float,
     *,
     with_hull: bool,
+    threads: Executor | None,
 ) -> tuple[_Work[Key], DiveProblem]:
     """Smooth a filtered profile if its windows start from that path, and pose them; add the time to its seconds."""
     began = time.perf_counter()
     smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-    on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
-    seconds += time.perf_counter() - began
-    return _Work(key, profile, filtered, on_records, hull, seconds), problem
+    rest: Callable[[], _Smoothing] = partial(_smoothing, profile, filtered, smoothed, settings, with_hull=with_hull)
+    if threads is not None:
+        rest = threads.submit(rest).result
+    elif smoothed is not None:
+        # Not after the windows: the smoother's last pass is large, and several dives wait for their windows.
+        rest = partial(_same, rest())
+    return _Work(key, profile, filtered, rest, seconds + time.perf_counter() - began), problem
+
+
+def _smoothing(
+    profile: PreparedProfile,
+    filtered: FilterEstimate,
+    smoothed: SmoothedEstimate | None,
+    settings: EstimationSettings,
+    *,
+    with_hull: bool,
+) -> _Smoothing:
+    """Finish a smoothed estimate; if the windows started without one and the hull's part is wanted, smooth first."""
+    if smoothed is None and with_hull:
+        smoothed = smooth_dive(profile, filtered, settings)
+    return _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
+
+
+def _same(found: _Smoothing) -> _Smoothing:
+    return found

@@ -1,4 +1,4 @@
-"""Executors of jobs: in this process, on local processes of one thread each, or on a running Dask cluster."""
+"""Executors of jobs: in this process, on local processes of one core each, or on a running Dask cluster."""
 
 import pickle
 import queue
@@ -6,14 +6,14 @@ import time
 import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 from gliderhpc.errors import RunStoppedError, message_line
-from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message
+from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message, default_workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -54,6 +54,10 @@ class Executor(ABC):
 
     workers: int
 
+    def threads(self, jobs: int) -> int:
+        """Number of threads that each of some jobs may use without taking a core from another."""
+        return 1
+
     @abstractmethod
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield the outcome of every job as it ends, in any order.
@@ -89,6 +93,10 @@ class SerialExecutor(Executor):
     """Executor of one job after another in this process, for debugging and very small missions."""
 
     workers = 1
+
+    def threads(self, jobs: int) -> int:
+        """Number of cores: jobs have them in turn."""
+        return default_workers()
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield the outcome of every job, in order."""
@@ -127,6 +135,10 @@ class LocalExecutor(Executor):
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._processes = LocalWorkers(workers, {name: str(value) for name, value in (ALLOCATION | ONE_THREAD).items()})
+
+    def threads(self, jobs: int) -> int:
+        """Share of a job in the cores, of which there is one for each process."""
+        return max(1, self.workers // max(1, jobs))
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield the outcome of every job as it ends."""
@@ -310,6 +322,16 @@ def _run_synchronously(function: Callable[[Job], Result], job: Job) -> Result:
         return function(job)
 
 
+@contextmanager
+def spare_threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
+    """Open threads for what can be computed at the same time as the calling thread's work; None for zero threads."""
+    if count < 1:
+        yield None
+        return
+    with ThreadPoolExecutor(count) as threads:
+        yield threads
+
+
 def warm_estimation() -> None:
     """Compile or load the estimation's kernels."""
     # Imported here, since readers of an archive need neither numba nor the kernels.
@@ -320,7 +342,7 @@ def warm_estimation() -> None:
 
 @contextmanager
 def local_executor(workers: int, warm: Callable[[], None] = warm_estimation) -> Iterator[Executor]:
-    """Open an executor on this machine: `workers` processes of one thread each, or this process if 0.
+    """Open an executor on this machine: `workers` processes of one core each, or this process if 0.
 
     Kernels are compiled once by `warm` in this process, before a worker starts; the workers load them from the cache.
     Those for a single window are compiled by the first worker that needs them.

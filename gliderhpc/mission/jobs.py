@@ -25,7 +25,7 @@ from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.executors import Executor, one_line, was_killed
+from gliderhpc.mission.executors import Executor, one_line, spare_threads, was_killed
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_sizes
 from gliderhpc.mission.profile_currents import epoch_seconds
@@ -65,6 +65,8 @@ class BatchJob:
         Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
     amendable : mapping of int to Commit
         Earlier commits, by position, of profiles that differ only in their fixes.
+    threads : int
+        Number of threads that the job may use.
     """
 
     profiles: tuple[tuple[int, int], ...]
@@ -76,6 +78,7 @@ class BatchJob:
     mission_start: np.datetime64
     token: str | None = None
     amendable: Mapping[int, Commit] = field(default_factory=dict)
+    threads: int = 1
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,9 @@ def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
 def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
     """Run a job as `batch_results` does, on observations that are open already."""
     # On vectors this short, threads of linear algebra cost far more than they gain.
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), spare_threads(job.threads - 1 if len(job.profiles) == 1 else 0) as threads:
         batch = _Batch(job, observations)
-        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True):
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True, threads=threads):
             batch.finish(work, estimate)
             yield from batch.new_results()
         yield from batch.new_results()
@@ -319,7 +322,7 @@ class MissionWork:
         """Return the digests of a profile's inputs."""
         return input_digests(self.observations, number, self.start, self.platform, self.settings)
 
-    def job(self, profiles: tuple[tuple[int, int], ...], token: str | None) -> BatchJob:
+    def job(self, profiles: tuple[tuple[int, int], ...], token: str | None, threads: int = 1) -> BatchJob:
         """Return the job of some profiles, given by number and position."""
         return BatchJob(
             profiles,
@@ -331,6 +334,7 @@ class MissionWork:
             self.start,
             token,
             {index: self.amendable[index] for _, index in profiles if index in self.amendable},
+            threads,
         )
 
 
@@ -344,12 +348,12 @@ def profile_results(
     When a worker dies, the jobs queued on it fail too, even if another job killed it. After a worker's death each
     profile therefore runs alone.
     """
-    left = iter(profiles)
-    shares = [tuple(islice(left, size)) for size in batch_sizes(work.settings, len(profiles), opened.workers)]
+    left, sizes = iter(profiles), batch_sizes(work.settings, len(profiles), opened.workers)
+    batches = [work.job(tuple(islice(left, size)), token, opened.threads(len(sizes))) for size in sizes]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
     finished: set[int] = set()
-    for attempt in opened.stream(batch_results, [work.job(share, token) for share in shares]):
+    for attempt in opened.stream(batch_results, batches):
         if attempt.error is None:
             yield from _without_repeats(attempt.result, finished)
         else:

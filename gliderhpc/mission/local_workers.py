@@ -57,7 +57,7 @@ Message = tuple[int, Kind, Any]
 
 
 class LocalWorkers:
-    """Pool of single-threaded processes, started when there are jobs for them.
+    """Pool of processes, started when there are jobs for them.
 
     Parameters
     ----------

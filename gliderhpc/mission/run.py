@@ -22,6 +22,7 @@ from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
+from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.profile_rows import Row
@@ -292,7 +293,7 @@ def invert_profile(
     with place_in_memory() as place:
         create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
         work = MissionWork(observations, platform, settings, str(place))
-        (result,) = run_batch(observations, work.job(((number, 0),), token=None))
+        (result,) = run_batch(observations, work.job(((number, 0),), token=None, threads=default_workers()))
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
         write_mission_table(place, {0: result.row})

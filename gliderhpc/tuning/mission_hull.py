@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.tuning.gaussian_chain import Array, Chain, Change, Gaussian, Information, about, solve_chain
+from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information, about
 from gliderhpc.tuning.turn_test import (
     DiveCurrent,
     TurnTestSettings,
@@ -22,15 +22,12 @@ from gliderhpc.tuning.turn_test import (
     extended_information,
     with_current,
 )
+from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
 ScoreAndInformation = tuple[Array, Array]
 """Gradient (p,) of a log-likelihood and its expected curvature (p, p)."""
 
 _SECONDS_PER_DAY = 86400.0
-_FIT_LEVEL = 0.99
-"""Probability of the quantile of chi-square up to which a dive has its full weight."""
-_ROUNDS = 4
-"""Rounds in which inflation and weights are computed in turn."""
 _MIN_CURRENTS = 2
 """Minimum number of currents; a single one gives no information."""
 _UNINFORMED = 1e-9
@@ -208,20 +205,15 @@ def solve_mission(
     The result also depends on the assumed noise. Where it moves under the other assumptions, with the same weights and
     inflation, the dives have less influence on the mean, and the covariance grows (`widen_by_disagreement`).
     """
-    weight, inflation = np.ones(len(dives)), 1.0
-    problem = _pose_problem(dives, prior, turn_test)
+    total = WeightedSum(_pose_problem(dives, prior, turn_test), 1.0, np.ones(len(dives)))
     if robust and len(dives) >= MIN_COMPARED:
-        for _ in range(_ROUNDS):
-            chi_square, freedom = problem.disagreements(inflation, weight)
-            inflation = max(1.0, inflation * _excess(chi_square, freedom))
-            weight = _weights(*problem.disagreements(inflation, weight))
+        total = total.agreeing()
     count = len(prior.walk)
-    chain = problem.chain(inflation, weight)
+    chain, (chi_square, freedom) = total.chain, total.disagreements
     others = [
-        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test).chain(inflation, weight)
+        replace(total, problem=_pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)).chain
         for i in range(min(len(dive.others) for dive in dives))
     ]
-    chi_square, freedom = problem.disagreements(inflation, weight)
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
     smoothed = _widen_by_assumptions(prior, times, chain.smoothed, [other.smoothed for other in others], count)
@@ -234,8 +226,8 @@ def solve_mission(
         smoothed,
         sequential,
         chain.log_evidence,
-        inflation,
-        weight,
+        total.inflation,
+        total.weight,
         chi_square,
         freedom,
         prior,
@@ -346,11 +338,11 @@ def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
     return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / np.timedelta64(1, "s"), 0.0))
 
 
-def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> "_Problem":
+def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> SumProblem:
     changes = changes_of(dives, prior.walk, prior.jumps)
     if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
-        return _Problem(prior.eta, changes, [dive.term for dive in dives])
-    return _Problem(
+        return SumProblem(prior.eta, changes, [dive.term for dive in dives])
+    return SumProblem(
         with_current(prior.eta, turn_test),
         changes_with_current(changes, _seconds_between(dives), turn_test),
         [dive.term_with_current for dive in dives],
@@ -361,40 +353,3 @@ def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, i
     """Chi-square of a held-out dive relative to the mission's hull at the nearest dive, and its degrees of freedom."""
     index = int(np.argmin(np.abs(found.numbers - dive.number)))
     return found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Sum over the dives as a function of inflation and weights."""
-
-    prior: Gaussian
-    changes: list[Change]
-    terms: list[Information]
-
-    def chain(self, inflation: float, weight: Array) -> Chain:
-        return solve_chain(self.prior, self.changes, self._terms(weight / inflation))
-
-    def disagreements(self, inflation: float, weight: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Chi-square and degrees of freedom of every dive, with full weight, relative to the rest."""
-        parts = self._terms(weight / inflation)
-        found = [
-            each.without(part).disagreement(term.weighted(1.0 / inflation))
-            for each, part, term in zip(self.chain(inflation, weight).smoothed, parts, self.terms, strict=True)
-        ]
-        return np.array([value for value, _ in found]), np.array([freedom for _, freedom in found], dtype=np.int64)
-
-    def _terms(self, parts: Array) -> list[Information]:
-        return [term.weighted(part) for term, part in zip(self.terms, parts.tolist(), strict=True)]
-
-
-def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> float:
-    """Median over the dives of chi-square over the median of its distribution; one if no dive has information."""
-    informative = freedom > 0
-    if not informative.any():
-        return 1.0
-    return float(np.median(chi_square[informative] / scipy.stats.chi2.median(freedom[informative])))
-
-
-def _weights(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
-    limit = scipy.stats.chi2.ppf(_FIT_LEVEL, np.maximum(freedom, 1))
-    return np.asarray(limit / np.maximum(chi_square, limit))

@@ -95,6 +95,20 @@ def test_what_is_not_usable_and_long_pauses_break_the_record():
     assert np.flatnonzero(~np.isfinite(depth_rate_filter(late, ALL).of(TIME)))[30:-30].tolist() == [*range(1171, 1231)]
 
 
+def test_slopes_are_those_of_straight_lines_through_the_samples_in_a_window():
+    rng = np.random.default_rng(5)
+    time = 1e5 + np.cumsum(rng.uniform(2.0, 9.0, 60)) + np.repeat([0.0, 500.0], [40, 20])
+    usable, values = rng.random(60) > 0.05, rng.standard_normal(60)
+    found = depth_rate_filter(time, usable)
+    stretch = np.cumsum(~usable) + 1000 * (np.arange(60) >= 40)
+    for row, (instant, slope) in enumerate(zip(time, found.with_truncated_windows(values), strict=True)):
+        near = usable & (stretch == stretch[row]) & (np.abs(time - instant) <= found.window / 2.0)
+        fitted = usable[row] and near.sum() > 2
+        expected = np.polyfit(time[near] - instant, values[near], 1)[0] if fitted else 0.0
+        assert slope == pytest.approx(expected, abs=1e-12)
+    assert len(depth_rate_filter(np.zeros(0), np.zeros(0, dtype=bool)).of(np.zeros(0))) == 0
+
+
 def test_slow_sensors_have_a_longer_window():
     time = np.arange(0.0, 4000.0, 20.0)
     assert depth_rate_filter(time, np.ones(len(time), dtype=bool)).window == pytest.approx(80.0)

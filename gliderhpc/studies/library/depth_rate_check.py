@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.archive.profile import ProfileData, read_profile_data
+from gliderhpc.archive.profile import RecordedProfile, read_recorded_profile
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
@@ -147,7 +147,7 @@ def _cm(mean: float, std: float) -> str:
 def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) -> GlideSamples | None:
     """Read the steady glides of at most `MOST_DIVES` dives; None if fewer than four have them on dive and climb."""
     chosen = np.linspace(0, len(numbers) - 1, min(MOST_DIVES, len(numbers))).round().astype(int).tolist()
-    found = [_samples(read_profile_data(archive, numbers[i]), i, platform) for i in chosen]
+    found = [_samples(read_recorded_profile(archive, numbers[i]), i, platform) for i in chosen]
     parts = [part for part in found if part is not None]
     if len(parts) < MIN_COMPARED or len({part.water is None for part in parts}) > 1:
         return None
@@ -161,7 +161,7 @@ def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) ->
     return GlideSamples(dive, climbing, attitude, actuators, np.concatenate(waters) if waters else None, rate)
 
 
-def _samples(data: ProfileData, index: int, platform: Platform) -> GlideSamples | None:
+def _samples(data: RecordedProfile, index: int, platform: Platform) -> GlideSamples | None:
     """Samples of one profile at which the hull has a steady glide; None unless on both dive and climb."""
     record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
     if len(record) < _SAMPLES // 10:

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ProfileData
+from gliderhpc.archive.profile import RecordedProfile
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
@@ -52,6 +52,8 @@ MAX_PAUSE = 2.5
 """Longest pause within a stretch of samples, in sample intervals."""
 
 _TOLERANCE = 1e-6
+_FEWEST = 3
+"""Smallest number of samples of a straight line."""
 
 KEYS = (
     "buoyancy.neutral_volume",
@@ -136,23 +138,32 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
     """
     interval = usual_interval(without_gaps(np.diff(time)), SLOW) if len(time) > 1 else WINDOW
     window = max(WINDOW, MIN_INTERVALS * interval)
-    rows, columns, weights = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    first, count = np.zeros((2, len(time)), dtype=np.int64)
     whole = np.zeros(len(time), dtype=np.bool_)
     for begin, end in unbroken(time, usable, MAX_PAUSE * interval):
         own = time[begin:end]
-        first = np.searchsorted(own, own - 0.5 * window - _TOLERANCE)
-        last = np.searchsorted(own, own + 0.5 * window + _TOLERANCE)
+        first[begin:end] = begin + np.searchsorted(own, own - 0.5 * window - _TOLERANCE)
+        count[begin:end] = begin + np.searchsorted(own, own + 0.5 * window + _TOLERANCE) - first[begin:end]
         whole[begin:end] = (own - 0.5 * window >= own[0] - _TOLERANCE) & (own + 0.5 * window <= own[-1] + _TOLERANCE)
-        for row, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-            if b - a > 2:
-                lever = own[a:b] - own[a:b].mean()
-                rows.append(np.full(b - a, begin + row))
-                columns.append(np.arange(begin + a, begin + b))
-                weights.append(lever / (lever @ lever))
-    operator = scipy.sparse.csr_array(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(len(time), len(time))
-    )
+    count[count < _FEWEST] = 0
+    edges = np.append(0, np.cumsum(count))
+    columns = np.arange(edges[-1]) + np.repeat(first - edges[:-1], count)
+    operator = scipy.sparse.csr_array((_slope_weights(time[columns], count), columns, edges), shape=(len(time),) * 2)
     return DepthRateFilter(window, operator, whole, time)
+
+
+def _slope_weights(times: Array, count: NDArray[np.int64]) -> Array:
+    """Weights of values in the slopes of straight lines, given the times of one window of ``count`` after the other.
+
+    They are ``(t - m) / sum (t - m)^2`` with the mean ``m`` of a window's times.
+    """
+    filled = count[count > 0]
+    begins = np.cumsum(filled) - filled
+    # From the window's first time: the sums of large times would lose digits.
+    lever = times - np.repeat(times[begins], filled)
+    lever -= np.repeat(np.add.reduceat(lever, begins) / filled, filled) if len(filled) else 0.0
+    squares = np.add.reduceat(lever**2, begins) if len(filled) else filled
+    return np.asarray(lever / np.repeat(squares, filled))
 
 
 def unbroken(time: Array, usable: Mask, longest: float) -> list[tuple[int, int]]:
@@ -282,13 +293,13 @@ def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     return HullErrors(parameters, covariance, calibrated=platform.calibration is not None)
 
 
-def vertical_velocity(data: ProfileData, platform: Platform) -> VerticalVelocity:
+def vertical_velocity(data: RecordedProfile, platform: Platform) -> VerticalVelocity:
     """Find the vertical velocity of the water along a profile.
 
     Parameters
     ----------
-    data : ProfileData
-        The profile; only measurements, controls and flags are used.
+    data : RecordedProfile
+        The profile.
     platform : Platform
         The hull.
 
@@ -376,7 +387,7 @@ class _Hull:
         return glider.bodies(model_controls(glider.platform, self._actuators, self._water))
 
 
-def undisturbed(data: ProfileData) -> Mask:
+def undisturbed(data: RecordedProfile) -> Mask:
     """Mask (m,) of the records in steady glide, settled after the vibration set."""
     steady = data.steady.copy()
     for _, end in stretches(data.flagged("vibration")):
