@@ -10,7 +10,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from itertools import islice
@@ -80,6 +80,11 @@ class BatchJob:
     amendable: Mapping[int, Commit] = field(default_factory=dict)
     threads: int = 1
 
+    @property
+    def estimated(self) -> int:
+        """Number of profiles that are not amendable."""
+        return sum(index not in self.amendable for _, index in self.profiles)
+
 
 @dataclass(frozen=True)
 class ProfileResult:
@@ -103,7 +108,7 @@ def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
 def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
     """Run a job as `batch_results` does, on observations that are open already."""
     # On vectors this short, threads of linear algebra cost far more than they gain.
-    with threadpool_limits(limits=1), spare_threads(job.threads - 1 if len(job.profiles) == 1 else 0) as threads:
+    with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated == 1 else 0) as threads:
         batch = _Batch(job, observations)
         for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True, threads=threads):
             batch.finish(work, estimate)
@@ -325,17 +330,10 @@ class MissionWork:
     def job(self, profiles: tuple[tuple[int, int], ...], token: str | None, threads: int = 1) -> BatchJob:
         """Return the job of some profiles, given by number and position."""
         return BatchJob(
-            profiles,
-            str(Path(self.observations.path).resolve()),
-            self.store,
-            self.observations.survey.only(number for number, _ in profiles),
-            self.platform,
-            self.settings,
-            self.start,
-            token,
-            {index: self.amendable[index] for _, index in profiles if index in self.amendable},
-            threads,
-        )
+            profiles, str(Path(self.observations.path).resolve()), self.store,
+            self.observations.survey.only(number for number, _ in profiles), self.platform, self.settings, self.start,
+            token, {index: self.amendable[index] for _, index in profiles if index in self.amendable}, threads,
+        )  # fmt: skip
 
 
 def profile_results(
@@ -349,7 +347,9 @@ def profile_results(
     profile therefore runs alone.
     """
     left, sizes = iter(profiles), batch_sizes(work.settings, len(profiles), opened.workers)
-    batches = [work.job(tuple(islice(left, size)), token, opened.threads(len(sizes))) for size in sizes]
+    batches = [work.job(tuple(islice(left, size)), token) for size in sizes]
+    threads = opened.threads(sum(batch.estimated > 0 for batch in batches))
+    batches = [replace(batch, threads=threads) for batch in batches]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
     finished: set[int] = set()

@@ -13,6 +13,8 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import DaskExecutor, LocalExecutor, SerialExecutor, spare_threads
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
 
 pytestmark = pytest.mark.compiled
@@ -80,6 +82,15 @@ def test_only_a_profile_alone_on_two_cores_has_a_second_thread(brief, tmp_path, 
         assert answer.status == 0, answer.err
     assert given == [False, True, False]
     assert archive_bytes(tmp_path / "1-1.zarr") == archive_bytes(tmp_path / "2-1.zarr")
+
+
+def test_a_profile_of_which_only_the_fixes_changed_is_not_counted(brief):
+    """A dive that lands gives the one before it another fix; the two are one job."""
+    with open_observations(brief) as observations:
+        work = jobs.MissionWork(observations, read_platform("petrel-l"), MissionSettings(), "mission.zarr", {0: None})
+        assert [work.job(tuple(each), None).estimated for each in ([(1, 0)], [(1, 0), (2, 1)], [(2, 1), (3, 2)])] == [
+            0, 1, 2,
+        ]  # fmt: skip
 
 
 def test_jobs_share_the_cores(monkeypatch):
