@@ -200,7 +200,7 @@ def test_runs_smooth_with_the_written_prior(drawn, written, tmp_path):
         store = tmp_path / f"{number}.zarr"
         answer = program(
             "run-mission", drawn, "--platform", platform, "--store", store, "--profiles", 2, "--workers", 0,
-            "--set", "smoother.adaptive=false",
+            "--set", "smoother.adaptive=false", "--set", "smoother.hull=believed",
         )  # fmt: skip
         assert answer.status == 0, answer.err
         with xr.open_datatree(store, engine="zarr") as tree:
