@@ -108,9 +108,9 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
     return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **UNSPREAD})
 
 
-def flown_hull(scenario: Scenario) -> Platform:
+def flown_hull(scenario: Scenario, name: str = HULL) -> Platform:
     """Return the hull that flies, with the truth of its errors: the actuators follow their commands with a lag."""
-    return with_values(gh.load_platform(HULL), {ACTUATOR_LAG: scenario.actuation.lag})
+    return with_values(gh.load_platform(name), {ACTUATOR_LAG: scenario.actuation.lag})
 
 
 def believed_hull(true: Platform, seed: int) -> Platform:

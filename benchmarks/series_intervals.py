@@ -16,11 +16,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import gliderhpc as gh
-from benchmarks.hull_commands import believed_hull, run_commands, scenario_of
+from benchmarks.hull_commands import believed_hull, flown_hull, run_commands, scenario_of
 from benchmarks.sections import with_section
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles, read_profile_data, truth_on_samples
 from gliderhpc.findings.findings import markdown
-from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, with_values
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission
@@ -79,9 +78,9 @@ CASES = (
 
 def invert(case: Case, seed: int, dives: int, folder: Path) -> tuple[xr.DataTree, Path]:
     """Simulate a mission and invert it; return the archive and the records."""
-    believed = gh.load_platform(case.hull)
-    scenario = scenario_of(case.kind, believed, CALIBRATION_DIVES if case.calibrated else dives, DEPTH)
-    true, records = with_values(believed, {ACTUATOR_LAG: scenario.actuation.lag}), folder / "mission.nc"
+    count = CALIBRATION_DIVES if case.calibrated else dives
+    scenario = scenario_of(case.kind, gh.load_platform(case.hull), count, DEPTH)
+    true, records = flown_hull(scenario, case.hull), folder / "mission.nc"
     simulate_mission(true, records, scenario=scenario, seed=seed)
     if not case.calibrated:
         return gh.run_mission(records, true, folder / "mission.zarr", workers=0, **case.settings), records

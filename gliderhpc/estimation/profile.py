@@ -107,9 +107,9 @@ def estimate_profile(
     """
     began = time.perf_counter()
     filtered = run_filter(profile, settings)
-    smoothed = smooth_dive(profile, filtered, settings) if smooth or _from_smoothed(profile, settings) else None
+    smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-    on_records, hull = _finished(profile, filtered, smoothed, settings, with_hull=smooth)
+    on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=smooth)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
@@ -126,15 +126,36 @@ def _start(
     return StartingPath(smoothed.disturbances, smoothed.states)
 
 
-def _finished(
+def smooth_profile(
     profile: PreparedProfile,
     filtered: FilterEstimate,
-    smoothed: SmoothedEstimate | None,
     settings: EstimationSettings,
+    smoothed: SmoothedEstimate | None = None,
     *,
-    with_hull: bool,
+    with_hull: bool = True,
 ) -> _Smoothing:
-    """Return the smoothed estimate at the records, with the hull's errors in its uncertainty if `with_hull`."""
+    """Smooth one filtered profile.
+
+    Parameters
+    ----------
+    profile : PreparedProfile
+        Profile on its steps.
+    filtered : FilterEstimate
+        Estimate of the filter.
+    settings : EstimationSettings
+        Settings of the estimation.
+    smoothed : SmoothedEstimate, optional
+        Estimate on the steps, if it was computed for the windows; otherwise it is computed if `with_hull`.
+    with_hull : bool
+        Whether the hull's errors are to be in its uncertainty.
+
+    Returns
+    -------
+    SmoothedEstimate, HullPart or None
+        Estimate at the records, and its information on the hull if it has any.
+    """
+    if smoothed is None and with_hull:
+        smoothed = smooth_dive(profile, filtered, settings)
     if smoothed is None:
         return None, None
     on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
@@ -156,28 +177,6 @@ def _finished(
     glide = glide_sensitivity(profile, on_records, information, settings.steps_per_record)
     # The sensitivities at the records are large, and several dives wait for their windows.
     return on_records, HullPart(information.without_records(), errors, *part, glide)
-
-
-def smooth_profile(
-    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings
-) -> tuple[SmoothedEstimate | None, HullPart | None]:
-    """Smooth one filtered profile.
-
-    Parameters
-    ----------
-    profile : PreparedProfile
-        Profile on its steps.
-    filtered : FilterEstimate
-        Estimate of the filter.
-    settings : EstimationSettings
-        Settings of the estimation.
-
-    Returns
-    -------
-    SmoothedEstimate, HullPart or None
-        Estimate at the records, and its information on the hull if it has any.
-    """
-    return _finished(profile, filtered, smooth_dive(profile, filtered, settings), settings, with_hull=True)
 
 
 def estimate_profiles(
@@ -274,28 +273,12 @@ def _posed_profile(
     began = time.perf_counter()
     smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-    rest: Callable[[], _Smoothing] = partial(_smoothing, profile, filtered, smoothed, settings, with_hull=with_hull)
+    rest: Callable[[], _Smoothing]
+    rest = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=with_hull)
     if threads is not None:
         rest = threads.submit(rest).result
     elif smoothed is not None:
         # Not after the windows: the smoother's last pass is large, and several dives wait for their windows.
-        rest = partial(_same, rest())
+        found = rest()
+        rest = lambda: found  # noqa: E731
     return _Work(key, profile, filtered, rest, seconds + time.perf_counter() - began), problem
-
-
-def _smoothing(
-    profile: PreparedProfile,
-    filtered: FilterEstimate,
-    smoothed: SmoothedEstimate | None,
-    settings: EstimationSettings,
-    *,
-    with_hull: bool,
-) -> _Smoothing:
-    """Finish a smoothed estimate; if the windows started without one and the hull's part is wanted, smooth first."""
-    if smoothed is None and with_hull:
-        smoothed = smooth_dive(profile, filtered, settings)
-    return _finished(profile, filtered, smoothed, settings, with_hull=with_hull)
-
-
-def _same(found: _Smoothing) -> _Smoothing:
-    return found

@@ -327,12 +327,12 @@ class MissionWork:
         """Return the digests of a profile's inputs."""
         return input_digests(self.observations, number, self.start, self.platform, self.settings)
 
-    def job(self, profiles: tuple[tuple[int, int], ...], token: str | None, threads: int = 1) -> BatchJob:
+    def job(self, profiles: tuple[tuple[int, int], ...], token: str | None) -> BatchJob:
         """Return the job of some profiles, given by number and position."""
         return BatchJob(
             profiles, str(Path(self.observations.path).resolve()), self.store,
             self.observations.survey.only(number for number, _ in profiles), self.platform, self.settings, self.start,
-            token, {index: self.amendable[index] for _, index in profiles if index in self.amendable}, threads,
+            token, {index: self.amendable[index] for _, index in profiles if index in self.amendable},
         )  # fmt: skip
 
 

@@ -293,7 +293,8 @@ def invert_profile(
     with place_in_memory() as place:
         create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
         work = MissionWork(observations, platform, settings, str(place))
-        (result,) = run_batch(observations, work.job(((number, 0),), token=None, threads=default_workers()))
+        job = replace(work.job(((number, 0),), token=None), threads=default_workers())
+        (result,) = run_batch(observations, job)
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
         write_mission_table(place, {0: result.row})

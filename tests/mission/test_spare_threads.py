@@ -59,7 +59,7 @@ def test_an_error_in_the_second_thread_is_raised(brief, monkeypatch):
 
     settings = EstimationSettings()
     profile = prepare_profile(Glider(read_platform("petrel-l")), profile_series(brief, 1, settings))
-    monkeypatch.setattr(estimation, "_finished", fail)
+    monkeypatch.setattr(estimation, "smooth_profile", fail)
     with ThreadPoolExecutor(1) as threads, pytest.raises(RuntimeError, match="no estimate"):
         list(estimate_profiles([(1, profile)], settings, smooth=True, threads=threads))
 
