@@ -16,6 +16,10 @@ IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
 done because its start cannot be flown."""
 
 
+RUN = 96
+"""Number of unknowns of which a direction is summed up at once; with all lanes, they stay in the first-level cache."""
+
+
 class Problem(NamedTuple):
     """Windows of ``n`` steps, and buffers for their cost and gradient; the arrays have an axis of lanes after these.
 
@@ -57,13 +61,18 @@ class Problem(NamedTuple):
 class Descent(NamedTuple):
     """Progress of each lane's descent in the scaled unknown ``x = b / s``; arrays have an axis of lanes after these.
 
+    The six unknowns of a step follow those of the step before. In one axis, a loop over those of a window alone is a
+    loop over consecutive numbers.
+
     Attributes
     ----------
-    point, slope, direction : (n, 6)
+    point, slope, direction : (6 n,)
         Last accepted point, gradient there, direction of the search.
-    taken, change : (n, 6)
+    taken, change : (6 n,)
         Step and change of the gradient between the last two accepted points.
-    steps, changes : (m, n, 6)
+    run : (RUN,)
+        Scratch for a part of a direction.
+    steps, changes : (m, 6 n)
         Stored pairs of steps and changes; the slot of the newest pair differs from lane to lane.
     measured : (6,)
         Properties of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite
@@ -85,6 +94,7 @@ class Descent(NamedTuple):
     direction: Array
     taken: Array
     change: Array
+    run: Array
     steps: Array
     changes: Array
     measured: Array
@@ -148,8 +158,8 @@ def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem,
     problem.scale[...] = 1.0
     problem.state0[0, 4] = 1.0
     descent = Descent(
-        point=array(n, 6), slope=array(n, 6), direction=array(n, 6), taken=array(n, 6),
-        change=array(n, 6), steps=array(m, n, 6), changes=array(m, n, 6), measured=array(6),
+        point=array(6 * n), slope=array(6 * n), direction=array(6 * n), taken=array(6 * n), change=array(6 * n),
+        run=array(RUN), steps=array(m, 6 * n), changes=array(m, 6 * n), measured=array(6),
         products=array(5, m), weights=array(2 * m + 1), aimed=array(2), accepted=array(1),
         aiming=array(1), reach=array(1),
     )  # fmt: skip
@@ -190,9 +200,9 @@ def load_window(
             set_entry(problem.measurements, (k + 1, i), lane, measurements[row + 1, i])
         for i in range(6):
             x = start[k, i] / scale[i] if inside else 0.0
-            set_entry(descent.point, (k, i), lane, x)
-            set_entry(descent.slope, (k, i), lane, 0.0)
-            set_entry(descent.direction, (k, i), lane, 0.0)
+            set_entry(descent.point, 6 * k + i, lane, x)
+            set_entry(descent.slope, 6 * k + i, lane, 0.0)
+            set_entry(descent.direction, 6 * k + i, lane, 0.0)
             set_entry(problem.trial, (k, i), lane, scale[i] * x)
     set_entry(descent.reach, 0, lane, 0.0)
     progress.status[lane] = STARTING

@@ -12,7 +12,7 @@ import math
 
 from gliderhpc.kernels.elementwise import entry, load, select, set_entry, store, zero_like
 from gliderhpc.kernels.jit import formula, inner_kernel, kernel
-from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, SEARCHING, STARTING, UNFLYABLE
+from gliderhpc.kernels.lane_memory import ENDED, IDLE, RETURNING, RUN, SEARCHING, STARTING, UNFLYABLE
 from gliderhpc.kernels.line_search import CONTINUE, Search, advance_search, start_search
 from gliderhpc.kernels.window import cost_and_gradient
 
@@ -67,7 +67,7 @@ def measure_trial(problem, descent):
     for k in range(problem.gradient.shape[0]):
         for i in range(6):
             g = load(problem.scale, i) * load(problem.gradient, (k, i))
-            slope += g * load(descent.direction, (k, i))
+            slope += g * load(descent.direction, 6 * k + i)
             finite += abs(g)
             norm = select(abs(g) > norm, abs(g), norm)
     pitch, speed2 = zero, zero
@@ -228,15 +228,16 @@ def accept_trial(problem, descent):
     square = zero_like(reach)
     for k in range(problem.gradient.shape[0]):
         for i in range(6):
-            old = load(descent.slope, (k, i))
+            e = 6 * k + i
+            old = load(descent.slope, e)
             new = load(problem.scale, i) * load(problem.gradient, (k, i))
-            step, change = reach * load(descent.direction, (k, i)), new - old
+            step, change = reach * load(descent.direction, e), new - old
             square += change * change
-            store(descent.taken, (k, i), step)
-            store(descent.change, (k, i), change)
-            store(descent.slope, (k, i), select(moves, new, old))
-            point = load(descent.point, (k, i))
-            store(descent.point, (k, i), select(moves, point + step, point))
+            store(descent.taken, e, step)
+            store(descent.change, e, change)
+            store(descent.slope, e, select(moves, new, old))
+            point = load(descent.point, e)
+            store(descent.point, e, select(moves, point + step, point))
     store(descent.measured, _CHANGE2, square)
 
 
@@ -247,10 +248,9 @@ def keep_pairs(descent, progress):
     for lane in range(progress.status.shape[0]):
         if entry(descent.accepted, 0, lane) == 2.0:
             slot = progress.newest[lane]
-            for k in range(descent.taken.shape[0]):
-                for i in range(6):
-                    set_entry(descent.steps, (slot, k, i), lane, entry(descent.taken, (k, i), lane))
-                    set_entry(descent.changes, (slot, k, i), lane, entry(descent.change, (k, i), lane))
+            for e in range(descent.taken.shape[0]):
+                set_entry(descent.steps, (slot, e), lane, entry(descent.taken, e, lane))
+                set_entry(descent.changes, (slot, e), lane, entry(descent.change, e, lane))
         most = max(most, progress.pairs[lane])
     for slot in range(0, most, 2):
         multiply_pairs(descent, slot, min(slot + 1, most - 1))
@@ -275,21 +275,20 @@ def multiply_pairs(descent, first, second):
     zero = zero_like(load(descent.reach, 0))
     sg, yg, sy, ys, yy = zero, zero, zero, zero, zero
     sg2, yg2, sy2, ys2, yy2 = zero, zero, zero, zero, zero
-    for k in range(descent.slope.shape[0]):
-        for i in range(6):
-            g, step, change = load(descent.slope, (k, i)), load(descent.taken, (k, i)), load(descent.change, (k, i))
-            s, y = load(descent.steps, (first, k, i)), load(descent.changes, (first, k, i))
-            sg += s * g
-            yg += y * g
-            sy += s * change
-            ys += y * step
-            yy += y * change
-            s, y = load(descent.steps, (second, k, i)), load(descent.changes, (second, k, i))
-            sg2 += s * g
-            yg2 += y * g
-            sy2 += s * change
-            ys2 += y * step
-            yy2 += y * change
+    for e in range(descent.slope.shape[0]):
+        g, step, change = load(descent.slope, e), load(descent.taken, e), load(descent.change, e)
+        s, y = load(descent.steps, (first, e)), load(descent.changes, (first, e))
+        sg += s * g
+        yg += y * g
+        sy += s * change
+        ys += y * step
+        yy += y * change
+        s, y = load(descent.steps, (second, e)), load(descent.changes, (second, e))
+        sg2 += s * g
+        yg2 += y * g
+        sy2 += s * change
+        ys2 += y * step
+        yy2 += y * change
     store_products(descent, first, sg, yg, sy, ys, yy)
     store_products(descent, second, sg2, yg2, sy2, ys2, yy2)
 
@@ -363,28 +362,41 @@ def aim(descent, progress):
     return again
 
 
+@inner_kernel
+def _sum_run(descent, first, count, pairs):
+    """Sum up ``count`` unknowns of the directions, from ``first`` on: weighted gradient, steps and changes.
+
+    Pair by pair: the loops over the unknowns of a window alone are then over consecutive numbers.
+    """
+    slots = descent.steps.shape[0]
+    weight = load(descent.weights, 2 * slots)
+    for e in range(count):
+        store(descent.run, e, weight * load(descent.slope, first + e))
+    for j in range(pairs):
+        of_step, of_change = load(descent.weights, j), load(descent.weights, slots + j)
+        for e in range(count):
+            d = load(descent.run, e) + of_step * load(descent.steps, (j, first + e))
+            store(descent.run, e, d + of_change * load(descent.changes, (j, first + e)))
+
+
 @kernel
 def point_directions(descent, progress):
     """Write the direction of the lanes that need one, from their weights."""
     wanted = load(descent.aiming, 0) > 0.0
-    slots = descent.steps.shape[0]
     most = 0
     for lane in range(progress.status.shape[0]):
         if entry(descent.aiming, 0, lane) > 0.0:
             most = max(most, progress.pairs[lane])
     zero = zero_like(load(descent.reach, 0))
     along, square = zero, zero
-    for k in range(descent.slope.shape[0]):
-        for i in range(6):
-            g = load(descent.slope, (k, i))
-            d = load(descent.weights, 2 * slots) * g
-            for j in range(most):
-                d += load(descent.weights, j) * load(descent.steps, (j, k, i))
-                d += load(descent.weights, slots + j) * load(descent.changes, (j, k, i))
-            d = select(wanted, d, load(descent.direction, (k, i)))
-            along += g * d
+    for first in range(0, descent.slope.shape[0], RUN):
+        count = min(RUN, descent.slope.shape[0] - first)
+        _sum_run(descent, first, count, most)
+        for e in range(count):
+            d = select(wanted, load(descent.run, e), load(descent.direction, first + e))
+            along += load(descent.slope, first + e) * d
             square += d * d
-            store(descent.direction, (k, i), d)
+            store(descent.direction, first + e, d)
     store(descent.aimed, 0, along)
     store(descent.aimed, 1, square)
 
@@ -395,5 +407,5 @@ def place_trial(problem, descent):
     reach = load(descent.reach, 0)
     for k in range(problem.trial.shape[0]):
         for i in range(6):
-            x = load(descent.point, (k, i)) + reach * load(descent.direction, (k, i))
+            x = load(descent.point, 6 * k + i) + reach * load(descent.direction, 6 * k + i)
             store(problem.trial, (k, i), load(problem.scale, i) * x)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.steady_glide import best_angle_of_attack, drag_and_lift
+from gliderhpc.flight.steady_glide import best_angle_of_attack
 from gliderhpc.kernels.jacobian import ENTRIES, ENTRY_COLUMN, ENTRY_ROW
 from gliderhpc.kernels.points import rates_and_partials
 from gliderhpc.platform import Platform
@@ -124,7 +124,7 @@ def steady_balances(
     at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
     for first in range(0, len(gliders), at_once):
         batch = slice(first, first + at_once)
-        flight = _Flight(gliders[batch], bodies[batch], motion, velocity)
+        flight = Flight(gliders[batch], bodies[batch], motion, velocity)
         flight.solve_velocity()
         errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
         count = len(flight.gliders)
@@ -171,7 +171,7 @@ class _Frame:
     by_pitch: tuple[Array, Array, Array]
 
 
-class _Flight:
+class Flight:
     """States of the stretches, their rates and derivatives, during the solution for the velocity.
 
     Several hulls fly the same n stretches; the rows (h n, ...) are those of the first hull, then of the next.
@@ -213,6 +213,7 @@ class _Flight:
                 break
 
     def depth_rate_error(self) -> Array:
+        """Depth rate at which no vertical force remains less the measured one (n,), m/s (`steady_balance`)."""
         depth = self._motion.depth
         weights = [
             glider.net_weight(bodies, depth[rows])
@@ -225,6 +226,7 @@ class _Flight:
         return np.asarray((root - 1.0) * self._motion.depth_rate)
 
     def pitch_error(self) -> Array:
+        """Pitch at which no pitch moment remains less the measured one (n,), rad."""
         slope = self._following(self._by_angle(1, self._frame.by_pitch))
         return np.asarray(-self._values[:, PITCHING] / slope[:, PITCHING])
 
@@ -308,83 +310,3 @@ def _product(matrices: Array, vectors: Array) -> Array:
 
 def _solve(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
-
-
-MIN_SPEED = 0.05
-"""Minimum speed (m/s) of a glide; a slower hull is nearly neutral, and its balance is not informative."""
-
-GLIDE_ROUNDS = 6
-GLIDE_CONVERGED = 1e-7
-"""Maximum number of rounds of the balance, and the change of the depth rate (m/s) that ends them."""
-
-
-@dataclass(frozen=True, eq=False)
-class StillWaterGlide:
-    """The hull's glide at n samples, NaN where there is no such glide.
-
-    Attributes
-    ----------
-    depth_rate : (n,)
-        Speed downwards, m/s.
-    speed : (n,)
-        Speed through the water, m/s.
-    """
-
-    depth_rate: Array
-    speed: Array
-
-
-def still_water_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
-    """Find the steady glide at every sample, straight or turning.
-
-    Parameters
-    ----------
-    glider : Glider
-        The hull.
-    bodies : (n, 11)
-        Mass properties of the controls (`Glider.bodies`).
-    attitude : MeasuredAttitude
-        Measured attitude; NaN where missing.
-
-    Notes
-    -----
-    The first step is the straight glide with wings level: the angle of attack of eq. 15 and the speed at which
-    ``V^2 (K_D0 + K_D alpha^2) = -W sin(theta - alpha)``. The second step includes roll and rate of turn: the depth
-    rate, an input of `steady_balance`, is adjusted until no vertical force remains.
-    """
-    level = _level_glide(glider, bodies, attitude)
-    found = StillWaterGlide(np.full_like(level.depth_rate, np.nan), np.full_like(level.speed, np.nan))
-    flying = np.isfinite(level.depth_rate + attitude.roll + attitude.turn_rate) & (level.speed > MIN_SPEED)
-    if flying.any():
-        found.depth_rate[flying], found.speed[flying] = _balance_depth_rate(
-            glider, bodies[flying], attitude.of(flying), level.depth_rate[flying]
-        )
-    return found
-
-
-def _level_glide(glider: Glider, bodies: Array, attitude: MeasuredAttitude) -> StillWaterGlide:
-    """Straight glide with wings level; NaN on too flat paths, nose up while heavy, or nose down while light."""
-    alpha = angle_of_attack(glider.platform, attitude.pitch)
-    path = np.sin(attitude.pitch - alpha)
-    weight = glider.net_weight(bodies, attitude.depth)
-    drag, _ = drag_and_lift(glider.platform, alpha)
-    power = -weight * path / drag
-    speed = np.sqrt(np.where(power > 0.0, power, np.nan))
-    return StillWaterGlide(-speed * path, speed)
-
-
-def _balance_depth_rate(
-    glider: Glider, bodies: Array, attitude: MeasuredAttitude, depth_rate: Array
-) -> tuple[Array, Array]:
-    """Depth rate and speed at which no vertical force remains; NaN where the rounds do not converge."""
-    for _ in range(GLIDE_ROUNDS):
-        motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
-        flight = _Flight([glider], [bodies], motion, None)
-        flight.solve_velocity()
-        change = flight.depth_rate_error()
-        depth_rate = depth_rate + change
-        if np.abs(change).max() < GLIDE_CONVERGED:
-            break
-    reached = np.abs(change) < GLIDE_CONVERGED
-    speed = np.linalg.norm(flight.states[:, VELOCITY], axis=1)
-    return np.where(reached, depth_rate, np.nan), np.where(reached, speed, np.nan)

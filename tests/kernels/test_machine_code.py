@@ -27,7 +27,7 @@ pytestmark = [
 ]
 
 NARROWER = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2,+sse4.2"}
-LEAST = {"forward": 600, "adjoint": 1000, "multiply_pairs": 20, "point_directions": 10, "measure_trial": 10,
+LEAST = {"forward": 600, "adjoint": 1000, "multiply_pairs": 10, "point_directions": 10, "measure_trial": 10,
          "accept_trial": 5, "place_trial": 2}  # fmt: skip
 """Least number of operations in each kernel."""
 

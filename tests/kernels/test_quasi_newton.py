@@ -229,7 +229,7 @@ def test_a_search_that_fails_starts_again_and_then_returns():
     watched.advance()
     assert progress.status[0] == ENDED
     np.testing.assert_array_equal(descent.point[..., 0], point)
-    np.testing.assert_allclose(problem.trial[..., 0], point * SCALE, rtol=1e-15)
+    np.testing.assert_allclose(problem.trial[..., 0], point.reshape(-1, 6) * SCALE, rtol=1e-15)
     assert progress.status[1] == SEARCHING
 
 

@@ -46,7 +46,7 @@ def glides(motion):
     volume = (HULL.buoyancy.neutral_volume + 300.0 * up) * 1e-6
     actuators = np.column_stack([zero, zero, volume, zero])
     samples = GlideSamples(np.repeat(np.arange(COUNT), 2 * EACH), climbing, attitude, actuators, None, zero)
-    still = module._depth_rate(samples, HULL, 0.0, 1.0)
+    still = module._glide(samples, HULL, 0.0, 1.0).depth_rate
     assert np.isfinite(still).all()
     assert np.array_equal(still < 0.0, climbing)
     water = motion * np.sqrt(2.0) * np.sin(2.0 * np.pi * np.arange(len(up)) / (EACH / 2.0))
@@ -118,7 +118,7 @@ def test_glides_of_an_archive_agree_with_its_hull(brief_store, monkeypatch):
         samples = read_glides(archive, numbers, HULL)
     assert set(samples.dive.tolist()) <= set(range(len(numbers)))
     assert np.bincount(samples.dive).max() <= module._SAMPLES
-    error = module._depth_rate(samples, HULL, 0.0, 1.0) - samples.depth_rate
+    error = module._glide(samples, HULL, 0.0, 1.0).depth_rate - samples.depth_rate
     assert np.abs(np.median(error)) < 0.03
     assert np.abs(samples.depth_rate).min() > 0.05
 

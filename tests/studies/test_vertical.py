@@ -39,8 +39,9 @@ from gliderhpc.studies.library.vertical_velocity import (
 from gliderhpc.studies.vertical import LEVELS, difference_row, legs_row, truth_row
 from gliderhpc.tuning.calibration import CalibrateSettings, calibrate
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance, still_water_glide
+from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balance
 from gliderhpc.tuning.steady_segments import steady_segments
+from gliderhpc.tuning.still_water_glide import still_water_glide
 
 pytestmark = pytest.mark.compiled
 

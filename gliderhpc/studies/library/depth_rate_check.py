@@ -29,7 +29,8 @@ from gliderhpc.studies.library.vertical_velocity import (
 )
 from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, MissionHull, solve_mission
-from gliderhpc.tuning.steady_balance import MeasuredAttitude, still_water_glide
+from gliderhpc.tuning.steady_balance import MeasuredAttitude
+from gliderhpc.tuning.still_water_glide import StillWaterGlide, still_water_glide
 
 Array = NDArray[np.float64]
 
@@ -181,7 +182,7 @@ def _samples(data: RecordedProfile, index: int, platform: Platform) -> GlideSamp
         np.full(len(taken), index), rate[taken] < 0.0, attitude,
         data.controls[record[taken]] * CONTROLS_SI, water, rate[taken],
     )  # fmt: skip
-    glides = np.isfinite(_depth_rate(found, platform, 0.0, 1.0))
+    glides = np.isfinite(_glide(found, platform, 0.0, 1.0).depth_rate)
     both = glides.sum() > _LEGS and len(np.unique(found.climbing[glides])) == _LEGS
     return _part(found, glides) if both else None
 
@@ -195,12 +196,15 @@ def _part(samples: GlideSamples, mask: NDArray[np.bool_]) -> GlideSamples:
     )  # fmt: skip
 
 
-def _depth_rate(samples: GlideSamples, platform: Platform, pitch_offset: float, pitch_scale: float) -> Array:
-    """Depth rate (n,) of a hull's glide in still water, at the pitch without an offset (rad) and scale."""
+def _glide(
+    samples: GlideSamples, platform: Platform, pitch_offset: float, pitch_scale: float,
+    near: StillWaterGlide | None = None,
+) -> StillWaterGlide:  # fmt: skip
+    """Glide of a hull in still water, at the pitch without an offset (rad) and scale; found from a similar glide."""
     glider, old = Glider(platform), samples.attitude
     bodies = glider.bodies(model_controls(platform, samples.actuators, samples.water))
     pitch = pitch_scale * (old.pitch - pitch_offset)
-    return still_water_glide(glider, bodies, MeasuredAttitude(old.roll, pitch, old.turn_rate, old.depth)).depth_rate
+    return still_water_glide(glider, bodies, MeasuredAttitude(old.roll, pitch, old.turn_rate, old.depth), near)
 
 
 def _chosen(parameters: Sequence[HullParameter]) -> list[int]:
@@ -208,16 +212,17 @@ def _chosen(parameters: Sequence[HullParameter]) -> list[int]:
     return [i for i, p in enumerate(parameters) if p.key in (*KEYS, *_PITCH)]
 
 
-def _hull_depth_rate(
-    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], eta: Array
-) -> Array:
-    """Depth rate (n,) in still water of a hull with errors ``(k,)`` in the chosen parameters."""
+def _hull_glide(
+    samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], eta: Array,
+    near: StillWaterGlide | None = None,
+) -> StillWaterGlide:  # fmt: skip
+    """Glide in still water of a hull with errors ``(k,)`` in the chosen parameters; found from a similar glide."""
     moved = np.zeros(len(parameters))
     moved[_chosen(parameters)] = eta
     hull = moved_platform(platform, parameters, moved)
     old, new = platform.sensors, hull.sensors
     offset = np.radians(new.pitch_offset - old.pitch_offset)
-    return _depth_rate(samples, hull, float(offset), new.pitch_scale / old.pitch_scale)
+    return _glide(samples, hull, float(offset), new.pitch_scale / old.pitch_scale, near)
 
 
 def depth_rate_slopes(
@@ -225,9 +230,10 @@ def depth_rate_slopes(
 ) -> Array:
     """Derivatives ``(n, k)`` of the depth rate with respect to the chosen parameters at a mean of the errors."""
     at = mean[_chosen(parameters)]
+    near = _hull_glide(samples, platform, parameters, at)
     columns = [
-        _hull_depth_rate(samples, platform, parameters, at + step)
-        - _hull_depth_rate(samples, platform, parameters, at - step)
+        _hull_glide(samples, platform, parameters, at + step, near).depth_rate
+        - _hull_glide(samples, platform, parameters, at - step, near).depth_rate
         for step in _DIFFERENCE * np.eye(len(at))
     ]
     return np.column_stack(columns) / (2.0 * _DIFFERENCE)
@@ -254,7 +260,7 @@ def compare(
     errors: Gaussian = found.overall
     if slopes is None:
         slopes = depth_rate_slopes(samples, platform, parameters, errors.mean)
-    at_mean = _hull_depth_rate(samples, platform, parameters, errors.mean[chosen]) - samples.depth_rate
+    at_mean = _hull_glide(samples, platform, parameters, errors.mean[chosen]).depth_rate - samples.depth_rate
     known = np.isfinite(at_mean + slopes.sum(axis=1))
     legs = [
         [known & (samples.dive == dive) & (samples.climbing == up) for up in (False, True)]

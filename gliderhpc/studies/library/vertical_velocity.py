@@ -36,7 +36,8 @@ from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
-from gliderhpc.tuning.steady_balance import MeasuredAttitude, StillWaterGlide, still_water_glide
+from gliderhpc.tuning.steady_balance import MeasuredAttitude
+from gliderhpc.tuning.still_water_glide import StillWaterGlide, still_water_glide
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
