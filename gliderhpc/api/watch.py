@@ -13,8 +13,23 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
+from gliderhpc.api.watch_records import (
+    OBSERVATIONS,
+    FileImport,
+    is_candidate,
+    sample_count,
+    time_span,
+    truncated_missions,
+)
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
+from gliderhpc.api.watch_versions import (
+    drop_earlier,
+    keep_earlier,
+    kept_names,
+    lost_dive,
+    refused_versions,
+    restore_earlier,
+)
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
@@ -176,6 +191,8 @@ class Watch:
             known = before.get(path.name)
             if not is_candidate(path, kind, named) or (known is not None and known.state == files[path]):
                 continue
+            if path.name not in self.state.faults:
+                keep_earlier(folder / path.name)
             try:
                 copied = copy_file(path, files[path], folder)
             except InputError as error:
@@ -208,12 +225,31 @@ class Watch:
         ).hexdigest()
 
     def _import(self) -> None:
+        copies = self.watched.out / COPIES
+        faults = self._import_copies()
+        if kept := kept_names(copies):
+            refused = refused_versions(copies, kept, faults, self._lost_dive())
+            restore_earlier(copies, refused, self.state)
+            self.state.save(self.watched.out)
+            drop_earlier(copies, set(kept) - set(refused))
+            if refused:
+                faults = self._import_copies()
+            for name, why in refused.items():
+                self._fail(name, why)
+        self._report_faults(faults)
+
+    def _import_copies(self) -> dict[str, str]:
+        """Turn the copies into the observation file; return the reason for each one left out."""
         out = self.watched.out
         # In the order of their arrival: a new file that contradicts a reported dive must not replace it.
         digests = {out / COPIES / name: digest for name, digest in self._files_to_import().items()}
         reads = StoredReads(out / CACHED_READS, digests)
-        self._report_faults(self.watched.importing.import_files(list(digests), self.records, reads))
+        faults = self.watched.importing.import_files(list(digests), self.records, reads)
         reads.remove_unused()
+        return faults
+
+    def _lost_dive(self) -> ReportedDive | None:
+        return lost_dive(self.records, self.state.reported) if self.records.exists() else None
 
     def _complete(self) -> None:
         self.state.inputs = self._inputs()
@@ -291,6 +327,7 @@ class Watch:
             start=str(start),
             end=str(end),
             samples=digest,
+            count=sample_count(observations, number),
             revision=message.revision,
             file=name,
         )

@@ -18,7 +18,7 @@ _VERSION = 1
 
 
 class ReportedDive(BaseModel):
-    """ReportedDive dive.
+    """A dive that was reported.
 
     Attributes
     ----------
@@ -28,6 +28,8 @@ class ReportedDive(BaseModel):
         Times of the first and last sample. They identify the dive, as numbers can change when a late file arrives.
     samples : str
         Digest of the samples, without number and fixes.
+    count : int
+        Number of samples.
     revision : int
         Revision of the message.
     file : str
@@ -39,6 +41,7 @@ class ReportedDive(BaseModel):
     start: str
     end: str
     samples: str
+    count: int = 0
     revision: int
     file: str
 
@@ -69,7 +72,7 @@ class WatchState(BaseModel):
     inputs : str
         Digest of the files, options, hull and settings that were last processed completely.
     reported : list of ReportedDive
-        ReportedDive dives, in the order of their first report.
+        Reported dives, in the order of their first report.
     """
 
     model_config = ConfigDict(extra="forbid")

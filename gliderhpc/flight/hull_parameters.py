@@ -48,8 +48,7 @@ class HullParameter:
         Value (in the file's unit) at which the quantity behind the number vanishes; a factor multiplies the difference
         from it.
     usual_walk : float
-        Standard deviation of the random walk where the platform file states none, in the unit of the deviation per
-        square root of a day.
+        Random walk where the platform file states none, in the unit of the deviation per square root of a day.
     """
 
     key: str
@@ -78,12 +77,13 @@ class HullParameter:
         return stated.get(self.key, self.usual_walk) / self.deviation(platform)
 
     def moved(self, platform: Platform, steps: float) -> float:
-        """Return the value that lies `steps` plausible deviations from a platform's."""
+        """Return the value that lies `steps` plausible deviations from a platform's; infinite beyond all numbers."""
         start, deviation = self.value(platform), self.deviation(platform)
         if not self.factor:
             return start + deviation * steps
         origin = self.origin(platform)
-        return origin + (start - origin) * math.exp(deviation * steps)
+        exponent = deviation * steps
+        return origin + (start - origin) * (math.inf if exponent > 700.0 else math.exp(exponent))
 
     def slope(self, platform: Platform, steps: float) -> float:
         """Return the derivative of `moved` with respect to `steps`."""

@@ -191,6 +191,45 @@ def test_a_dive_that_comes_in_pieces_is_revised_and_the_changes_are_listed(swift
     assert SurfacingMessage.model_validate_json(path.read_text("utf-8")) == message
 
 
+def _cut_bytes(file: Path, _: Path) -> None:
+    file.write_bytes(file.read_bytes()[:9000])
+
+
+def _cut_record(file: Path, source: Path) -> None:
+    _dive(source, file, 2, share=0.7)
+
+
+def _annotate(file: Path, _: Path) -> None:
+    changed = changed_observations(file, file.with_suffix(".new"), lambda content: content.assign_attrs(comment="x"))
+    changed.replace(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(_cut_bytes, "cannot be used"), (_cut_record, "has fewer samples of dive 2"), (_annotate, None)],
+)
+def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swift, dives, swift_store, tmp_path):
+    """A damaged or shorter one is named once; neither it nor an equal one costs the dive, and later ones are used."""
+    _watched(tmp_path)
+    for dive in dives:
+        shutil.copy(dive, tmp_path / "land")
+    assert len(_once(tmp_path).dives) == 3
+    landed = tmp_path / "land" / dives[1].name
+    change(landed, swift)
+    heard = _once(tmp_path)
+    assert heard.dives == []
+    assert [name for name, _ in heard.faults] == ([landed.name] if words else [])
+    for _, why in heard.faults:
+        assert re.search(f"^the new version {words}.*; the earlier one remains in use$", why)
+    assert not list((tmp_path / "m-watch" / "files" / "earlier").glob("*"))
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+    assert _once(tmp_path).faults == []
+    shutil.copy(dives[1], landed)
+    heard = _once(tmp_path)
+    assert (heard.dives, heard.faults) == ([], [])
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+
+
 def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, tmp_path, monkeypatch):
     """Before or after every file that it writes in turn, and between message and list."""
     _watched(tmp_path)

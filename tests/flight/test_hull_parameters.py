@@ -63,6 +63,13 @@ def test_slope_is_the_derivative_of_moved(parameter):
     assert parameter.slope(PETREL, 0.3) == pytest.approx(difference / 2e-5, rel=1e-6)
 
 
+def test_a_factor_beyond_all_numbers_is_infinite_and_a_missing_one_stays_missing():
+    """So are the ends of the interval of a quantity that a calibration does not determine, which must not end it."""
+    assert of("viscous.K_r").moved(PETREL, 1e5) == -np.inf
+    assert of("viscous.K_r").moved(PETREL, -1e5) == 0.0
+    assert np.isnan(of("viscous.K_r").moved(PETREL, np.nan))
+
+
 def test_a_parameter_that_does_not_act_is_left_out():
     still = with_values(PETREL, {"viscous.K_q": 0.0})
     assert {p.key for p in hull_parameters(PETREL)} - {p.key for p in hull_parameters(still)} == {"viscous.K_q"}
