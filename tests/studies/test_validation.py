@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from support.archives import put_table_rows
-from support.missions import glide_series, program, replaced
+from support.missions import changed_observations, glide_series, program, replaced
 from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.estimation.preparation import vibration_set
@@ -183,6 +183,27 @@ def test_some_profiles_and_another_hull(validated, brief, tmp_path):
     assert np.isnan(values[[0, 2]]).all()
     assert values[1] > 1.5 * nominal[1]
     assert (tmp_path / "out" / "validation.json").exists()
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("failing", [[1, 2, 3], [1]])
+def test_profiles_that_could_not_be_inverted_are_flown_and_drawn_without_records(failing, swift, tmp_path):
+    """All of them, as with a hull that is another's, or the first."""
+    store, records = tmp_path / "failed.zarr", tmp_path / "failed.nc"
+
+    def spoil(content: xr.Dataset) -> xr.Dataset:
+        wrong = np.isin(content["profile"].values, failing) & (np.arange(content.sizes["time"]) % 3 == 0)
+        return content.assign(pitch=content["pitch"] + 30.0 * wrong)
+
+    changed_observations(swift, records, spoil)
+    inverted = program("run-mission", records, "--platform", "petrel-l", "--store", store, "--workers", 0)
+    assert inverted.status == 1
+    answer = program("validate", records, "--platform", "petrel-l", "--store", store, "--workers", 0)
+    with xr.open_datatree(store, engine="zarr") as tree:
+        assert (tree.ds["status"].values == "failed").tolist() == [number in failing for number in (1, 2, 3)]
+        assert np.isfinite(tree["validation"].ds["pitch"]).any("record").all()
+    assert answer.status == 0, answer.err
+    assert (tmp_path / "failed-studies" / "validation" / "figure_1.png").is_file()
 
 
 @pytest.mark.compiled

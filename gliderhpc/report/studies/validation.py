@@ -19,6 +19,7 @@ from gliderhpc.findings.drawing import (
     MODEL,
     label,
     legend,
+    mark_empty,
     panels,
     style_axes,
 )
@@ -65,10 +66,15 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     """
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
-    numbers = [int(number) for number in table["profile"][:SHOWN]]
-    measured, modelled = _join_records(archive, "observed", numbers), _join_records(archive, "validation", numbers)
-    _draw_vertical(vertical, measured, modelled, numbers)
-    _draw_heading(heading, measured, modelled)
+    # The forward model also flies profiles that could not be inverted, of which the archive has no records.
+    numbers = [number for number in map(int, table["profile"]) if _has_records(archive, number)][:SHOWN]
+    if numbers:
+        measured, modelled = (_join_records(archive, group, numbers) for group in ("observed", "validation"))
+        _draw_vertical(vertical, measured, modelled, numbers)
+        _draw_heading(heading, measured, modelled)
+    else:
+        for axes in (vertical, heading):
+            mark_empty(axes, "no profile could be inverted: the archive has no records")
     _draw_longitudinal(longitudinal, table, trend)
     _draw_horizontal(horizontal, table)
     return figure
@@ -91,6 +97,10 @@ def _join_records(archive: Archive, group: str, numbers: list[int]) -> dict[str,
         for parts in joined.values():
             parts.append(np.array([np.nan]))
     return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def _has_records(archive: Archive, number: int) -> bool:
+    return not bool(np.isnat(_clock(archive, number)).all())
 
 
 def _clock(archive: Archive, number: int) -> NDArray[np.datetime64]:
