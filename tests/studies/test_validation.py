@@ -168,6 +168,16 @@ def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
 
 
 @pytest.mark.compiled
+def test_without_steady_glide_the_panel_says_so(validated, tmp_path):
+    rows = {index: {"longitudinal_rmse": np.nan} for index in range(3)}
+    after = shown_after(
+        validated[0], "validation", tmp_path, lambda copy: put_table_rows(copy, rows, "validation")
+    )  # fmt: skip
+    texts = [text.get_text() for axes in after.figures["figure_1"].axes for text in axes.texts]
+    assert any(text.startswith("no steady glide") for text in texts), texts
+
+
+@pytest.mark.compiled
 def test_some_profiles_and_another_hull(validated, brief, tmp_path):
     store = tmp_path / "brief.zarr"
     shutil.copytree(validated[0], store)

@@ -143,6 +143,9 @@ def _draw_heading(axes: Axes, measured: dict[str, Array], modelled: dict[str, Ar
 def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     days = table["elapsed_days"].to_numpy()
     label(axes, "(c) longitudinal RMSE per profile", "days", "RMSE (dimensionless)")
+    if not np.isfinite(table["longitudinal_rmse"]).any():
+        mark_empty(axes, "no steady glide is long enough for a comparison")
+        return
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
         text = f"Theil-Sen {trend.change_text} (Mann-Kendall p = {trend.p:.2g})"
