@@ -32,8 +32,11 @@ def keep_earlier(copy: Path) -> None:
 
 
 def kept_names(folder: Path) -> list[str]:
-    """Return the names of the files in a folder of copies of which an earlier version is kept."""
-    return sorted(path.name for path in (folder / EARLIER).glob("*"))
+    """Return the names of the files in a folder of copies of which an earlier version is kept.
+
+    A version that was only partly written when the watch was killed is not a file's.
+    """
+    return sorted(path.name for path in (folder / EARLIER).glob("*") if (folder / path.name).exists())
 
 
 def drop_earlier(folder: Path, names: Iterable[str]) -> None:

@@ -214,14 +214,16 @@ def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swi
     for dive in dives:
         shutil.copy(dive, tmp_path / "land")
     assert len(_once(tmp_path).dives) == 3
-    landed = tmp_path / "land" / dives[1].name
+    landed, earlier = tmp_path / "land" / dives[1].name, tmp_path / "m-watch" / "files" / "earlier"
     change(landed, swift)
+    earlier.mkdir()
+    (earlier / "left-by-a-kill").touch()
     heard = _once(tmp_path)
     assert heard.dives == []
     assert [name for name, _ in heard.faults] == ([landed.name] if words else [])
     for _, why in heard.faults:
         assert re.search(f"^the new version {words}.*; the earlier one remains in use$", why)
-    assert not list((tmp_path / "m-watch" / "files" / "earlier").glob("*"))
+    assert [path.name for path in earlier.iterdir()] == ["left-by-a-kill"]
     _assert_as_fresh(tmp_path / "m.zarr", swift_store)
     assert _once(tmp_path).faults == []
     shutil.copy(dives[1], landed)
