@@ -13,14 +13,7 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_records import (
-    OBSERVATIONS,
-    FileImport,
-    is_candidate,
-    sample_count,
-    time_span,
-    truncated_missions,
-)
+from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
 from gliderhpc.api.watch_versions import (
     drop_earlier,
@@ -229,10 +222,10 @@ class Watch:
         faults = self._import_copies()
         if kept := kept_names(copies):
             refused = refused_versions(copies, kept, faults, self._lost_dive())
-            restore_earlier(copies, refused, self.state)
-            self.state.save(self.watched.out)
             drop_earlier(copies, set(kept) - set(refused))
             if refused:
+                restore_earlier(copies, refused, self.state)
+                self.state.save(self.watched.out)
                 faults = self._import_copies()
             for name, why in refused.items():
                 self._fail(name, why)
@@ -327,7 +320,7 @@ class Watch:
             start=str(start),
             end=str(end),
             samples=digest,
-            count=sample_count(observations, number),
+            count=observations.sample_count(number),
             revision=message.revision,
             file=name,
         )

@@ -160,12 +160,6 @@ def time_span(observations: Observations, number: int) -> tuple[np.datetime64, n
     return span.start_time, span.end_time
 
 
-def sample_count(observations: Observations, number: int) -> int:
-    """Return the number of samples of a profile."""
-    span = observations.survey.spans[number]
-    return int(span.stop - span.start)
-
-
 def truncated_missions(path: Path, folder: Path) -> Iterator[Path]:
     """Yield the records of a mission as they were after each dive, in order, and finally `path` itself.
 
