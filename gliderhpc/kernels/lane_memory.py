@@ -15,6 +15,8 @@ IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
 """States of a lane: idle; evaluating its start; searching; evaluating its last point again after a failed search; done;
 done because its start cannot be flown."""
 
+SLOPE, NORM, FINITE, PITCH, SPEED2, CHANGE2 = range(6)
+"""Rows of `Descent.measured`."""
 
 RUN = 96
 """Number of unknowns of which a direction is summed up at once; with all lanes, they stay in the first-level cache."""

@@ -12,7 +12,8 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.lane_memory import ENDED, RETURNING, SEARCHING, allocate, load_window
 from gliderhpc.kernels.line_search import Search
-from gliderhpc.kernels.quasi_newton import MAX_TRIES, advance, aim, combine_pairs
+from gliderhpc.kernels.pairs import combine_pairs
+from gliderhpc.kernels.quasi_newton import MAX_TRIES, advance, aim
 from gliderhpc.outcomes import Outcome
 
 STEPS = scaled(300, 10)

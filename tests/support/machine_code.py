@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from typing import Any
 
-from gliderhpc.kernels import quasi_newton, window
+from gliderhpc.kernels import pairs, quasi_newton, window
 from gliderhpc.kernels.compiler import KernelDispatcher
 from gliderhpc.kernels.lane_memory import allocate
 
@@ -40,8 +40,8 @@ def compiled_kernels() -> dict[str, Any]:
         ),
         quasi_newton.measure_trial: (p, d),
         quasi_newton.accept_trial: (p, d),
-        quasi_newton.multiply_pairs: (d, 0, 1),
-        quasi_newton.point_directions: (d, progress),
+        pairs.multiply_pairs: (d, 0, 1),
+        pairs.point_directions: (d, progress),
         quasi_newton.place_trial: (p, d),
     }  # fmt: skip
     return {kernel.py_func.__name__: _afresh(kernel, given) for kernel, given in arguments.items()}
