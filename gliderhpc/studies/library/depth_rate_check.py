@@ -85,6 +85,22 @@ class GlideSamples:
     depth_rate: Array
 
 
+@dataclass(frozen=True, eq=False)
+class HullGlides:
+    """Glides of a hull in still water at one value of its errors, from which those of similar errors are found.
+
+    Attributes
+    ----------
+    at : StillWaterGlide
+        The glides.
+    slopes : (n, k)
+        Derivatives of their depth rates with respect to the chosen parameters.
+    """
+
+    at: StillWaterGlide
+    slopes: Array
+
+
 @dataclass(frozen=True)
 class DepthRateCheck:
     """Comparison of a hull with the depth rates of steady glides.
@@ -225,18 +241,18 @@ def _hull_glide(
     return _glide(samples, hull, float(offset), new.pitch_scale / old.pitch_scale, near)
 
 
-def depth_rate_slopes(
+def glides_of(
     samples: GlideSamples, platform: Platform, parameters: Sequence[HullParameter], mean: Array
-) -> Array:
-    """Derivatives ``(n, k)`` of the depth rate with respect to the chosen parameters at a mean of the errors."""
-    at = mean[_chosen(parameters)]
-    near = _hull_glide(samples, platform, parameters, at)
+) -> HullGlides:
+    """Glides of a hull with the given errors ``(p,)``, and the derivatives of their depth rates."""
+    eta = mean[_chosen(parameters)]
+    at = _hull_glide(samples, platform, parameters, eta)
     columns = [
-        _hull_glide(samples, platform, parameters, at + step, near).depth_rate
-        - _hull_glide(samples, platform, parameters, at - step, near).depth_rate
-        for step in _DIFFERENCE * np.eye(len(at))
+        _hull_glide(samples, platform, parameters, eta + step, at).depth_rate
+        - _hull_glide(samples, platform, parameters, eta - step, at).depth_rate
+        for step in _DIFFERENCE * np.eye(len(eta))
     ]
-    return np.column_stack(columns) / (2.0 * _DIFFERENCE)
+    return HullGlides(at, np.column_stack(columns) / (2.0 * _DIFFERENCE))
 
 
 def compare(
@@ -244,11 +260,11 @@ def compare(
     platform: Platform,
     parameters: Sequence[HullParameter],
     found: MissionHull,
-    slopes: Array | None = None,
+    near: HullGlides | None = None,
 ) -> DepthRateCheck | None:
     """Compare the hull of a mission with the depth rates of its steady glides; None if fewer than four dives have them.
 
-    ``slopes`` are the derivatives of the depth rates, by default those at the mean of ``found`` (`depth_rate_slopes`).
+    ``near`` are the glides of a similar hull, whose derivatives are taken; by default those at the mean of ``found``.
 
     Notes
     -----
@@ -258,9 +274,10 @@ def compare(
     """
     chosen = _chosen(parameters)
     errors: Gaussian = found.overall
-    if slopes is None:
-        slopes = depth_rate_slopes(samples, platform, parameters, errors.mean)
-    at_mean = _hull_glide(samples, platform, parameters, errors.mean[chosen]).depth_rate - samples.depth_rate
+    if near is None:
+        near = glides_of(samples, platform, parameters, errors.mean)
+    slopes = near.slopes
+    at_mean = _hull_glide(samples, platform, parameters, errors.mean[chosen], near.at).depth_rate - samples.depth_rate
     known = np.isfinite(at_mean + slopes.sum(axis=1))
     legs = [
         [known & (samples.dive == dive) & (samples.climbing == up) for up in (False, True)]
@@ -307,20 +324,17 @@ def check_hull(
     information is the number that brings chi-square to its expectation; otherwise it is one. All other figures are
     those of the undivided information, at whose mean the derivatives are taken.
     """
-
-    def comparison(divisor: float) -> DepthRateCheck | None:
-        terms = [dive.weakened(divisor) for dive in dives]
-        return compare(samples, platform, parameters, solve_mission(terms, whole.prior, robust=robust), slopes)
-
     with threadpool_limits(limits=1):
-        slopes = depth_rate_slopes(samples, platform, parameters, whole.overall.mean)
-        first = now = compare(samples, platform, parameters, whole, slopes)
+        near = glides_of(samples, platform, parameters, whole.overall.mean)
+        first = now = compare(samples, platform, parameters, whole, near)
         if first is None or not first.contradicts:
             return first
-        divisor = 1.0
+        divisor = whole.inflation  # Up to it, a divisor only takes its place.
+        # Step by step, since a hull that hardly any dive determines may contradict the depth rates again.
         for _ in range(_ROUNDS):
+            divisor *= _LEAST_FACTOR if now is None else max(now.chi_square / _LEGS, _LEAST_FACTOR)
+            found = solve_mission([dive.weakened(divisor) for dive in dives], whole.prior, robust=robust)
+            now = compare(samples, platform, parameters, found, near)
             if now is not None and now.chi_square <= _LEGS:
                 break
-            divisor *= _LEAST_FACTOR if now is None else max(now.chi_square / _LEGS, _LEAST_FACTOR)
-            now = comparison(divisor)
     return replace(first, divisor=divisor)
