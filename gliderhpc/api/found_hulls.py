@@ -33,6 +33,7 @@ class FoundHull:
 
     platform: Platform
 
+    @speaks_python
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the platform file, completely or not at all.
 
@@ -43,7 +44,8 @@ class FoundHull:
         CalibrationError
             The platform could not be loaded again.
         """
-        return save_platform(path, self.platform, overwrite=overwrite)
+        check_output(Path(path), overwrite=overwrite, instead="another --out")
+        return write_platform(Path(path), self.platform, overwrite)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +183,6 @@ class TunedHull(FoundHull):
         return [tuning_report.closing_text(self.tuned, self.settings), *interpolated]
 
 
-@speaks_python
-def save_platform(path: str | Path, platform: Platform, *, overwrite: bool = False) -> Path:
-    """Write a platform file, as `FoundHull.save` does."""
-    check_output(Path(path), overwrite=overwrite, instead="another --out")
-    return write_platform(Path(path), platform, overwrite)
-
-
 def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     """Write a platform file completely or not at all, after checking that a run can load it.
 
@@ -200,7 +195,13 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
     """
     with output_file(out, overwrite=overwrite) as aside:
         aside.write_text(platform_yaml(platform), "utf-8")
-        _check_loads(aside)
+        try:
+            glider.load_platform(aside)
+        except InputError as error:
+            raise CalibrationError(
+                "the platform found could not be used, so nothing is written: "
+                f"{str(error).removeprefix(f'{aside}: ')}; start from another --platform or choose other --profiles"
+            ) from None
     return out
 
 
@@ -214,13 +215,3 @@ def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
     """
     content = found.history.to_csv(index=False, float_format="%.8g")
     write_text(path, content, overwrite=overwrite)
-
-
-def _check_loads(aside: Path) -> None:
-    try:
-        glider.load_platform(aside)
-    except InputError as error:
-        raise CalibrationError(
-            f"the platform found could not be used, so nothing is written: {str(error).removeprefix(f'{aside}: ')}; "
-            "start from another --platform or choose other --profiles"
-        ) from None

@@ -15,14 +15,7 @@ from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
-from gliderhpc.api.watch_versions import (
-    drop_earlier,
-    keep_earlier,
-    kept_names,
-    lost_dive,
-    refused_versions,
-    restore_earlier,
-)
+from gliderhpc.api.watch_versions import accept_or_restore, keep_earlier
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
@@ -218,17 +211,13 @@ class Watch:
         ).hexdigest()
 
     def _import(self) -> None:
-        copies = self.watched.out / COPIES
         faults = self._import_copies()
-        if kept := kept_names(copies):
-            refused = refused_versions(copies, kept, faults, self._lost_dive())
-            drop_earlier(copies, set(kept) - set(refused))
-            if refused:
-                restore_earlier(copies, refused, self.state)
-                self.state.save(self.watched.out)
-                faults = self._import_copies()
-            for name, why in refused.items():
-                self._fail(name, why)
+        refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state)
+        if refused:
+            self.state.save(self.watched.out)
+            faults = self._import_copies()
+        for name, why in refused.items():
+            self._fail(name, why)
         self._report_faults(faults)
 
     def _import_copies(self) -> dict[str, str]:
@@ -240,9 +229,6 @@ class Watch:
         faults = self.watched.importing.import_files(list(digests), self.records, reads)
         reads.remove_unused()
         return faults
-
-    def _lost_dive(self) -> ReportedDive | None:
-        return lost_dive(self.records, self.state.reported) if self.records.exists() else None
 
     def _complete(self) -> None:
         self.state.inputs = self._inputs()

@@ -5,7 +5,7 @@ A file that was complete can arrive again damaged or cut short. A dive that was 
 
 import hashlib
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,46 +31,47 @@ def keep_earlier(copy: Path) -> None:
             shutil.copyfile(copy, aside)
 
 
-def kept_names(folder: Path) -> list[str]:
-    """Return the names of the files in a folder of copies of which an earlier version is kept.
-
-    A version that was only partly written when the watch was killed is not a file's.
-    """
-    return sorted(path.name for path in (folder / EARLIER).glob("*") if (folder / path.name).exists())
-
-
-def drop_earlier(folder: Path, names: Iterable[str]) -> None:
-    """Remove earlier versions."""
-    for name in names:
-        (folder / EARLIER / name).unlink()
-
-
-def restore_earlier(folder: Path, names: Iterable[str], state: WatchState) -> None:
-    """Replace the copies by their earlier versions; the new ones count as read until they change."""
-    for name in names:
-        kept = folder / EARLIER / name
-        digest = hashlib.sha256(kept.read_bytes()).hexdigest()
-        state.add_file(name, CopiedFile(state.copied[name].state, digest))
-        kept.replace(folder / name)
-
-
-def refused_versions(
-    folder: Path, names: Iterable[str], faults: Mapping[str, str], lost: ReportedDive | None
-) -> dict[str, str]:
-    """Return the files whose new version is worth less than the earlier one, with the reason.
+def accept_or_restore(folder: Path, faults: Mapping[str, str], records: Path, state: WatchState) -> dict[str, str]:
+    """Accept the new versions of files, or restore the earlier ones of those that are worth less.
 
     Parameters
     ----------
     folder : Path
         Folder of the copies.
-    names : iterable of str
-        Files of which an earlier version is kept.
     faults : mapping of str to str
         Files that cannot be used, with the reason.
-    lost : ReportedDive, optional
-        A dive of which the records now have fewer samples than when it was reported.
+    records : Path
+        Observation file made from the copies; there may be none.
+    state : WatchState
+        Dives reported so far. The copies that are restored are noted in it; the new versions then count as read until
+        they change.
+
+    Returns
+    -------
+    dict of str to str
+        Files whose new version was refused, with the reason.
     """
-    names = list(names)
+    # A version that was only partly written when the watch was killed is not a file's.
+    names = sorted(path.name for path in (folder / EARLIER).glob("*") if (folder / path.name).exists())
+    if not names:
+        return {}
+    lost = _lost_dive(records, state.reported) if records.exists() else None
+    refused = _worth_less(folder, names, faults, lost)
+    for name in names:
+        kept = folder / EARLIER / name
+        if name in refused:
+            digest = hashlib.sha256(kept.read_bytes()).hexdigest()
+            state.add_file(name, CopiedFile(state.copied[name].state, digest))
+            kept.replace(folder / name)
+        else:
+            kept.unlink()
+    return refused
+
+
+def _worth_less(
+    folder: Path, names: Sequence[str], faults: Mapping[str, str], lost: ReportedDive | None
+) -> dict[str, str]:
+    """Return the files whose new version is unusable or, where a reported `lost` dive has fewer samples, smaller."""
     refused = {name: f"the new version cannot be used ({faults[name]})" for name in names if name in faults}
     if lost is not None:
         shorter = [name for name in names if _size(folder / name) < _size(folder / EARLIER / name)]
@@ -83,7 +84,7 @@ def _size(path: Path) -> int:
     return path.stat().st_size
 
 
-def lost_dive(records: Path, reported: Iterable[ReportedDive]) -> ReportedDive | None:
+def _lost_dive(records: Path, reported: Iterable[ReportedDive]) -> ReportedDive | None:
     """Return a reported dive of which an observation file has fewer samples than were reported, if there is one."""
     with read_records(records) as content:
         times = content["time"].values

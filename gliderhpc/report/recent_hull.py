@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
+from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.studies.hull import (
     HullSettings,
     MissionDives,
@@ -13,47 +14,13 @@ from gliderhpc.studies.hull import (
     combine_dives,
     read_dives,
 )
-from gliderhpc.tuning.hull_changes import HullChange
+from gliderhpc.tuning.hull_changes import HullChange as FoundChange
 from gliderhpc.tuning.mission_hull import MissionHull
+
+_FIFTH = 0.2
 
 _DIVES = 100
 """Maximum number of dives that are combined; without a limit, the computing time would grow with the mission."""
-
-
-@dataclass(frozen=True)
-class RecentChange:
-    """Change of one number of the platform file over the dives so far, in its unit.
-
-    Attributes
-    ----------
-    parameter, meaning, unit : str
-        Key in the platform file, its meaning, and its unit.
-    first : float
-        Value at the first of the dives.
-    probability : float
-        Probability that the number has changed since.
-    change, change_std : float
-        Size of the change, if there was one, and its standard deviation.
-    since : int
-        Number of the first dive after the change, median.
-    dives : int
-        Number of dives used.
-    """
-
-    parameter: str
-    meaning: str
-    unit: str
-    first: float
-    probability: float
-    change: float
-    change_std: float
-    since: int
-    dives: int
-
-    def probability_above(self, part: float) -> float:
-        """Return the probability that the number grew by more than a fraction of its value at the first dive."""
-        beyond = (self.change - part * abs(self.first)) / self.change_std
-        return self.probability * 0.5 * math.erfc(-beyond / math.sqrt(2.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +33,7 @@ class RecentHull:
         The dives and their information.
     found : MissionHull
         Sum of the information.
-    changes : dict of int to HullChange or None
+    changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
         Change of each parameter that may change, by its position.
     warning : str
         Reason to doubt the values, if the depth rate of the steady glides gives one; otherwise empty.
@@ -74,7 +41,7 @@ class RecentHull:
 
     mission: MissionDives
     found: MissionHull
-    changes: dict[int, HullChange | None]
+    changes: dict[int, FoundChange | None]
     warning: str = ""
 
 
@@ -88,7 +55,7 @@ def recent_hull(archive: Archive, number: int) -> RecentHull | None:
     return RecentHull(mission, *combine_dives(mission, settings), "" if check is None else check.warning)
 
 
-def hull_changes(hull: RecentHull) -> tuple[RecentChange, ...]:
+def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
     """Return the changes shown by the dives; empty if they are too few to show a change."""
     mission, found = hull.mission, hull.found
     changes = []
@@ -97,17 +64,24 @@ def hull_changes(hull: RecentHull) -> tuple[RecentChange, ...]:
             continue
         one, values = mission.parameters[i], change_in_units(mission, found, i, change)
         first = one.moved(mission.platform, float(found.smoothed[0].mean[i]))
+        probability, total, std = (values[f"change_{name}"] for name in ("probability", "total", "total_std"))
         changes.append(
-            RecentChange(
-                one.key,
-                one.meaning,
-                one.unit,
-                first,
-                values["change_probability"],
-                values["change_total"],
-                values["change_total_std"],
-                int(values["onset"]),
-                len(mission.dives),
+            HullChange(
+                parameter=one.key,
+                meaning=one.meaning,
+                unit=one.unit,
+                first=first,
+                probability=probability,
+                change=total,
+                change_std=std,
+                since=int(values["onset"]),
+                dives=len(mission.dives),
+                above_20_percent=probability * probability_above(_FIFTH * abs(first), total, std),
             )
         )
     return tuple(changes)
+
+
+def probability_above(limit: float, mean: float, std: float) -> float:
+    """Return the probability that a normally distributed value is larger than a limit."""
+    return 0.5 * math.erfc((limit - mean) / std / math.sqrt(2.0))

@@ -1,7 +1,6 @@
 """Message of a surfacing, collected from the archive: the results of one dive."""
 
 import math
-from dataclasses import asdict
 
 import numpy as np
 import xarray as xr
@@ -12,18 +11,16 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fal
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.next_surfacing import predict_surfacing
-from gliderhpc.report.recent_hull import RecentHull, hull_changes, recent_hull
+from gliderhpc.report.recent_hull import hull_changes, recent_hull
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
     Current,
     Ellipse,
     Fix,
-    HullChange,
     HullParameter,
     Inversion,
     NextSurfacing,
     SurfacingMessage,
-    Trim,
     Water,
 )
 from gliderhpc.report.trim import trim_of
@@ -38,8 +35,6 @@ PROBABILITY = 0.68
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
 """Quality flags, and the fraction of a dive above which a remark is added for each."""
-
-_FIFTH = 0.2
 
 _MANY_GATED = 0.02
 """Fraction of samples rejected by the filter above which a remark is added."""
@@ -107,8 +102,8 @@ def surfacing_message(
         ),
         odd=() if data is None else _anomalies(row, data, smoothed),
         hull=_hull(archive, number) if smoothed else (),
-        hull_changes=() if hull is None else _hull_changes(hull),
-        trim=() if hull is None else tuple(Trim(**asdict(one)) for one in trim_of(hull)),
+        hull_changes=() if hull is None else hull_changes(hull),
+        trim=() if hull is None else tuple(trim_of(hull)),
         hull_warning="" if hull is None else hull.warning,
     )
 
@@ -244,12 +239,6 @@ def _has_hull_information(archive: Archive) -> bool:
     if "hull" not in archive.children or platform_or_none(archive) is None:
         return False
     return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
-
-
-def _hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
-    return tuple(
-        HullChange(**asdict(change), above_20_percent=change.probability_above(_FIFTH)) for change in hull_changes(hull)
-    )
 
 
 def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from gliderhpc.platform import Platform
 from gliderhpc.report.recent_hull import RecentHull
+from gliderhpc.report.surfacing_message import Trim
 
 IMPLAUSIBLE = 3.0
 """Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
@@ -36,28 +37,6 @@ class PilotUnit:
     remark: str = ""
 
 
-@dataclass(frozen=True)
-class Trim:
-    """Difference of one quantity from the platform file, from the dives so far.
-
-    Attributes
-    ----------
-    parameter, quantity, unit : str
-        Key in the platform file, name of the quantity, and its unit.
-    difference, difference_std : float
-        Difference from the platform file, and its standard deviation.
-    steps : float
-        The same difference in plausible deviations.
-    """
-
-    parameter: str
-    quantity: str
-    unit: str
-    difference: float
-    difference_std: float
-    steps: float
-
-
 def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     """Return the quantities of a hull that a pilot can change or correct."""
     density, apart = platform.buoyancy.water_density, "last dive minus platform file"
@@ -83,4 +62,11 @@ def trim_of(hull: RecentHull) -> Iterator[Trim]:
         p, steps = mission.parameters[i], float(last.mean[i])
         moved = p.moved(mission.platform, steps) - p.value(mission.platform)
         std = float(last.std[i]) * abs(p.slope(mission.platform, steps))
-        yield Trim(p.key, one.quantity, one.unit, one.scale * moved, abs(one.scale) * std, steps)
+        yield Trim(
+            parameter=p.key,
+            quantity=one.quantity,
+            unit=one.unit,
+            difference=one.scale * moved,
+            difference_std=abs(one.scale) * std,
+            steps=steps,
+        )

@@ -35,20 +35,20 @@ class StudiedProfile:
     ----------
     number, index : int
         Profile number, and position in the archive.
-    row : mapping of str to value
+    table_row : mapping of str to value
         Values for the coordinator: the profile's row of the group's table, and inputs of the mission's function.
-    rows : mapping of str to array_like
+    chunk_rows : mapping of str to array_like
         Profile's rows of the group's other variables; the worker writes them.
     """
 
     number: int
     index: int
-    row: Mapping[str, Any]
-    rows: Mapping[str, ArrayLike] = field(default_factory=dict, kw_only=True)
+    table_row: Mapping[str, Any]
+    chunk_rows: Mapping[str, ArrayLike] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Run:
+class ProfileRun:
     """Profiles that a worker studies one after the other; all runs of a study have the same token."""
 
     token: str
@@ -98,7 +98,7 @@ def run_jobs(
         size = run_length(len(jobs), executor.workers, long=opened is not nullcontext)
         token = uuid.uuid4().hex
         runs = [
-            Run(token, request.archive.resolve(), name, study, tuple(jobs[first : first + size]), inputs, opened)
+            ProfileRun(token, request.archive.resolve(), name, study, tuple(jobs[first : first + size]), inputs, opened)
             for first in range(0, len(jobs), size)
         ]
         for studied in executor.run(study_run, runs):
@@ -121,7 +121,7 @@ def run_length(jobs: int, workers: int, *, long: bool = False) -> int:
     return max(1, min(MAX_RUN, jobs // runs))
 
 
-def study_run(run: Run) -> list[tuple[StudiedProfile, Digests]]:
+def study_run(run: ProfileRun) -> list[tuple[StudiedProfile, Digests]]:
     """Study a run's profiles and write their rows; return the coordinator's part and the digests of the chunks."""
     writer = ArchiveRows(run.archive)
     archive = _archive_of(run.token, run.archive)
@@ -136,9 +136,9 @@ def _archive_of(token: str, archive: Path) -> Archive:
 
 
 def _study_and_write(
-    run: Run, archive: Archive, writer: ArchiveRows, job: Any, inputs: Any
+    run: ProfileRun, archive: Archive, writer: ArchiveRows, job: Any, inputs: Any
 ) -> tuple[StudiedProfile, Digests]:
     result = run.study(archive, job, inputs)
-    if result.rows:
-        writer.write(result.index, run.name, result.rows)
-    return replace(result, rows={}), writer.taken_digests()
+    if result.chunk_rows:
+        writer.write(result.index, run.name, result.chunk_rows)
+    return replace(result, chunk_rows={}), writer.taken_digests()

@@ -273,10 +273,10 @@ class Study:
         if self.profile is None:
             return {}, {}
         estimate = ADJOINT if self.estimate_unused else plan.request.estimate
-        study = partial(study_profile, self.name, self.profile, estimate, plan.settings)
+        study = partial(run_profile_job, self.name, self.profile, estimate, plan.settings)
         jobs = [(number, plan.positions[number]) for number in plan.numbers]
         results, digests = run_jobs(plan.request, self.name, study, jobs, plan.prepared.inputs, self.opened)
-        return {result.number: result.row for result in results}, digests
+        return {result.number: result.table_row for result in results}, digests
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
         """Columns of the study's table: variables with one value per profile, or several along the wide dimensions."""
@@ -286,7 +286,7 @@ class Study:
         return tuple(dict.fromkeys((PROFILE, *self.mission_columns, *own)))
 
 
-def study_profile(
+def run_profile_job(
     name: str,
     profile: ProfileFunction,
     estimate: str,
@@ -303,8 +303,8 @@ def study_profile(
     except ProfileError as error:
         values = {"message": str(error)}
     chunked = {variable.name for variable in study_called(name).variables if variable.is_row}
-    own = {key: value for key, value in values.items() if key in chunked}
-    return StudiedProfile(number, index, {key: values[key] for key in values if key not in chunked}, rows=own)
+    table_row = {key: value for key, value in values.items() if key not in chunked}
+    return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
 
 
 def _joined_rows(rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:

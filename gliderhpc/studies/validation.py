@@ -213,11 +213,11 @@ def validate(
     request = Request(Path(store), executor, report=report)
     inputs = (str(Path(observations.path).resolve()), platform, settings)
     results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
-    write_table_rows(store, {result.index: result.row for result in results}, GROUP)
-    if all("message" in result.row for result in results):
-        raise InputError(f"{store}: no profile could be simulated; {results[0].row['message']}")
+    write_table_rows(store, {result.index: result.table_row for result in results}, GROUP)
+    if all("message" in result.table_row for result in results):
+        raise InputError(f"{store}: no profile could be simulated; {results[0].table_row['message']}")
     write_manifests(store, GROUP, digests)
-    columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.row)))
+    columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.table_row)))
     made = Provenance(
         profiles=tuple(result.number for result in results),
         columns=tuple(columns),
@@ -249,7 +249,7 @@ def fly_profile(
             row, rows = _fly(observations.profile(number), platform, settings)
         except ProfileError as error:
             return StudiedProfile(number, index, {"message": str(error)})
-    return StudiedProfile(number, index, row, rows=rows)
+    return StudiedProfile(number, index, row, rows)
 
 
 def _fly(

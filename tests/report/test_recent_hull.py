@@ -11,7 +11,7 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull as module
 from gliderhpc.report.page.surfacing_page import surfacing_page
-from gliderhpc.report.recent_hull import RecentChange, hull_changes, recent_hull
+from gliderhpc.report.recent_hull import hull_changes, probability_above, recent_hull
 from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
@@ -45,7 +45,7 @@ def test_drag_up_by_a_third_is_told_within_six_dives_and_not_before(swift_store,
     assert before.dives == 12
     assert after.probability > 0.99
     assert after.since == 13
-    assert after.probability_above(0.2) > 0.9 > 0.1 > after.probability_above(0.5)
+    assert after.above_20_percent > 0.9 > 0.1 > probability_above(0.5 * after.first, after.change, after.change_std)
     others = _news_at(swift_store, monkeypatch, 18, course)
     assert max(news.probability for key, news in others.items() if key != "viscous.K_D0") < 0.95
 
@@ -56,9 +56,8 @@ def test_few_dives_bring_no_news(swift_store, monkeypatch):
 
 
 def test_probability_above_is_that_of_the_normal_distribution():
-    news = RecentChange("viscous.K_D0", "drag", "kg/m", 10.0, 0.8, 3.0, 1.0, 5, 9)
-    assert news.probability_above(0.3) == pytest.approx(0.4)
-    assert news.probability_above(0.2) == pytest.approx(0.8 * 0.841345, rel=1e-5)
+    assert probability_above(3.0, 3.0, 1.0) == pytest.approx(0.5)
+    assert probability_above(2.0, 3.0, 1.0) == pytest.approx(0.841345, rel=1e-5)
 
 
 @pytest.mark.compiled
