@@ -23,6 +23,7 @@ from benchmarks.machine import machine_row
 from benchmarks.turbulence_power import DEPTH, PICTURE, SEEDS, gusty, power, power_figure, power_text
 from benchmarks.turbulence_series import COUNT, SERIES, SURROGATES, Figures, known, known_text, rates_text
 from gliderhpc import load_platform
+from gliderhpc.api.studies import analyze_archive
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError, ProfileError
@@ -34,7 +35,6 @@ from gliderhpc.findings.findings import as_plain, markdown, number
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.report.studies import analyze_archive
 from gliderhpc.report.studies.turbulence import LABELS, table_3_text, verdict_text
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.store_schema.columns import FAMILIES

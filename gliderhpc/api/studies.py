@@ -1,6 +1,7 @@
 """Studies of a finished mission, the validation of the forward model, and the drawing of a profile."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,18 +22,21 @@ from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import COLUMNS, Findings, write_findings
+from gliderhpc.findings.findings import COLUMNS, Findings, as_plain, write_findings
+from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
+from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.report.currents_map import currents_map
+from gliderhpc.platform import Platform
 from gliderhpc.report.profile_figure import profile_figure
-from gliderhpc.report.studies import analyze_archive, validate_archive
-from gliderhpc.store_schema import read_attributes
-from gliderhpc.studies.registry import STUDIES
+from gliderhpc.report.studies import show_study
+from gliderhpc.store_schema import read_attributes, restored_on_error, set_study_attributes
+from gliderhpc.studies.registry import STUDIES, run_study
 from gliderhpc.studies.request import Request, archive_on_disk
 from gliderhpc.studies.validation import GROUP
+from gliderhpc.studies.validation import validate as run_validation
 from gliderhpc.wording import python_words, speaks_python
 
 if TYPE_CHECKING:
@@ -103,6 +107,63 @@ class StudyFindings:
         return write_findings(self.findings, self.study, folder)
 
 
+def analyze_archive(name: str, request: Request) -> Findings:
+    """Run one study; if it fails, the group of an earlier run in the archive is not changed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study, in `gliderhpc.studies.registry.STUDIES`.
+    request : Request
+        Archive, workers, estimate, profiles and inputs.
+
+    Returns
+    -------
+    Findings
+        Tables, figures and comparisons; facts and comparisons are also stored with the study's group.
+
+    Raises
+    ------
+    InputError
+        The study is unknown, or the request lacks one of its inputs.
+    """
+    with restored_on_error(request.archive, name):
+        run_study(name, request)
+        return _findings(name, request.archive)
+
+
+def validate_archive(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    store: str | Path,
+    executor: Callable[[], AbstractContextManager[Executor]],
+    *,
+    profiles: str | None = None,
+    quick: bool = False,
+    report: Callable[[int], None] = lambda _: None,
+) -> Findings:
+    """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
+
+    Raises
+    ------
+    InputError
+        The archive was made from other observations or on other axes, or has no such profile.
+    """
+    with restored_on_error(store, GROUP):
+        run_validation(observations, platform, settings, store, executor, profiles=profiles, quick=quick, report=report)
+        return _findings(GROUP, store)
+
+
+def _findings(name: str, store: str | Path) -> Findings:
+    """Make a study's findings, and store their facts and comparisons as attributes of its group."""
+    with open_for_reading(store) as archive:
+        findings = show_study(name, archive)
+    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(store, name, as_plain(found))
+    return findings
+
+
 @speaks_python
 def analyze(
     store: str | Path,
@@ -167,15 +228,15 @@ def analyze(
     request = Request(
         archive,
         executor,
-        profiles_text(profiles),
-        quick,
-        estimate,
-        _path(observations),
-        _path(truth),
-        _path(budget),
-        tuple(map(str, given)),
-        _path(reference),
-        assignments_of(named, f"{study}."),
+        profiles=profiles_text(profiles),
+        quick=quick,
+        estimate=estimate,
+        observations=_path(observations),
+        truth=_path(truth),
+        budget=_path(budget),
+        models=tuple(map(str, given)),
+        reference=_path(reference),
+        assignments=assignments_of(named, f"{study}."),
     )
     # An unreadable archive is reported before the lock is taken.
     with archive_errors(archive), open_for_reading(archive):
@@ -292,6 +353,8 @@ def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     InputError
         No profile has a current.
     """
+    from gliderhpc.report.currents_map import currents_map
+
     return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 

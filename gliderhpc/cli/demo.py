@@ -11,6 +11,7 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.api.currents import currents
+from gliderhpc.api.studies import analyze_archive, validate_archive
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import echo
@@ -28,7 +29,6 @@ from gliderhpc.output_files import check_folder
 from gliderhpc.platform import Platform
 from gliderhpc.report.accuracy import accuracy_table, render
 from gliderhpc.report.page import Written, write_mission_page
-from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES

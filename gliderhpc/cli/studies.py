@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from gliderhpc.api.studies import analyze_archive, validate_archive
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
@@ -19,7 +20,6 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_folder
-from gliderhpc.report.studies import analyze_archive, validate_archive
 from gliderhpc.store_schema import read_attributes
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
@@ -115,16 +115,16 @@ def analyze(
         request = Request(
             archive,
             executor,
-            profiles,
-            quick,
-            estimate,
-            observations,
-            truth,
-            budget,
-            models,
-            reference,
-            _check_study_names(assignments),
-            lambda _: advance(),
+            profiles=profiles,
+            quick=quick,
+            estimate=estimate,
+            observations=observations,
+            truth=truth,
+            budget=budget,
+            models=models,
+            reference=reference,
+            assignments=_check_study_names(assignments),
+            report=lambda _: advance(),
         )
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)

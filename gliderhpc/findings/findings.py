@@ -291,14 +291,15 @@ def _write_text(path: Path, text: str) -> Path:
 
 def archive_findings(
     study: str,
+    *,
     comparisons: Sequence[Comparison],
     tables: Mapping[str, pd.DataFrame],
     figures: Mapping[str, Callable[[], Figure]],
     facts: Mapping[str, Any],
     failed: Mapping[int, str],
-    remarks: tuple[str, ...] = (),
-    *,
     captions: Mapping[str, str],
+    remarks: tuple[str, ...] = (),
+    documents: Mapping[str, str] | None = None,
 ) -> Findings:
     """Assemble the findings of a study of an archive: one table of comparisons, and JSON content with it and the facts.
 
@@ -318,6 +319,7 @@ def archive_findings(
         failed=failed,
         remarks=remarks,
         captions={stem: captions[stem] for stem in (*figures, *tables)},
+        documents=documents or {},
     )
 
 

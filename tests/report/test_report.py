@@ -16,6 +16,7 @@ from support.browser import DESKTOP, PHONE
 from support.missions import program
 from support.report_pages import read
 
+from gliderhpc.api.studies import analyze_archive
 from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
@@ -30,7 +31,7 @@ from gliderhpc.report.page.mission_figures import MissionTable, map_figure, roun
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import run_command
-from gliderhpc.report.studies import SHOWN, analyze_archive
+from gliderhpc.report.studies import SHOWN
 from gliderhpc.simulator import load_scenario
 from gliderhpc.store_schema import consolidate, create_archive
 

@@ -169,12 +169,12 @@ def test_findings_of_an_archive(tmp_path):
     table = pd.DataFrame({"profile": [1, 2], "rmse": [0.25, np.nan]})
     findings = archive_findings(
         "study",
-        ROWS,
-        {"profiles": table},
-        {},
-        {"missing": float("nan")},
-        {3: "no fix"},
-        ("no truth",),
+        comparisons=ROWS,
+        tables={"profiles": table},
+        figures={},
+        facts={"missing": float("nan")},
+        failed={3: "no fix"},
+        remarks=("no truth",),
         captions={"profiles": "how they were made", "figure_1": "of what is not there"},
     )
     assert findings.comparisons == {"study": ROWS}
@@ -200,7 +200,9 @@ def test_every_study_has_its_group_and_its_name():
 
 def test_a_figure_without_a_caption_is_refused():
     with pytest.raises(KeyError, match="profiles"):
-        archive_findings("study", ROWS, {"profiles": pd.DataFrame()}, {}, {}, {}, captions={})
+        archive_findings(
+            "study", comparisons=ROWS, tables={"profiles": pd.DataFrame()}, figures={}, facts={}, failed={}, captions={}
+        )
 
 
 MADE = Provenance((2, 5), ("profile", "elapsed_days", "pitch_rmse", "message"), "none", False, {"step": 0.1}, ("so",))

@@ -6,83 +6,17 @@ only its table.
 
 import importlib
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from importlib.util import find_spec
-from pathlib import Path
 
-from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import Findings, archive_findings, as_plain
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import Observations
-from gliderhpc.platform import Platform
+from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data
-from gliderhpc.store_schema import restored_on_error, set_study_attributes
 from gliderhpc.store_schema.schema import COMPLETE, study_called
 from gliderhpc.studies.archived import column_medians, failed_profiles, provenance_of, study_table
-from gliderhpc.studies.registry import STUDIES, load_study, run_study
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.registry import STUDIES, load_study
 from gliderhpc.studies.validation import GROUP as VALIDATION
-from gliderhpc.studies.validation import TITLE, validate
-
-
-def analyze_archive(name: str, request: Request) -> Findings:
-    """Run one study; if it fails, the group of an earlier run in the archive is not changed.
-
-    Parameters
-    ----------
-    name : str
-        Name of the study, in `gliderhpc.studies.registry.STUDIES`.
-    request : Request
-        Archive, workers, estimate, profiles and inputs.
-
-    Returns
-    -------
-    Findings
-        Tables, figures and comparisons; facts and comparisons are also stored with the study's group.
-
-    Raises
-    ------
-    InputError
-        The study is unknown, or the request lacks one of its inputs.
-    """
-    with restored_on_error(request.archive, name):
-        run_study(name, request)
-        return _findings(name, request.archive)
-
-
-def validate_archive(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    store: str | Path,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    *,
-    profiles: str | None = None,
-    quick: bool = False,
-    report: Callable[[int], None] = lambda _: None,
-) -> Findings:
-    """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
-
-    Raises
-    ------
-    InputError
-        The archive was made from other observations or on other axes, or has no such profile.
-    """
-    with restored_on_error(store, VALIDATION):
-        validate(observations, platform, settings, store, executor, profiles=profiles, quick=quick, report=report)
-        return _findings(VALIDATION, store)
-
-
-def _findings(name: str, store: str | Path) -> Findings:
-    """Make a study's findings, and store their facts and comparisons as attributes of its group."""
-    with open_for_reading(store) as archive:
-        findings = show_study(name, archive)
-    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
-    set_study_attributes(store, name, as_plain(found))
-    return findings
+from gliderhpc.studies.validation import TITLE
 
 
 def show_table(name: str, archive: Archive) -> Findings:
@@ -97,7 +31,16 @@ def show_table(name: str, archive: Archive) -> Findings:
     )
     caption = f"One row per profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
     facts = {"profiles": list(made.profiles), "quick": made.quick, "medians": column_medians(known)}
-    return archive_findings(name, (), {name: table}, {}, facts, failed, made.remarks, captions={name: caption})
+    return archive_findings(
+        name,
+        comparisons=(),
+        tables={name: table},
+        figures={},
+        facts=facts,
+        failed=failed,
+        remarks=made.remarks,
+        captions={name: caption},
+    )
 
 
 SHOWN = (VALIDATION, *STUDIES)

@@ -293,12 +293,12 @@ def show(archive: Archive) -> Findings:
     figures = {stem: partial(_figure_7_of, archive, number, made.estimate, settings) for stem, number in drawn.items()}
     return archive_findings(
         NAME,
-        _comparisons(table),
-        {"currents": table},
-        figures,
-        facts,
-        {},
-        remarks,
+        comparisons=_comparisons(table),
+        tables={"currents": table},
+        figures=figures,
+        facts=facts,
+        failed={},
+        remarks=remarks,
         captions=captions(made, table, settings, drawn),
     )
 

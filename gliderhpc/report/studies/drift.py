@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -269,21 +268,21 @@ def show(archive: Archive) -> Findings:
     }
     by_medians = verdict_lines(found.verdict, found.primary, increase)
     remarks = (*made.remarks, *_inputs(found), *by_medians, *_by_information(archive, found))
-    findings = archive_findings(
-        NAME,
-        comparisons(found.trends, found.verdict, slopes, found.check, increase),
-        tables,
-        figures,
-        facts,
-        failed_profiles(table)[0],
-        remarks,
-        captions=captions(made, table, found, settings, band, segments),
-    )
     documents = {
         "table_5.md": table_5_text(rows_5),
         "table_6.md": table_6_text(rows_6, settings.coefficients, found.check),
     }
-    return replace(findings, documents=documents)
+    return archive_findings(
+        NAME,
+        comparisons=comparisons(found.trends, found.verdict, slopes, found.check, increase),
+        tables=tables,
+        figures=figures,
+        facts=facts,
+        failed=failed_profiles(table)[0],
+        remarks=remarks,
+        captions=captions(made, table, found, settings, band, segments),
+        documents=documents,
+    )
 
 
 def _inputs(found: DriftFindings) -> tuple[str, ...]:

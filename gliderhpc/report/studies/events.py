@@ -60,12 +60,12 @@ def show(archive: Archive) -> Findings:
     listed = events.assign(time=[str(time) for time in events["time"]])
     return archive_findings(
         NAME,
-        _comparisons(studied, strongest, settings, floor),
-        {"events": listed, "strongest": listed.head(settings.strongest), "profiles": table},
-        {"events": partial(events_figure, events, settings, floor, mission_of(archive))} if len(events) else {},
-        facts,
-        failed,
-        remarks,
+        comparisons=_comparisons(studied, strongest, settings, floor),
+        tables={"events": listed, "strongest": listed.head(settings.strongest), "profiles": table},
+        figures={"events": partial(events_figure, events, settings, floor, mission_of(archive))} if len(events) else {},
+        facts=facts,
+        failed=failed,
+        remarks=remarks,
         captions=_captions(made, events, settings, floor, ranked_by),
     )
 

@@ -261,12 +261,12 @@ def show(archive: Archive) -> Findings:
     data = describe_data(made, known["profile"].astype(int).tolist())
     return archive_findings(
         NAME,
-        comparisons,
-        {"parameters": parameters, "changes": change_table(history), "profiles": table},
-        {"hull": partial(hull_figure, history, mission_of(archive))},
-        facts,
-        failed,
-        (*verdict, *implausible_lines(parameters), *made.remarks),
+        comparisons=comparisons,
+        tables={"parameters": parameters, "changes": change_table(history), "profiles": table},
+        figures={"hull": partial(hull_figure, history, mission_of(archive))},
+        facts=facts,
+        failed=failed,
+        remarks=(*verdict, *implausible_lines(parameters), *made.remarks),
         captions=_captions(parameters, data),
     )
 

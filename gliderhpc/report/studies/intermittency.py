@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -59,17 +58,17 @@ def show(archive: Archive) -> Findings:
     if verdict.gaussianity is not None:
         tables["gaussianity"] = _gaussianity(archive, numbers)
     about_band = band_remarks(table, settings, series_step(archive, made.estimate))
-    findings = archive_findings(
+    return archive_findings(
         NAME,
-        ensemble_comparisons(ensembles),
-        tables,
-        {"figure_6": partial(figure_6, archive, studied, settings)} if len(studied) else {},
-        facts,
-        failed,
-        (*made.remarks, *about_band, *_noise_remarks(verdict, studied), *null_remarks, verdict.sentence),
+        comparisons=ensemble_comparisons(ensembles),
+        tables=tables,
+        figures={"figure_6": partial(figure_6, archive, studied, settings)} if len(studied) else {},
+        facts=facts,
+        failed=failed,
+        remarks=(*made.remarks, *about_band, *_noise_remarks(verdict, studied), *null_remarks, verdict.sentence),
         captions=_captions(made, table, ensembles),
+        documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)},
     )
-    return replace(findings, documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)})
 
 
 def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:

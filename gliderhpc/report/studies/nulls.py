@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -59,17 +58,17 @@ def show(archive: Archive) -> Findings:
         remarks = (*remarks, verdict.sentence)
         text += "\n" + verdict_text(verdict)
     known = np.isfinite(nulls["peak"]).any()
-    findings = archive_findings(
+    return archive_findings(
         NAME,
-        ensemble_comparisons(ensembles),
-        {"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
-        {"nulls": partial(nulls_figure, ensembles, mission_of(archive))} if known else {},
-        facts,
-        {},
-        remarks,
+        comparisons=ensemble_comparisons(ensembles),
+        tables={"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
+        figures={"nulls": partial(nulls_figure, ensembles, mission_of(archive))} if known else {},
+        facts=facts,
+        failed={},
+        remarks=remarks,
         captions=_captions(made, ensembles, settings),
+        documents={"verdict.md": text},
     )
-    return replace(findings, documents={"verdict.md": text})
 
 
 def _comparable_profiles(

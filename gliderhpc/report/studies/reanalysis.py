@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -214,17 +213,17 @@ def show(archive: Archive) -> Findings:
     facts = shared_facts(made) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
     by_study = has_currents_study(archive, made.estimate)
     other = () if by_study == stored_attribute(archive, NAME, "ellipses_of_study") else (_OTHER_ELLIPSES,)
-    findings = archive_findings(
+    return archive_findings(
         NAME,
-        comparisons(compared, found),
-        {"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
-        {"figure_8": partial(figure_8, compared, places, mission_of(archive))} if places else {},
-        facts,
-        {},
-        (*made.remarks, *other, *_left_out(table)),
+        comparisons=comparisons(compared, found),
+        tables={"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
+        figures={"figure_8": partial(figure_8, compared, places, mission_of(archive))} if places else {},
+        facts=facts,
+        failed={},
+        remarks=(*made.remarks, *other, *_left_out(table)),
         captions=captions(made, compared, places, by_study=by_study),
+        documents={"table_4.md": table_4_text(nine)},
     )
-    return replace(findings, documents={"table_4.md": table_4_text(nine)})
 
 
 def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:

@@ -253,11 +253,11 @@ def show(archive: Archive) -> Findings:
     facts = shared_facts(made) | {"medians": column_medians(table)}
     return archive_findings(
         NAME,
-        comparisons(table, channels, impulses, platform, made.estimate),
-        tables,
-        figures,
-        facts,
-        failed_profiles(table)[0],
-        (*made.remarks, *remarks),
+        comparisons=comparisons(table, channels, impulses, platform, made.estimate),
+        tables=tables,
+        figures=figures,
+        facts=facts,
+        failed=failed_profiles(table)[0],
+        remarks=(*made.remarks, *remarks),
         captions=captions(made, table, channels, impulses, drawn),
     )

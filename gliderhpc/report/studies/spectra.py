@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -57,17 +56,17 @@ def show(archive: Archive) -> Findings:
         "group_means": as_plain(_group_means(studied)),
     }
     by_depth = table_1(studied)
-    findings = archive_findings(
+    return archive_findings(
         NAME,
-        comparisons(studied),
-        {"table_1": pd.DataFrame(by_depth), "profiles": table},
-        {"figure_4": partial(figure_4, archive, studied, settings)} if len(studied) else {},
-        facts,
-        failed,
-        made.remarks + band_remarks(table, settings, series_step(archive, made.estimate)),
+        comparisons=comparisons(studied),
+        tables={"table_1": pd.DataFrame(by_depth), "profiles": table},
+        figures={"figure_4": partial(figure_4, archive, studied, settings)} if len(studied) else {},
+        facts=facts,
+        failed=failed,
+        remarks=made.remarks + band_remarks(table, settings, series_step(archive, made.estimate)),
         captions=_captions(made, table, studied, settings),
+        documents={"table_1.md": table_1_text(by_depth)} if by_depth else {},
     )
-    return replace(findings, documents={"table_1.md": table_1_text(by_depth)} if by_depth else {})
 
 
 # Captions

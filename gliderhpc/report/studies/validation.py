@@ -245,11 +245,11 @@ def show(archive: Archive) -> Findings:
     }
     return archive_findings(
         GROUP,
-        comparisons(table, trend),
-        {"profiles": table},
-        {"figure_1": partial(figure_1, archive, table, trend)},
-        facts,
-        failed,
-        made.remarks,
+        comparisons=comparisons(table, trend),
+        tables={"profiles": table},
+        figures={"figure_1": partial(figure_1, archive, table, trend)},
+        facts=facts,
+        failed=failed,
+        remarks=made.remarks,
         captions=captions(made, table, trend, platform),
     )

@@ -258,12 +258,12 @@ def show(archive: Archive) -> Findings:
     }
     return archive_findings(
         NAME,
-        comparisons(known, errors),
-        {"profiles": table},
-        {"vertical": partial(vertical_figure, archive, known)},
-        facts,
-        failed,
-        made.remarks + remarks_on(known, errors),
+        comparisons=comparisons(known, errors),
+        tables={"profiles": table},
+        figures={"vertical": partial(vertical_figure, archive, known)},
+        facts=facts,
+        failed=failed,
+        remarks=made.remarks + remarks_on(known, errors),
         captions=_captions(made, known, errors, by_density=by_density),
     )
 
