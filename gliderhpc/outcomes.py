@@ -13,6 +13,11 @@ class Outcome(IntEnum):
     NO_DATA = 4
 
     @property
+    def label(self) -> str:
+        """Name in lower case with spaces, such as ``iteration limit``."""
+        return self.name.lower().replace("_", " ")
+
+    @property
     def sentence(self) -> str:
         """Sentence that describes the outcome."""
         return _SENTENCES[self]

@@ -15,12 +15,13 @@ from gliderhpc.api.studies import analyze_archive, validate_archive
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import echo
+from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.run import MissionResult, closing_line, run_mission, summary_table
+from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import compile_in_background, is_compiled
 from gliderhpc.observations import open_observations

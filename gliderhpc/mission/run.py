@@ -1,7 +1,6 @@
-"""Run of a mission: estimation of all chosen profiles into an archive, or of one in memory; summary of the run."""
+"""Run of a mission: estimation of all chosen profiles into an archive, or of one in memory."""
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -11,10 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.table import Table
-from rich.text import Text
 
-from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import check_engine
@@ -301,69 +297,3 @@ def invert_profile(
         with open_mission(place) as archive:
             tree = archive.load()
     return tree.drop_nodes(COMMITS)
-
-
-_MESSAGE_WIDTH = 60
-
-
-def summary_table(result: MissionResult) -> Table:
-    """Return a table of a run's profiles."""
-    table = Table(
-        title="Profiles",
-        title_justify="left",
-        caption="current from the smoother; a: from the adjoint, where the smoother has none",
-        caption_justify="left",
-    )
-    for heading in ("profile", "status", "depth m", "hours", "windows", "converged", "current N m/s", "E m/s", "s"):
-        table.add_column(heading, justify="left" if heading == "status" else "right", no_wrap=True)
-    table.add_column("message", max_width=_MESSAGE_WIDTH, overflow="fold")
-    for number, row in sorted(result.rows.items()):
-        table.add_row(
-            str(number),
-            row["status"],
-            _number(row, "max_depth", ".0f"),
-            _number(row, "duration", ".2f", 1.0 / 3600.0),
-            _number(row, "window_count", "d"),
-            _number(row, "converged_fraction", ".0%"),
-            *_current(row),
-            _number(row, "run_seconds", ".1f"),
-            Text(row.get("message", "")),
-        )
-    return table
-
-
-def closing_line(result: MissionResult, store: str) -> str:
-    """Summarise a run in one line: counts of profiles, median current, duration and archive."""
-    done = [row for row in result.rows.values() if row["status"] == "done"]
-    parts = [f"{len(done)} of {len(result.rows)} profiles done"]
-    if result.reused:
-        parts[0] += f" ({len(result.reused)} of them in an earlier run)"
-    if result.failed:
-        parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
-    current = adopted_current(columns_of(done))
-    if current.known.any():
-        speed = np.median(np.hypot(current.north, current.east)[current.known])
-        parts.append(f"median current {speed:.3f} m/s over {current.known.sum()} profiles ({current.label})")
-    return f"{'; '.join(parts)}; {result.seconds:.1f} s; {store}"
-
-
-def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:
-    """Collect the columns ``dac_*`` of rows; NaN where a row has no such value."""
-    names = dict.fromkeys(name for row in rows for name in row if name.startswith("dac_"))
-    return {name: [row.get(name, np.nan) for row in rows] for name in names}
-
-
-def _current(row: Row) -> tuple[str, str]:
-    """Format north and east of the adopted current, with a mark if it is not the smoother's."""
-    current = adopted_current(row)
-    if not current.known:
-        return "-", "-"
-    mark = "" if current.smoothed else " a"
-    return f"{float(current.north):+.3f}{mark}", f"{float(current.east):+.3f}{mark}"
-
-
-def _number(row: Row, name: str, form: str, factor: float = 1.0) -> str:
-    value = row.get(name)
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    return format(value * factor if factor != 1.0 else value, form)

@@ -22,10 +22,11 @@ from gliderhpc.cli.main import SUMMARIES, VERBS
 from gliderhpc.cli.main import program as verbs
 from gliderhpc.cli.messages import print_left_out
 from gliderhpc.cli.records import _print_findings
+from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.cli.studies import write_and_print
 from gliderhpc.findings.findings import Findings
 from gliderhpc.mission import run as mission_run
-from gliderhpc.mission.run import MissionResult, closing_line, summary_table
+from gliderhpc.mission.run import MissionResult
 from gliderhpc.platform import platform_text
 from gliderhpc.studies.registry import STUDIES
 from gliderhpc.tuning.record_checks import Inspection

@@ -15,7 +15,6 @@ from gliderhpc.report.page.mission_figures import (
     profiles_figure,
     timing_figure,
 )
-from gliderhpc.report.page.profile_figures import outcome_name
 from gliderhpc.store_schema import STATUS
 
 
@@ -84,7 +83,7 @@ def window_outcomes(archive: Archive) -> list[Row]:
     return [
         {
             "what": "windows",
-            "outcome": outcome_name(outcome),
+            "outcome": outcome.label,
             "count": int((known == outcome).sum()),
             "share, %": 100.0 * float((known == outcome).sum()) / max(1, known.size),
             "meaning": outcome.sentence,

@@ -136,16 +136,11 @@ def window_rows(windows: pd.DataFrame) -> list[Row]:
             "window": index,
             "start, s": row["start"],
             "stop, s": row["stop"],
-            "outcome": outcome_name(Outcome(int(row["outcome"]))),
+            "outcome": Outcome(int(row["outcome"])).label,
             **{name.replace("_", " "): row[name] for name in _COLUMNS},
         }
         for index, row in enumerate(windows.to_dict("records"))
     ]
-
-
-def outcome_name(outcome: Outcome) -> str:
-    """Return the name of an outcome for tables and legends."""
-    return outcome.name.lower().replace("_", " ")
 
 
 def windows_figure(data: ProfileData, windows: pd.DataFrame) -> Figure:
@@ -173,5 +168,5 @@ def _draw(axes: Axes, windows: pd.DataFrame, name: str) -> None:
     for outcome, (colour, mark) in _MARKS.items():
         chosen = windows["outcome"] == outcome
         if chosen.any():
-            title = outcome_name(outcome)
+            title = outcome.label
             axes.plot(middle[chosen], windows.loc[chosen, name], mark, color=colour, markersize=3.5, label=title)

@@ -119,7 +119,7 @@ def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...
 def _describe_outcomes(windows: pd.DataFrame) -> str:
     counts = {outcome: int((windows["outcome"] == outcome).sum()) for outcome in Outcome}
     return " ".join(
-        f"{outcome.name.capitalize().replace('_', ' ')} ({outcome.sentence}): {count} of {len(windows)}."
+        f"{outcome.label.capitalize()} ({outcome.sentence}): {count} of {len(windows)}."
         for outcome, count in counts.items()
         if count
     )
