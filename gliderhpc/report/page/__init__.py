@@ -1,33 +1,16 @@
-"""Report of a mission or of one profile: one self-contained HTML page, with its tables and figures as files."""
+"""Reports of a mission, a profile or a fleet: self-contained HTML pages, with their tables and figures as files."""
 
-import datetime
-import shlex
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
-from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
-from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.output_files import check_folder
-from gliderhpc.platform import platform_yaml
-from gliderhpc.report.facts import platform_name
-from gliderhpc.report.page.answers import answers_section
-from gliderhpc.report.page.content import Page, Section, drawn
 from gliderhpc.report.page.fleet import write_fleet
-from gliderhpc.report.page.overview import overview_section
-from gliderhpc.report.page.profile_page import profile_page, representative_section
-from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
-from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
+from gliderhpc.report.page.mission_page import write_mission_page, write_profile_page
+from gliderhpc.report.page.rendering import Written
 from gliderhpc.store_schema.place import Place, is_address
-from gliderhpc.studies.archived import platform_or_none
-from gliderhpc.version import __version__
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
-
-MISSION_PAGE = "index.html"
 
 
 def write_report(
@@ -79,139 +62,8 @@ def write_report(
     twins, truth = (None if path is None else Path(path) for path in (twins, truth))
     check_folder(folder)
     if len(places) > 1:
-        return write_fleet(places, folder, MISSION_PAGE, _made, write_mission_page)
+        return write_fleet(places, folder)
     place = places[0]
     if profile is None:
         return write_mission_page(place, folder, twins, truth)
     return write_profile_page(place, profile, folder, truth)
-
-
-def write_mission_page(
-    place: Place,
-    out: Path,
-    twins: Path | None = None,
-    truth: Path | None = None,
-    executor: Executor | None = None,
-) -> Written:
-    """Write the page of a mission, its tables and its figures.
-
-    Parameters
-    ----------
-    place : str or Path
-        The archive.
-    out : Path
-        Folder for ``index.html``, ``*.csv``, ``*.png`` and ``*.svg``; created if missing.
-    twins : Path, optional
-        Output folder of ``twin windows``, for a section of the page.
-    truth : Path, optional
-        Truth of a synthetic mission, for the representative profile.
-    executor : Executor, optional
-        Executor whose workers make the sections; by default this process.
-
-    Raises
-    ------
-    InputError
-        Archive, twins or truth cannot be read, or the folder cannot be written.
-    """
-    summary = describe(place)
-    with archive_errors(place), open_for_reading(place) as archive:
-        page = mission_page(archive, summary, place, out, twins, truth, executor or SerialExecutor())
-        written = write_page(page, out, MISSION_PAGE, _made(place))
-        _write_platform(archive, out)
-    return written
-
-
-def mission_page(
-    archive: Archive,
-    summary: Summary,
-    place: Place,
-    out: Path,
-    twins: Path | None,
-    truth: Path | None,
-    executor: Executor,
-) -> Page:
-    """Assemble the mission's page: answers, overview, representative profile, every study, and reproduction."""
-    example = f"{_command(place, out, None, truth)} --profile N"
-    # First, since a wrong folder of twins should not be refused only after everything is drawn.
-    windows = windows_section(twins, platform_option(archive))
-    short, overview, representative, *studies = _drawn_sections(
-        place,
-        (
-            partial(answers_section, summary=summary),
-            partial(overview_section, summary=summary),
-            partial(representative_section, command=example, truth=truth),
-            *(partial(study_section, name, summary=summary, place=place) for name in study_names()),
-        ),
-        executor,
-    )
-    sections = (
-        short,
-        overview,
-        representative,
-        published_section(archive, twins is not None),
-        *studies,
-        windows,
-        provenance_section(archive, place, _command(place, out, twins, truth)),
-    )
-    attributes = summary.attributes
-    present = tuple(section for section in sections if section is not None)
-    return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), present)
-
-
-MakeSection = Callable[..., Section | None]
-"""Function that makes a section, or None, from an archive passed as the keyword argument `archive`."""
-
-
-def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[Section | None]:
-    """Make sections of an archive, with their figures drawn, on the workers of an executor."""
-    found = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
-    return [found[index] for index in range(len(makers))]
-
-
-def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
-    """Make one section, as the job of a worker."""
-    index, make = job
-    with archive_errors(place), open_for_reading(place) as archive:
-        section = make(archive=archive)
-        return index, None if section is None else drawn(section)
-
-
-def write_profile_page(place: Place, number: int, out: Path, truth: Path | None = None) -> Written:
-    """Write the page of one profile, ``profile_N.html``, into the folder of the mission's page.
-
-    Raises
-    ------
-    InputError
-        The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
-    """
-    with archive_errors(place), open_for_reading(place) as archive:
-        command = f"{_command(place, out, None, truth)} --profile {number}"
-        page = profile_page(archive, number, place, command, truth)
-        written = write_page(page, out, f"profile_{number}.html", _made(place))
-        _write_platform(archive, out)
-    return written
-
-
-def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) -> str:
-    """Return the command that reproduces a page."""
-    given = {"--out": out, "--twins": twins, "--truth": truth}
-    options = [f"{name} {shlex.quote(str(path))}" for name, path in given.items() if path is not None]
-    return " ".join(["gliderhpc report", shlex.quote(str(place)), *options])
-
-
-def _subtitle(summary: Summary) -> str:
-    count = sum(summary.statuses.values())
-    done = summary.statuses.get("done", 0)
-    return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {count} profiles"
-
-
-def _made(source: Place) -> str:
-    now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return f"Made by gliderhpc {__version__} from {source} on {now}."
-
-
-def _write_platform(archive: Archive, out: Path) -> None:
-    """Write the platform file, which the page's commands need, if no shipped platform is the same."""
-    platform = platform_or_none(archive)
-    if platform is not None and platform_option(archive) == PLATFORM_FILE:
-        (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")

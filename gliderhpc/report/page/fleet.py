@@ -6,7 +6,7 @@ import itertools
 import os
 import shlex
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
@@ -16,6 +16,7 @@ from gliderhpc.report.page.anomalies import POORLY_CONVERGED
 from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
+from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing import PROBABILITY
 from gliderhpc.store_schema.place import Place, absolute, is_address
@@ -44,7 +45,6 @@ class _Member:
     number: int
     place: Place
     folder: str
-    page: str
     state: MissionState | None = None
     fault: str = ""
 
@@ -57,7 +57,7 @@ class _Member:
         title = f"{self.number}  {self.folder}"
         if self.state is None:
             return RosterEntry(title, str(self.place), None, {}, self.fault)
-        address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{self.page}"
+        address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{MISSION_PAGE}"
         cells = self.state.cells
         if self.fault:
             cells = {**cells, "anomalies": (f"no separate page: {self.fault}", *self.state.anomalies)}
@@ -74,13 +74,7 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def write_fleet(
-    places: Sequence[Place],
-    out: Path,
-    page: str,
-    made: Callable[[str], str],
-    write_mission: Callable[[Place, Path], object],
-) -> Written:
+def write_fleet(places: Sequence[Place], out: Path) -> Written:
     """Write the page of every mission into a separate folder, and the page of the fleet.
 
     Parameters
@@ -89,12 +83,6 @@ def write_fleet(
         At least two archives.
     out : Path
         Folder for the fleet's page and the missions' folders.
-    page : str
-        File name of the fleet's page and of each mission's page.
-    made : callable
-        Function that makes the line at the foot of the page from a description of its source.
-    write_mission : callable
-        Function that writes the page of an archive into a folder.
 
     Returns
     -------
@@ -110,12 +98,12 @@ def write_fleet(
     names = folder_names(places)
     _check_apart(places, [out, *(out / name for name in names)])
     members = [
-        _report_member(_Member(number, place, name, page), out, write_mission)
+        _report_member(_Member(number, place, name), out)
         for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
     ]
     if all(member.state is None for member in members):
         raise InputError(f"none of the {len(members)} archives can be read; the first: {members[0].fault}")
-    written = write_page(_fleet_page(members, out), out, page, made(f"{len(places)} archives"))
+    written = write_page(_fleet_page(members, out), out, MISSION_PAGE, made_line(f"{len(places)} archives"))
     return replace(written, failed=tuple(member.fault for member in members if member.fault))
 
 
@@ -179,11 +167,11 @@ def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
             raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
 
 
-def _report_member(member: _Member, out: Path, write_mission: Callable[[Place, Path], object]) -> _Member:
+def _report_member(member: _Member, out: Path) -> _Member:
     """Read the state of a mission and write its page; record the reason if the archive cannot be used."""
     try:
         member = replace(member, state=read_state(member.place))
-        write_mission(member.place, out / member.folder)
+        write_mission_page(member.place, out / member.folder)
     except InputError as error:
         return replace(member, fault=str(error))
     return member
