@@ -116,7 +116,7 @@ class Sensors(Section):
     heading_offset: Number = Field(default=0.0, ge=-180, le=180, description="subtracted from the heading, degree")
     heading_deviation: tuple[Number, Number, Number, Number] = Field(
         default=(0.0, 0.0, 0.0, 0.0),
-        description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
+        description="subtracted from the heading: factors of sin, cos, sin 2 and cos 2 of the heading, degree",
     )
     depth_lag: Number = Field(default=0.0, description="delay of the recorded depth behind the attitude, s")
     actuator_lag: Number = Field(

@@ -44,7 +44,7 @@ _out = click.option(
 @options.platform
 @_out
 @click.option(
-    "--profiles", metavar="LIST", help="Profiles to use, such as 18:20,68; by default some, spread over the mission."
+    "--profiles", metavar="LIST", help="Profiles to use, such as 18:20,68; by default a subset across the mission."
 )
 @click.option(
     "--hold-out",
@@ -55,7 +55,7 @@ _out = click.option(
     "--history",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.csv",
-    help="With rounds over the dives: also write the parameters of each dive, from all dives and from those up to it.",
+    help="With rounds over the dives: also write each dive's parameters, from all dives and from the dives up to it.",
 )
 @click.option(
     "--tune",
@@ -193,7 +193,7 @@ log = logging.getLogger("gliderhpc.tune")
 @click.option(
     "--profiles",
     metavar="LIST",
-    help="Profiles to tune on, such as 18:20,68; by default some, spread over the mission.",
+    help="Profiles to tune on, such as 18:20,68; by default a subset across the mission.",
 )
 @options.assignments
 @options.overwrite

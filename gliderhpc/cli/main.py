@@ -54,7 +54,7 @@ SUMMARIES = {
     "inspect": "Check records for errors of sensors and clocks.",
     "calibrate": "Fit a hull's trim and drag to its steady glides.",
     "tune": "Estimate the prior of the disturbances from records.",
-    "validate": "Compare a model with fixed coefficients with records.",
+    "validate": "Compare the open-loop flight model with records.",
     "analyze": "Run one or all studies on a finished mission.",
     "report": "Write one or several missions as HTML pages.",
     "check": "Check that an archive is complete and undamaged.",

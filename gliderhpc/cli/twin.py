@@ -69,7 +69,7 @@ def twin() -> None:
 @_PLATFORMS
 @_common
 def windows(platforms: tuple[str, ...], **how: Any) -> int:
-    """Window length, margin, handover and transform compared with the truth (Figure 5).
+    """Effect of window length, margin, handover and transform on the errors (Figure 5).
 
     \b
     Example:

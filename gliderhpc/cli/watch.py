@@ -53,7 +53,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     type=options.Finite(0.1, _DAY),
     default=30.0,
     show_default=True,
-    help="Seconds between listings of SOURCE; a file unchanged in two successive ones is used.",
+    help="Seconds between checks of SOURCE; a file is used once two successive checks find it unchanged.",
 )
 @click.option("--kind", type=options.Choice(KINDS), help="Kind of the files.  [default: by name and content]")
 @click.option(
@@ -74,7 +74,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     "alerts_file",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.yaml",
-    help="Rules, and the command or address to notify when a dive breaks one.",
+    help="Alert rules, and the command or address to notify when a dive triggers one.",
 )
 @click.option(
     "--schema",

@@ -31,7 +31,7 @@ _PREVAILS = 0.3
 """Share of a window's samples beyond which a condition is named as the reason why it did not converge."""
 SEGMENT = 600.0
 """Length of a segment of steady glide, s."""
-SLOPE_BIAS = "the neutral volume was fitted by density, so heave, speed and current are biased"
+SLOPE_BIAS = "the neutral volume was fitted with measured density, so heave, speed and current are biased"
 """Effect of the depth slope on a hull whose neutral volume was fitted by density."""
 
 Mask = NDArray[np.bool_]

@@ -127,8 +127,8 @@ class SmootherSettings(Settings):
     )
     hull: Literal["held", "corrected", "believed"] = Field(
         "held",
-        description="errors of the hull: included in the intervals, with the platform file's values (held); with "
-        "values corrected by each dive's own information (corrected); or none, as if the file were exact (believed)",
+        description="hull errors in the intervals: held includes them, with the platform file's values; corrected "
+        "includes them, with values corrected from each dive; believed excludes them, as if the file were exact",
     )
 
 
@@ -141,7 +141,7 @@ class RecordSettings(Settings):
     heading_offset: float = Field(0.0, ge=-180, le=180, description="subtracted from the heading, degree")
     heading_deviation: tuple[float, float, float, float] = Field(
         (0.0, 0.0, 0.0, 0.0),
-        description="subtracted from the heading: factors of sine and cosine of it and of twice it, degree",
+        description="subtracted from the heading: factors of sin, cos, sin 2 and cos 2 of the heading, degree",
     )
     depth_lag: float = Field(0.0, description="delay of the recorded depth behind the attitude, s")
     actuator_lag: float = Field(0.0, ge=-3600, le=3600, description="delay of the actuators behind their records, s")

@@ -183,4 +183,4 @@ def dive_notes(time: FloatArray, depth: FloatArray, pitch: FloatArray) -> Iterat
     least = _reported_depth(depth)
     ends = [f"{verb} at {at:.0f} m" for verb, at in (("begins", begin), ("ends", end)) if at > least]
     if ends:
-        yield f"the record {' and '.join(ends)} depth, which makes a current uncertain by the way that it lacks"
+        yield f"the record {' and '.join(ends)} depth, so the unrecorded distance adds to the current's error"

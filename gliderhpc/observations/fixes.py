@@ -182,7 +182,7 @@ class SurfaceFixes:
         inside = [fix for fix in self.between(first, last) if first < fix.time < last]
         if not inside:
             return []
-        return [f"GPS fix at {_clock(inside[0].time)} within the profile: its number must end at the surface"]
+        return [f"GPS fix at {_clock(inside[0].time)} within the profile: a profile must end at the surface"]
 
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
         """Return the usable and the omitted fixes from one time to another, inclusive."""

@@ -86,7 +86,7 @@ def notes(found: Calibration) -> list[str]:
             lines.append(f"{words}: {', '.join(held)}")
     lines += [
         f"WARNING: the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
-        "something that is not fitted is wrong, or a fitted quantity by more than is plausible; check the zeros of "
+        "a parameter that is not fitted is wrong, or a fitted one is implausibly wrong; check the zeros of "
         "the actuators, signs and units"
         for name, heading, value, after in zip(
             QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
@@ -136,7 +136,7 @@ def remark_of(parameter: CalibratedParameter) -> str:
     """Return the remark on a parameter, empty if it was estimated."""
     if parameter.verdict is CalibrationVerdict.ESTIMATED:
         return ""
-    alike = f" (moves with {', '.join(parameter.alike)})" if parameter.alike else ""
+    alike = f" (correlated with {', '.join(parameter.alike)})" if parameter.alike else ""
     return f"{parameter.verdict.value}{alike}"
 
 

@@ -151,7 +151,7 @@ class SurfacingMessage(_Part):
     water: Water | None
     next_surfacing: NextSurfacing | None
     inversion: Inversion
-    odd: tuple[str, ...] = _of("", "anything odd in the records")
+    odd: tuple[str, ...] = _of("", "anomalies in the records")
     hull: tuple[HullParameter, ...] = _of("", "errors of the hull from this dive alone, where estimated")
     hull_changes: tuple[HullChange, ...] = _of("", "changes of the parameters that can change, from the fourth dive on")
     trim: tuple[Trim, ...] = Field(
@@ -196,7 +196,7 @@ class SurfacingMessage(_Part):
         elif self.inversion.converged_fraction is not None:
             parts.append(f"{self.inversion.converged_fraction:.0%} of {self.inversion.windows} windows converged")
         if self.odd:
-            parts.append(f"odd: {'; '.join(self.odd)}")
+            parts.append(f"anomalies: {'; '.join(self.odd)}")
         return "; ".join(parts)
 
 

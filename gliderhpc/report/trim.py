@@ -43,7 +43,7 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     condition = f"in water of {density:g} kg/m3, to float as the platform file states"
     return (
         PilotUnit("buoyancy.neutral_volume", f"neutral oil volume, {apart}", "cm3", 1.0),
-        PilotUnit("buoyancy.neutral_volume", "the same as ballast to add", "g", -1e-3 * density, condition),
+        PilotUnit("buoyancy.neutral_volume", "equivalent ballast to add", "g", -1e-3 * density, condition),
         PilotUnit("position.battery", f"battery zero, {apart}", "mm", 1e3),
         PilotUnit("sensors.pitch_offset", f"offset of the pitch, {apart}", "degree", 1.0),
         PilotUnit("sensors.roll_offset", f"offset of the roll, {apart}", "degree", 1.0),

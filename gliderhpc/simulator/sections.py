@@ -245,7 +245,7 @@ class SensorErrors(Section):
         1.0, ge=0, description="factor on the platform's attitude quantum and depth noise; 0 for perfect sensors"
     )
     attitude: Literal["rounded", "white"] = Field(
-        "rounded", description="rounded to whole quanta, or with white Gaussian errors of a rounding's variance"
+        "rounded", description="rounded to the resolution, or with white Gaussian noise of the same variance"
     )
     fix_deviation: float = Field(5.0, ge=0, description="standard deviation of a GPS fix, north and east each, m")
     roll_offset: float = Field(0.0, description="constant error of the roll, degree")

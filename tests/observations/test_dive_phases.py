@@ -151,7 +151,7 @@ def test_notes():
         "stationary for 20 min at 100 m (parked, on the bottom, under ice or at a density step)"
     ]
     time, depth, _ = cut(65.0, climbing=True)
-    unrecorded = "which makes a current uncertain by the way that it lacks"
+    unrecorded = "so the unrecorded distance adds to the current's error"
     assert notes(time, depth) == [f"the record ends at 65 m depth, {unrecorded}"]
     assert notes(time[100:], depth[100:]) == [f"the record begins at 15 m and ends at 65 m depth, {unrecorded}"]
     time, depth, _ = cut(10.0, climbing=True)

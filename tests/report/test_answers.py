@@ -80,7 +80,7 @@ def test_ballast_and_trim_are_those_of_the_dives(heavier):
     found = {one.quantity: one for one in trim_of(recent_hull(heavier, 3))}
     volume = found["neutral oil volume, last dive minus platform file"]
     assert abs(volume.difference - 60.0) < 3.0 * volume.difference_std < 30.0
-    ballast = found["the same as ballast to add"]
+    ballast = found["equivalent ballast to add"]
     assert ballast.unit == "g"
     assert ballast.difference == pytest.approx(-1e-3 * HULL.buoyancy.water_density * volume.difference)
     assert ballast.difference_std > 0.0
@@ -119,7 +119,7 @@ def test_remarks_that_many_profiles_share_are_listed_once(brief_store):
     object.__setattr__(summary, "messages", messages)
     with open_for_reading(brief_store) as archive:
         table = MissionTable.of(archive)
-        assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (numbers of the first)"]
+        assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (values of the first)"]
         (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
     assert "in 2 of 3 profiles" in " ".join(odd.texts)
 

@@ -95,7 +95,7 @@ def test_a_pilot_reads_grams_and_millimetres():
     mission, content = summed_up(dives(8, off, information=3e4))
     rows = {row.quantity: row for row in shown_hull.pilot_rows(history_of(mission, content))}
     assert rows["neutral oil volume, last dive minus platform file"].ours == pytest.approx(60.0, abs=3.0)
-    ballast = rows["the same as ballast to add"]
+    ballast = rows["equivalent ballast to add"]
     assert ballast.ours == pytest.approx(-60.0 * HULL.buoyancy.water_density / 1e3, abs=3.0)
     assert ballast.spread[0] < ballast.ours < ballast.spread[1]
     assert rows["battery zero, last dive minus platform file"].ours == pytest.approx(6.0, abs=0.5)

@@ -43,7 +43,7 @@ def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
     common = sorted(found.values(), key=len, reverse=True)
     for remarks in common[:_LISTED]:
         if len(remarks) > 1 and len(remarks) >= _COMMON * done:
-            example = remarks[0] if len(set(remarks)) == 1 else f"{remarks[0]} (numbers of the first)"
+            example = remarks[0] if len(set(remarks)) == 1 else f"{remarks[0]} (values of the first)"
             yield f"in {len(remarks)} of {done} profiles: {example}"
 
 

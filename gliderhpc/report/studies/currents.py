@@ -246,7 +246,7 @@ def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSet
 _MEDIANS = (
     ("reference_difference", "m/s", "vector difference from the reference's depth-averaged current, median"),
     ("reference_correlation", "1", "correlation of the lateral current by depth with the reference's, median"),
-    ("reference_gradient_correlation", "1", "the same with the reference's change with depth"),
+    ("reference_gradient_correlation", "1", "its correlation with the reference's vertical gradient"),
 )
 
 

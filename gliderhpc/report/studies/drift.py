@@ -164,7 +164,7 @@ def captions(
     whose = " and ".join(ESTIMATES[own.estimate] for own in found.primary)
     shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.shown]
     robust = (
-        f"A drift counts as shown where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
+        f"A drift is accepted where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
     )
     changes, moments = (
@@ -232,7 +232,7 @@ def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
     return (
         line,
         "the two disagree: the medians include every force along the hull, and episodes; study hull includes only "
-        "what acts like an error of the hull over whole dives, and one change of each at most",
+        "what acts like a hull error throughout a dive, and at most one change per parameter",
     )
 
 

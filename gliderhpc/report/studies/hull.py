@@ -251,7 +251,7 @@ def show(archive: Archive) -> Findings:
     doubted = known.loc[known["weight"] < _DOUBTED, "profile"].astype(int).tolist()
     comparisons = (
         *pilot_rows(history),
-        Comparison("variance between the dives over the variance that they state", "1", inflation),
+        Comparison("ratio of the variance between dives to the stated variance", "1", inflation),
         Comparison("dives that do not fit the others (weight below one half)", "1", float(len(doubted))),
     )
     facts = {
@@ -276,7 +276,7 @@ def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
     return {
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
-            f"Hull and records at the last dive: {data}. *left* is the deviation after the dives over the plausible "
+            f"Hull and records at the last dive: {data}. *left* is the remaining deviation divided by the plausible "
             f"one; for {determined} of {len(parameters)} parameters it is below {number(UNDETERMINED)}. *steps* is "
             "the distance from the platform file in plausible deviations. Intervals are 95 % intervals."
         ),

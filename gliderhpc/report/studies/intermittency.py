@@ -113,7 +113,7 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
     series, data = describe_series(made, settings), describe_data(made, ensembles.measured["profile"].tolist())
     resolved = describe_resolution(table, settings)
     low, high = settings.scaling
-    open_question = "A passed test excludes a Gaussian linear process of the same spectrum, and nothing else."
+    open_question = "Passing the test excludes only a Gaussian linear process with the same spectrum."
     return {
         "figure_6": (
             f"Flatness by lag and relative exponents of the increments of {series}: {data}, each compared with the "

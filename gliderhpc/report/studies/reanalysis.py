@@ -140,7 +140,7 @@ def table_4(compared: Compared, places: list[int]) -> list[dict[str, Any]]:
 def table_4_text(rows: list[dict[str, Any]]) -> str:
     """Format the table as text, rounded as in the paper."""
     columns = list(rows[0]) if rows else []
-    heading = "Depth-averaged currents: speed (m/s), direction they set to (degree), distance of the models (sigma)\n\n"
+    heading = "Depth-averaged currents: speed (m/s), direction towards (degree), distance of the models (sigma)\n\n"
     cells = [[_cell(name, value) for name, value in row.items()] for row in rows]
     return heading + markdown(columns, cells, columns) + "\n" if rows else "No profile has a current.\n"
 

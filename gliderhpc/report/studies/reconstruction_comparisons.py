@@ -98,12 +98,12 @@ def _costs(table: pd.DataFrame) -> list[Comparison]:
         Comparison("their interquartile range", "1", median_of(table, "iterations_spread"), 4.0),
         Comparison("their maximum", "1", float(table["iterations_most"].max()), 69.0),
         Comparison(
-            "time a window", "s", median_of(table, "window_seconds"), 4.1, remark="all computations of the profile"
+            "time per window", "s", median_of(table, "window_seconds"), 4.1, remark="all computations of the profile"
         ),
-        Comparison("time a dive", "min", median_of(table, "profile_seconds") / 60.0, 26.6),
+        Comparison("time per dive", "min", median_of(table, "profile_seconds") / 60.0, 26.6),
     ]
     if "filter_seconds" in table:
-        rows.append(Comparison("time a dive, filter", "min", median_of(table, "filter_seconds") / 60.0, 0.85))
+        rows.append(Comparison("time per dive, filter", "min", median_of(table, "filter_seconds") / 60.0, 0.85))
     return rows
 
 
@@ -112,7 +112,7 @@ def _motion(table: pd.DataFrame, estimate: str) -> list[Comparison]:
     return [
         Comparison("vibration's share of the dive", "1", median_of(table, "vibration_fraction"), (0.063, 0.084)),
         Comparison("displacement in it over the dive's time", "m/s", median_of(table, "vibration_speed"), (0.03, 0.05)),
-        Comparison("the same over the depth-averaged current", "1", median_of(table, "vibration_share"), (0.10, 0.44)),
+        Comparison("its ratio to the depth-averaged current", "1", median_of(table, "vibration_share"), (0.10, 0.44)),
         Comparison(f"self-motion, {LABELS[estimate]} against glide angle, RMS", "1",
                    float(np.sqrt(np.nanmean(spread**2))) if np.isfinite(spread).any() else float("nan"), 0.18),
         Comparison("horizontal speed in steady glide, the same", "1", median_of(table, "self_motion_speed_spread")),

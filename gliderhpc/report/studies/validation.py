@@ -191,9 +191,9 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
         Comparison("pitch RMSE per profile, median", "degree", median_of(table, "pitch_rmse")),
         Comparison("heading RMSE per profile, median", "degree", median_of(table, "heading_rmse")),
         Comparison("part of the dive before the model surfaces, median", "1", median_of(table, "flown_fraction")),
-        Comparison("track's end from dead reckoning's, over its path", "1", median_of(table, "horizontal_error_rate")),
-        Comparison("the same on the recorded heading", "m", median_of(table, "horizontal_error_on_course")),
-        Comparison("track's end from the exit fix, over the path", "1", median_of(table, "surfacing_error_rate")),
+        Comparison("distance of track end from dead reckoning / path", "1", median_of(table, "horizontal_error_rate")),
+        Comparison("distance of track end, recorded heading", "m", median_of(table, "horizontal_error_on_course")),
+        Comparison("distance of track end from exit fix / path", "1", median_of(table, "surfacing_error_rate")),
         Comparison("track's end from the exit fix", "m", median_of(table, "surfacing_error")),
         Comparison("dead reckoning's end from the exit fix", "m", median_of(table, "surfacing_error_glide_angle")),
     )

@@ -78,7 +78,7 @@ def _describe(change: Change, per_degree: float) -> str:
     also = "".join(f"; also the {NAMES[name]}: {_sizes_text(change, name)}" for name in others)
     return describe_course(
         change,
-        f"{NAMES[lead]}: {_sizes_text(change, lead)}, as much as tilts the hull by {largest / per_degree:.1f} degrees"
+        f"{NAMES[lead]}: {_sizes_text(change, lead)}, enough to tilt the hull by {largest / per_degree:.1f} degrees"
         f"{also}; compatible with {MEANINGS[lead]}",
     )
 

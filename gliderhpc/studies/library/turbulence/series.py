@@ -93,7 +93,7 @@ class IntermittencySettings(SpectraSettings):
     iterations: int = Field(200, ge=1, description="largest number of iterations of a surrogate")
     tolerance: float = Field(1e-2, gt=0, lt=1, description="gain of an iteration below which a surrogate has converged")
     fade: float = Field(
-        2.0, gt=0, description="time over which stretches are faded in and out before surrogates are made, s"
+        2.0, gt=0, description="length of the taper at both ends of a stretch before surrogates are made, s"
     )
     noise_window: float = Field(300.0, gt=0, description="window of the noise's local root mean square, s")
     most_repeated: float = Field(0.7, gt=0, le=1, description="largest share of repeated rolls that is tested")
