@@ -14,7 +14,7 @@ from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
-from gliderhpc.report.page.surfacing_page import answers, hull_blocks
+from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
 from gliderhpc.report.recent_hull import recent_hull
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange, Trim
@@ -39,7 +39,7 @@ def test_the_page_begins_with_the_last_dive_and_the_mission(brief_store):
         section, message = answers_section(archive, summary), surfacing_message(archive, 3)
         table = MissionTable.of(archive)
     facts = _facts(section.blocks)
-    for name, text in answers(message).items():
+    for name, text in dive_facts(message).items():
         assert facts[f"{name} (dive 3)"] == text
         assert text != "unknown"
     north, east = (component.mean() for component in table.current)

@@ -12,7 +12,7 @@ from gliderhpc.report.facts import polar, signed
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
-from gliderhpc.report.page.surfacing_page import answers, current_text, hull_blocks
+from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
@@ -33,7 +33,7 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
         return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(anomalies)))
     message = surfacing_message(archive, int(done[-1]))
     anomalies = [*_changed_hull(message), *anomalies]
-    last = {f"{name} (dive {message.profile})": text for name, text in answers(message).items()}
+    last = {f"{name} (dive {message.profile})": text for name, text in dive_facts(message).items()}
     if message.current is None:
         last |= _last_known_current(table)
     facts = {**last, **_mission_current(table), "uncertainty": "; ".join(_describe_uncertainty(archive, table))}

@@ -41,14 +41,14 @@ def surfacing_page(message: SurfacingMessage) -> Page:
     if message.revision:
         subtitle += f" · revision {message.revision}"
     sections = [
-        Section("now", "Now", (Facts({**answers(message), "inversion": _inversion(message)}),)),
+        Section("now", "Now", (Facts({**dive_facts(message), "inversion": _inversion(message)}),)),
         Section("odd", "Anomalies", _anomalies(message)),
         Section("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
     ]
     return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
 
 
-def answers(message: SurfacingMessage) -> dict[str, str]:
+def dive_facts(message: SurfacingMessage) -> dict[str, str]:
     """Return current, next surfacing and motion through the water, by name."""
     return {
         "current": current_text(message.current),
