@@ -127,8 +127,9 @@ def steady_segments(
     settings, steady : EstimationSettings, SegmentSettings
         Settings of the records' preparation, and criteria of steady flight.
     allow_flatter : bool
-        Whether the segments are selected with more lift and less drag if the platform gives none. A hull that cannot
-        glide as flat as the records show gives none, and that is the very error that a calibration has to correct.
+        Whether the segments are selected with more lift and less drag if the platform gives none, or none on dives or
+        on climbs. A hull that cannot glide as flat as the records show gives none, and that is the very error that a
+        calibration has to correct; fitted to dives alone, a hull may be far off on climbs.
 
     Raises
     ------
@@ -136,17 +137,28 @@ def steady_segments(
         No profile has a steady segment.
     """
     found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
-    if allow_flatter and not found:
-        found, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
-        if found:
-            reasons = other_reasons
-            log.warning("%s finds no steady flight; segments are selected with more lift and less drag", platform.name)
+    if allow_flatter and (missing := _phases_without(found)):
+        flatter, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
+        if len(_phases_without(flatter)) < len(missing):
+            found, reasons = flatter, other_reasons
+            where = "" if len(missing) > 1 else f" on {missing[0]}"
+            log.warning(
+                "%s finds no steady flight%s; segments are selected with more lift and less drag", platform.name, where
+            )
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
+    if allow_flatter and found and (missing := _phases_without(found)):
+        log.warning("no steady flight on %s: a hull fitted to the rest may be far off there", missing[0])
     if not found:
         last = next(reversed(reasons.values()), "no profile was selected")
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {last}")
     return join_segments(found)
+
+
+def _phases_without(found: Sequence[SteadySegments]) -> tuple[str, ...]:
+    """Name the phases of flight of which no segment was found."""
+    rates = np.concatenate([np.zeros(0), *(one.depth_rate for one in found)])
+    return tuple(name for name, sign in (("dives", 1.0), ("climbs", -1.0)) if not (sign * rates > 0.0).any())
 
 
 def _segments_of_all(

@@ -31,6 +31,7 @@ from gliderhpc.platform_sections import number_at
 from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
+from gliderhpc.tuning import steady_segments as segments_module
 from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_errors, score_of
 from gliderhpc.tuning.calibration_search import (
@@ -259,6 +260,25 @@ def test_steady_flight_is_found_for_a_hull_that_cannot_glide_as_flat(twin, caplo
         )
     assert "petrel-l finds no steady flight; segments are selected with more lift" in caplog.text
     np.testing.assert_array_equal(found.time, expected.time)
+
+
+@pytest.mark.parametrize("flatter", [True, False], ids=["a flatter hull does", "no hull does"])
+def test_steady_flight_is_looked_for_on_climbs_where_the_hull_finds_none(twin, caplog, monkeypatch, flatter):
+    """A hull fitted to dives alone could not follow a single climb of a simulated mission."""
+    found_by = segments_module._segments_of_all
+
+    def dives_alone(observations, platform, *given):
+        found, reasons = found_by(observations, platform, *given)
+        seen = found if flatter and platform != PETREL else [one.of(one.depth_rate > 0.0) for one in found]
+        return seen, reasons
+
+    monkeypatch.setattr(segments_module, "_segments_of_all", dives_alone)
+    with open_observations(twin) as opened:
+        found = steady_segments(opened, PETREL, (1, 2), CalibrateSettings(), STEADY, allow_flatter=True)
+    assert (found.depth_rate > 0.0).any()
+    assert (found.depth_rate < 0.0).any() == flatter
+    assert ("petrel-l finds no steady flight on climbs; segments are selected with" in caplog.text) == flatter
+    assert ("no steady flight on climbs: a hull fitted to the rest may be far off there" in caplog.text) != flatter
 
 
 # Twins
