@@ -33,7 +33,8 @@ class Box(_Section):
 
     def contains(self, latitude: float, longitude: float) -> bool:
         """Return whether a position lies in the box."""
-        inside = (longitude - self.west) % 360.0 <= (self.east - self.west) % 360.0
+        width = self.east - self.west
+        inside = width >= 360.0 or (longitude - self.west) % 360.0 <= width % 360.0
         return self.south <= latitude <= self.north and inside
 
 

@@ -107,6 +107,10 @@ def calibrate(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(CalibrateSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
+    if history is not None and settings.calibration.trend:
+        raise click.UsageError(
+            "--history requires rounds over the dives, which a trend excludes; leave one of them out"
+        )
     if history is not None and settings.rounds.largest_number(platform) == 0:
         raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=8")
     for file in filter(None, (out, history)):
@@ -123,10 +127,12 @@ def calibrate(
             options.executor_for(workers),
             lambda total: progress(total, "dives"),
         )
-    if history is not None:
-        write_history(history, found, overwrite)
     write_platform(out, found.platform, overwrite)
+    if history is not None and found.dives is not None:
+        write_history(history, found, overwrite)
     _print_calibration(found)
+    if history is not None and found.dives is None:
+        echo(f"{history} is not written: the dives gave no better hull, so there is no history", err=True)
     echo(f"written to {out}")
     return DONE
 

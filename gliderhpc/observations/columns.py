@@ -24,7 +24,11 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (0.0254, "in, inch, inches"),
     ),
     "degree": _scales(
-        (1.0, "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east"),
+        (
+            1.0,
+            "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east, degree_n, degrees_n, "
+            "degreen, degreesn, degree_e, degrees_e, degreee, degreese",
+        ),
         (float(np.degrees(1.0)), "rad, radian, radians"),
     ),
     "m s-1": _scales(
@@ -35,7 +39,11 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
     "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, degree_celsius, degrees_celsius")),
     "mS/cm": _scales((1.0, "ms/cm, ms.cm-1"), (10.0, "s/m, s.m-1")),
     "1": _scales((1.0, "1, 1e-3, 0.001, psu")),
-    "cm3": _scales((1.0, "cm3, cm^3, cc, ml"), (1e3, "l, liter, litre"), (1e6, "m3, m^3")),
+    "cm3": _scales(
+        (1.0, "cm3, cm^3, cc, ml, milliliter, milliliters, millilitre, millilitres"),
+        (1e3, "l, liter, litre"),
+        (1e6, "m3, m^3"),
+    ),
     "s": _scales((1.0, "s, sec, secs, second, seconds")),
     "kg": _scales((1.0, "kg"), (1e-3, "g")),
 }

@@ -109,7 +109,7 @@ def _is_plausible(fixes: Fixes, index: int) -> bool:
     if len(others) == 0:
         return True
     north = fixes.latitude[others] - fixes.latitude[index]
-    east = (fixes.longitude[others] - fixes.longitude[index]) * np.cos(np.radians(fixes.latitude[index]))
+    east = _east(fixes.longitude[others] - fixes.longitude[index], fixes.latitude[index])
     reach = MAXIMUM_DRIFT * (apart / np.timedelta64(1, "s")) + POSITION_ERROR
     return bool(np.any(_METRES_A_DEGREE * np.hypot(north, east) <= reach))
 

@@ -11,9 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.format import REFERENCE
+from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
 from gliderhpc.observations.stored_reads import Reads, read_directly
+from gliderhpc.observations.writer import TIMES
 
 
 def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
@@ -85,7 +86,7 @@ def _read_file(path: Path) -> _FileContent:
         variables = {
             str(name): (tuple(map(str, variable.dims)), variable.values, dict(variable.attrs))
             for name, variable in records.variables.items()
-            if name not in REFERENCE
+            if name in (*VARIABLES, *TIMES) and name not in REFERENCE
         }
         return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
 

@@ -29,7 +29,7 @@ from gliderhpc.observations.navigation_fixes import (
 )
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-from gliderhpc.observations.survey import submerged_fixes, time_spans
+from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.validation import describe_time, profile_spans
 
 RECORD_BREAK = 86_400.0
@@ -56,7 +56,9 @@ class Navigation:
     depth, pitch, heading, roll : (n,) arrays
         Depth (m) and attitude (rad), NaN where missing.
     profile : (n,) int array
-        Number of the profile, 0 outside any.
+        Number of the profile, 0 outside any usable one.
+    dives : (n,) int array
+        The same of every profile, usable or not.
     fixes : SurfaceFixes
         Positions at the surface.
     fix_error : float
@@ -81,6 +83,7 @@ class Navigation:
     heading: FloatArray
     roll: FloatArray
     profile: IntArray
+    dives: IntArray
     fixes: SurfaceFixes
     fix_error: float
     remarks: tuple[str, ...]
@@ -122,12 +125,14 @@ class Navigation:
         doubt = self.without_fixes.get(number)
         if doubt is not None:
             return (), (), (doubt,)
-        others = np.flatnonzero(self.profile > 0)
+        others = np.flatnonzero((self.dives > 0) & (self.dives != number))
         earlier, later = others[others < span.start], others[others >= span.stop]
         begin = self.time[earlier[-1]] if len(earlier) else self.time[0] - np.timedelta64(1, "D")
         end = self.time[later[0]] if len(later) else self.time[-1] + np.timedelta64(1, "D")
         sides = ((begin, self.time[span.start]), (self.time[span.stop - 1], end))
         before, after = (self.fixes.between(*side) for side in sides)
+        before = _of_same_surfacing(before[::-1], self.time[span.start])[::-1]
+        after = _of_same_surfacing(after, self.time[span.stop - 1])
         reasons = [reason for side in sides for reason in self.fixes.reasons_between(*side)]
         if not (before and after):
             reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
@@ -135,6 +140,17 @@ class Navigation:
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
         return (), (), tuple(dict.fromkeys([fault, *reasons]))
+
+
+def _of_same_surfacing(fixes: Sequence[Fix], moment: np.datetime64) -> tuple[Fix, ...]:
+    """Return the fixes, given from the nearest one on, up to the first pause that a missing dive would leave."""
+    kept: list[Fix] = []
+    for fix in fixes:
+        if abs(fix.time - moment) > MAX_FIX_AGE:
+            break
+        kept.append(fix)
+        moment = fix.time
+    return tuple(kept)
 
 
 def open_navigation(path: Path, declination: float | None = None) -> Navigation:
@@ -195,7 +211,8 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
             f"{dataset.sizes[columns.dimension] - len(order)} samples without a valid time, or with the time of "
             "another sample, are left out"
         )
-    profile = _profiles(columns, order, time, depth)
+    dives = _profiles(columns, order, time, depth)
+    profile = _usable(dives, depth, pitch, heading)
     if not profile.any():
         raise InputError(
             f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
@@ -204,7 +221,7 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
     remarks += check_heading(source, measured, profile, columns.find("heading"))
     velocity = _velocity(columns, order, remarks)
     return Navigation(
-        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, positions.fixes, positions.error,
+        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, dives, positions.fixes, positions.error,
         tuple(remarks), added, impossible, _submerged(time, depth, profile, positions.fixes), velocity,
     )  # fmt: skip
 
@@ -230,12 +247,13 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
         np.concatenate([getattr(part.fixes, name) for part in parts]) for name in ("time", "latitude", "longitude")
     )
     fixes = screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool))
-    profile = _usable(detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK), depth, pitch, heading)
+    dives = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
+    profile = _usable(dives, depth, pitch, heading)
     source = f"{parts[0].source} and {len(parts) - 1} more"
     measured = np.concatenate([np.degrees(part.heading) - part.declination for part in parts])[order]
     check_heading(source, measured, profile, "heading")
     return Navigation(
-        source, parts[0].vehicle, time, depth, pitch, heading, roll, profile, fixes,
+        source, parts[0].vehicle, time, depth, pitch, heading, roll, profile, dives, fixes,
         max(part.fix_error for part in parts),
         tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
         float(np.median([part.declination for part in parts])), impossible,
@@ -299,10 +317,8 @@ def _joined_velocity(parts: Sequence[Navigation], order: IntArray) -> FloatArray
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
     """Number of the profile of every sample: the file's own in the observation format, else detected from depth."""
     if columns.find("profile") and columns.find("fix_time") == "fix_time":
-        found = np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
-    else:
-        found = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
-    return _usable(found, depth, np.radians(columns.quantity("pitch")[order]), columns.quantity("heading")[order])
+        return np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
+    return detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
 
 
 def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:

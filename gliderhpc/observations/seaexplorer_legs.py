@@ -138,9 +138,10 @@ def _trim(rows: Rows, start: int, stop: int) -> Leg:
 
 def _floating_depth(rows: Rows, start: int) -> float:
     """Depth reading of the sensor in the nose at the surface (m): about 1 m if level and 3 m if tail up."""
-    surface = np.flatnonzero(rows["NavState"][:start] == TRANSMITTING)[-10:]
+    floating = (rows["NavState"] == TRANSMITTING) & np.isfinite(rows["Depth"])
+    surface = np.flatnonzero(floating[:start])[-10:]
     if len(surface) == 0:
-        surface = np.flatnonzero(rows["NavState"] == TRANSMITTING)
+        surface = np.flatnonzero(floating)
     return float(np.median(rows["Depth"][surface])) if len(surface) else 0.0
 
 

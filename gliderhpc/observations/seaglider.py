@@ -1,7 +1,7 @@
 """Import of the basestation's per-dive Seaglider netCDF files (``p*.nc``) into the observation format."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -111,15 +111,14 @@ def import_seaglider(
 
 
 def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
-    """Read every readable dive; positions refer to the centres in the first readable file."""
+    """Read every readable dive; positions refer to the centres in the first file that has them."""
     glider, files = find_files(sources)
     found: dict[int, _DiveFile] = {}
     without: dict[str, str] = {}
     rejected: dict[str, str] = {}
-    centres: Centres = {}
+    centres = _reference_centres(files.values(), reads)
     for number, path in files.items():
         try:
-            centres = centres or reads(_centres_of, path)
             found[number] = reads(_read_file, path, number, centres)
         except ProfileError as error:
             without[f"dive {number}"] = str(error)
@@ -163,6 +162,20 @@ class _DiveFile:
     records: FileRecords
     layout: str
     mission: str
+
+
+def _reference_centres(files: Iterable[Path], reads: Reads) -> Centres:
+    """Return each control's centre in the first file that has it; NaN if none has."""
+    centres = dict.fromkeys(CONTROLS, float("nan"))
+    for path in files:
+        try:
+            own = reads(_centres_of, path)
+        except InputError:  # Reported when the file is read.
+            continue
+        centres |= {control: own[control] for control, known in centres.items() if not np.isfinite(known)}
+        if all(map(np.isfinite, centres.values())):
+            break
+    return centres
 
 
 def _centres_of(path: Path) -> Centres:

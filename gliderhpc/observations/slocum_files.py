@@ -9,6 +9,7 @@ the vehicle to starboard. Positive volumes make the vehicle buoyant.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from filecmp import cmp
 from functools import partial
 from pathlib import Path
 
@@ -219,10 +220,21 @@ def _is_record(path: Path) -> bool:
 
 
 def _fullest(files: list[Path], endings: tuple[str, ...]) -> tuple[Path, ...]:
-    """One file per segment: the fullest available record."""
+    """One file per segment: the fullest available record.
+
+    Raises
+    ------
+    InputError
+        Two different files have the same name.
+    """
     best: dict[str, Path] = {}
     for path in sorted(files, key=lambda path: endings.index(_ending(path))):
-        best.setdefault(path.stem.lower(), path)
+        other = best.setdefault(path.stem.lower(), path)
+        if _ending(other) == _ending(path) and not cmp(other, path, shallow=False):
+            raise InputError(
+                f"{path}: has the name of {other} and another content; import one glider at a time, and give each "
+                "segment once"
+            )
     return tuple(sorted(best.values(), key=_segment_order))
 
 

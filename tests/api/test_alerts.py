@@ -66,6 +66,12 @@ def test_a_box_may_cross_the_date_line():
     ]
 
 
+def test_a_box_may_go_round_the_globe():
+    for west, east in ((-180.0, 180.0), (0.0, 360.0)):
+        box = Box(south=-90.0, north=90.0, west=west, east=east)
+        assert all(box.contains(5.0, longitude) for longitude in (-180.0, -10.0, 0.0, 10.0, 180.0))
+
+
 def test_a_command_gets_the_alert_on_its_input_and_the_path_as_it_is(message, tmp_path):
     program = tmp_path / "hear.py"
     program.write_text(

@@ -346,3 +346,32 @@ def test_centimetres_per_second_are_converted():
         records[name] = 100.0 * records[name]
         records[name].attrs["units"] = "cm/s"
     assert currents(records).attrs["drag_over_lift"] == pytest.approx(exact)
+
+
+def test_fixes_beyond_a_dive_without_heading_are_those_of_another_surfacing():
+    """Dive 2 lacks its heading; its fixes, of both surfacings, had become those of the dives next to it."""
+    records = mission(Glide())
+    whole = currents(records)
+    at = records["time"].values
+    second = (at > whole["entry_time"].values[1]) & (at < whole["exit_time"].values[1])
+    broken = records.assign(heading=("time", np.where(second, np.nan, records["heading"]), {"units": "degree"}))
+    found = currents(broken)
+    assert list(found["profile"].values) == [1, 3]
+    for name in ("surface_drift_north", "surface_drift_east", "dac_north"):
+        np.testing.assert_allclose(found[name], whole[name].sel(profile=[1, 3]))
+    # Without the fixes between dives 1 and 2 the current of dive 1 is not known.
+    unknown = currents(broken.isel(fix=[0, 1, 4, 5, 6, 7]))
+    assert np.isnan(unknown["dac_north"].sel(profile=1))
+    assert np.isfinite(unknown["dac_north"].sel(profile=3))
+
+
+def test_fixes_after_a_pause_that_a_missing_dive_leaves_are_not_used():
+    records = mission(Glide())
+    whole = currents(records)
+    at = records["time"].values
+    gone = (at > whole["exit_time"].values[0] + np.timedelta64(200, "s")) & (at < whole["entry_time"].values[2])
+    found = currents(records.isel(time=np.flatnonzero(~gone)))
+    assert len(whole["profile"]) == 3
+    assert len(found["profile"]) == 2
+    for name in ("surface_drift_north", "surface_drift_east"):
+        np.testing.assert_allclose(found[name].values[0], whole[name].values[0])

@@ -502,6 +502,17 @@ def test_joined_files_are_the_file_that_they_were_cut_from(swift, dives, tmp_pat
     assert "overlaps dive1.nc in time" in left_out["other.nc"]
 
 
+def test_variables_that_are_not_of_the_format_are_left_out_of_joined_files(dives, tmp_path):
+    for path in dives[:2]:
+        with xr.open_dataset(path, decode_times=False) as records:
+            further = records.load().assign(crs=0, spectrum=(("time", "band"), np.ones((records.sizes["time"], 2))))
+        further.to_netcdf(tmp_path / path.name)
+    assert join_observations([tmp_path / path.name for path in dives[:2]], tmp_path / "joined.nc") == {}
+    with xr.open_dataset(tmp_path / "joined.nc") as found:
+        assert not {"crs", "spectrum"} & set(found.variables)
+        assert set(np.unique(found["profile"].values)) >= {1, 2}
+
+
 def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp_path):
     """Its clock is wrong: it begins before the dive that is there, and carries the number of the next one."""
     (tmp_path / "land").mkdir()

@@ -1,6 +1,16 @@
 """Doubts about the fixes of profiles among many whose fixes lie under water."""
 
+import numpy as np
+
+from gliderhpc.observations.fixes import Fixes, drop_outliers
 from gliderhpc.observations.navigation_fixes import with_neighbours
+
+
+def test_fixes_of_a_surfacing_may_lie_on_both_sides_of_the_date_line():
+    time = np.datetime64("2024-05-01T12:00:00", "ns") + np.array([0, 60]) * np.timedelta64(1, "s")
+    kept = drop_outliers(Fixes(time, np.array([10.0, 10.0001]), np.array([179.9999, -179.9999])))
+    assert len(kept.time) == 2
+    assert kept.outliers == 0
 
 
 def test_a_profile_among_doubted_ones_is_doubted():

@@ -122,3 +122,11 @@ def test_a_cycle_says_why_it_has_no_profile():
     _, without = find_legs(rows(states, parts=parts))
     assert list(without) == [6, 7, 8]
     assert without[6] == without[7] == "its navigation file is missing"
+
+
+def test_a_missing_depth_at_the_surface_trims_a_dive_all_the_same():
+    afloat = [(TRANSMITTING, 1.0)] * 4
+    dive = [(DIVING, 1.5), (DIVING, 20.0), (CLIMBING, 12.0), (CLIMBING, 1.5)]
+    whole, _ = find_legs(rows([*afloat, *dive, *afloat]))
+    found, _ = find_legs(rows([*afloat[:-1], (TRANSMITTING, np.nan), *dive, *afloat]))
+    assert [(leg.start, leg.stop) for leg in found] == [(leg.start, leg.stop) for leg in whole]

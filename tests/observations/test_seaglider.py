@@ -102,6 +102,21 @@ def test_an_operators_new_centres_move_nothing(tmp_path, columns):
         np.testing.assert_allclose(second[name].values, first[name].values, atol=1e-9)
 
 
+def test_centres_are_those_of_the_first_dive_that_has_them(tmp_path):
+    """The first file lacks its log; dive 3 has other centres than dive 2, and the same counts."""
+    folder = tmp_path / "m"
+    absent = {f"log_C_{name}": None for name in ("PITCH", "VBD", "ROLL_DIVE")}
+    made.write_dive(folder, 1, columns=True, **absent)
+    made.write_dive(folder, 2, columns=True)
+    made.write_dive(folder, 3, columns=True, centres=(2350.0, 2200.0, 2900.0))
+    import_seaglider([folder], tmp_path / "out.nc")
+    second, third = (samples(tmp_path / "out.nc", number) for number in (2, 3))
+    for name in ("battery_position", "battery_rotation", "ballast_volume"):
+        np.testing.assert_allclose(third[name].values, second[name].values, atol=1e-9)
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        assert dataset.attrs["ballast_volume_zero_count"] == made.C_VBD
+
+
 def test_counts_before_a_phase_are_those_after_the_last_where_they_are_not_logged(tmp_path):
     absent = {f"gc_{control}_ad_start": None for control in ("pitch", "vbd", "roll")}
     import_seaglider([write_mission(tmp_path / "m", columns=False, **absent)], tmp_path / "out.nc")

@@ -1,6 +1,7 @@
 """Slocum records into the observation format."""
 
 import importlib
+import shutil
 import struct
 import sys
 
@@ -441,6 +442,16 @@ def test_the_fullest_record_of_a_segment_is_taken(card, tmp_path):
     summary = import_slocum([card], tmp_path / "out.nc")
     assert "2 flight records" in summary.remarks
     assert summary.sample_interval == INTERVAL
+
+
+def test_another_segment_of_the_same_name_is_refused(card, tmp_path):
+    """Short names of cards (01230000.dbd) repeat from deployment to deployment; the second file had been left out."""
+    other = tmp_path / "other"
+    shutil.copytree(card, other)
+    (name, *_) = sorted(path.name for path in card.glob("*.dbd"))
+    (other / name).write_bytes((card / name).read_bytes() + b"X")
+    with pytest.raises(InputError, match=rf"{name}: has the name of .* and another content"):
+        import_slocum([card, other], tmp_path / "out.nc")
 
 
 def test_a_missing_cache_file_is_named(card, tmp_path):

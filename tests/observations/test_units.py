@@ -35,6 +35,11 @@ def test_every_unit_that_is_wanted_is_defined_here():
     assert set(FACTORS) == set(DEFINED)
 
 
+@pytest.mark.parametrize("unit", ["degrees_N", "degree_E", "degreesN", "degreeE"])
+def test_degrees_have_every_spelling_of_the_cf_conventions(unit):
+    assert FACTORS["degree"][unit.lower()] == 1.0
+
+
 @pytest.mark.parametrize(
     ("quantity", "unit", "value", "converted"), [
     ("length in m", "in", 10.0, 0.254),

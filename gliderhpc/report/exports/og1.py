@@ -90,7 +90,8 @@ def export_og1(
     with archive_errors(archive), open_for_reading(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(Path(archive), tree)
-        numbers = done_profiles(tree)
+        starts = tree.to_dataset()["start_time"]
+        numbers = sorted(done_profiles(tree), key=lambda number: starts.sel(profile=number).values)
         if not numbers:
             raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
         _export(tree, numbers, described, summary, community=community, overwrite=overwrite)
