@@ -249,14 +249,14 @@ _MAX_REASONS = 2
 
 
 def describe_fixes(
-    before: Sequence[Fix], after: Sequence[Fix], reasons: Sequence[str], limit: np.timedelta64 | None = None
+    before: Sequence[Fix], after: Sequence[Fix], reasons: Sequence[str], limit: np.timedelta64
 ) -> tuple[str, ...]:
     """Describe why fixes around a profile were left out, and the sides on which none remains within a time limit."""
     more = len(reasons) - _MAX_REASONS
     texts = [*reasons[:_MAX_REASONS], *([f"{more} more fixes left out"] if more > 0 else [])]
     missing = [side for side, fixes in (("before", before), ("after", after)) if not fixes]
-    within = "" if limit is None else f" within {limit / np.timedelta64(1, 'm'):.0f} minutes"
-    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile{within}"] if missing else []))
+    within = f"within {limit / np.timedelta64(1, 'm'):.0f} minutes"
+    return (*texts, *([f"no GPS fix {' or '.join(missing)} the profile {within}"] if missing else []))
 
 
 def _null_positions(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -> dict[int, str]:

@@ -113,7 +113,7 @@ class Navigation:
             entry_fix=before[-1] if before else None, exit_fix=after[0] if after else None,
             surface_fixes_before=before, surface_fixes_after=after,
             notes=(
-                *describe_fixes(before, after, notes),
+                *describe_fixes(before, after, notes, MAX_FIX_AGE),
                 *_describe_depth(seconds, self.depth[span], self.impossible[span]),
                 *dive_notes(seconds, self.depth[span], self.pitch[span]),
             ),
