@@ -70,7 +70,7 @@ def test_a_step_of_the_rolling_moment_is_found_and_named():
     (line,) = moment_lines(changes, PER_DEGREE)
     assert line.startswith("a step: from profile 8 on (day 0.2), dives and climbs: rolling moment: +0.3")
     tilt = abs(one.size("B_cp", "dive").value) / PER_DEGREE
-    assert f"tilts the hull by {tilt:.1f} degrees; also the yawing moment: -0.1" in line
+    assert f"enough to tilt the hull by {tilt:.1f} degrees; also the yawing moment: -0.1" in line
     assert "a lost wing, or a battery or payload that has shifted sideways" in line
 
 
