@@ -9,7 +9,6 @@ each depends on its dive and those before it alone. Missions that have a file in
 
 import argparse
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,16 +40,20 @@ class Mission:
     dives: list[int]
     alerts: dict[str, list[str]]
 
-    def alarms(self, before: int | None = None) -> int:
+    def quiet(self, before: int | None) -> list[int]:
+        """Numbers of the dives inverted, up to a dive."""
+        return [number for number in self.dives if before is None or number < before]
+
+    def alarms(self, before: int | None) -> int:
         """Number of dives with an alert that had none on the dive before, up to a dive."""
-        told = [number for number in self.dives if str(number) in self.alerts and (before is None or number < before)]
-        return sum(number - 1 not in told for number in told)
+        alerted = [number for number in self.quiet(before) if str(number) in self.alerts]
+        return sum(number - 1 not in alerted for number in alerted)
 
     @property
     def announced(self) -> int | None:
         """First dive at or after the onset whose alerts include the drag."""
-        told = (n for n in self.dives if n >= ONSET and any(re.search("drag", a) for a in self.alerts.get(str(n), [])))
-        return next(told, None)
+        alerted = (n for n in self.dives if n >= ONSET and "drag" in " ".join(self.alerts.get(str(n), [])))
+        return next(alerted, None)
 
 
 def scenario_of(kind: str) -> Scenario:
@@ -76,7 +79,7 @@ def fly(kind: str, seed: int, folder: Path) -> Mission:
     with open_for_reading(archive) as opened:
         numbers = done_profiles(opened)
         alerts = {str(number): list(RULES.violations(surfacing_message(opened, number))) for number in numbers}
-    found = Mission(numbers, {number: told for number, told in alerts.items() if told})
+    found = Mission(numbers, {number: each for number, each in alerts.items() if each})
     stored.write_text(json.dumps(asdict(found), indent=1), "utf-8")
     return found
 
@@ -86,11 +89,11 @@ def table(missions: dict[str, Sequence[Mission]]) -> str:
     rows = []
     for kind, found in missions.items():
         before = ONSET if kind == GROWN else None
-        quiet = sum(len([n for n in each.dives if before is None or n < before]) for each in found)
+        quiet = sum(len(each.quiet(before)) for each in found)
         alarms = sum(each.alarms(before) for each in found)
         after = [each.announced for each in found]
-        told = ", ".join("never" if n is None else str(n - ONSET + 1) for n in after) if kind == GROWN else "–"
-        rows.append([kind, str(len(found)), str(quiet), str(alarms), told])
+        announced = ", ".join("never" if n is None else str(n - ONSET + 1) for n in after) if kind == GROWN else "–"
+        rows.append([kind, str(len(found)), str(quiet), str(alarms), announced])
     return markdown(["change", "missions", "dives without one", "false alarms", "announced with dive"], rows)
 
 
