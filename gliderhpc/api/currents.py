@@ -18,6 +18,7 @@ from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_mak
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
 from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
@@ -269,7 +270,7 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
     at = track.series.time
     for name, column in on_points.items():
         values[name] = np.interp(record.time, at, column, left=np.nan, right=np.nan)
-    values["longitude"] = (np.asarray(values["longitude"], dtype=np.float64) + 180.0) % 360.0 - 180.0
+    values["longitude"] = wrapped_longitude(np.asarray(values["longitude"], dtype=np.float64))
     return values
 
 

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gliderhpc.observations.regions import bounding_polygon, longitude_range
+
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 
 _KEYWORDS = (
@@ -67,13 +69,13 @@ def discovery_attributes(
             "time_coverage_duration": f"PT{seconds}S",
             "time_coverage_resolution": f"PT{seconds // max(1, len(known) - 1)}S",
         }  # fmt: skip
-    north, east, down = (_range(values) for values in (latitude, longitude, depth))
-    if north and east:
-        (south, to_north), (west, to_east) = north, east
+    latitudes, longitudes, down = _range(latitude), longitude_range(longitude), _range(depth)
+    if latitudes and longitudes:
+        (south, north), (west, east) = latitudes, longitudes
         attributes |= {
-            "geospatial_lat_min": south, "geospatial_lat_max": to_north, "geospatial_lat_units": "degrees_north",
-            "geospatial_lon_min": west, "geospatial_lon_max": to_east, "geospatial_lon_units": "degrees_east",
-            "geospatial_bounds": bounding_polygon(north, east),
+            "geospatial_lat_min": south, "geospatial_lat_max": north, "geospatial_lat_units": "degrees_north",
+            "geospatial_lon_min": west, "geospatial_lon_max": east, "geospatial_lon_units": "degrees_east",
+            "geospatial_bounds": bounding_polygon(latitudes, longitudes),
             "geospatial_bounds_crs": "EPSG:4326",
         }  # fmt: skip
     if down:
@@ -83,13 +85,6 @@ def discovery_attributes(
             "geospatial_bounds_vertical_crs": "EPSG:5831",
         }  # fmt: skip
     return attributes
-
-
-def bounding_polygon(latitude: tuple[float, float], longitude: tuple[float, float]) -> str:
-    """Return the bounding rectangle of a region as text (WKT), from its least and greatest latitude and longitude."""
-    (south, north), (west, east) = latitude, longitude
-    corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
-    return f"POLYGON (({', '.join(f'{a:.5f} {b:.5f}' for a, b in corners)}))"
 
 
 def _range(values: np.ndarray) -> tuple[float, float] | None:

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from geographiclib.geodesic import Geodesic
 
 from gliderhpc.observations.records import Fix, FloatArray, TimeArray
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.times import plausible_times
 
 Position = tuple[float, float]
@@ -353,7 +354,7 @@ def _distances(latitude: FloatArray, longitude: FloatArray) -> FloatArray:
 
 def _east(difference: FloatArray, latitude: FloatArray) -> FloatArray:
     """Difference in longitude, the short way round, in degrees of a great circle."""
-    return np.asarray((np.mod(difference + 180.0, 360.0) - 180.0) * np.cos(np.radians(latitude)))
+    return np.asarray(wrapped_longitude(difference) * np.cos(np.radians(latitude)))
 
 
 def _reachable(distance: FloatArray, elapsed: FloatArray) -> npt.NDArray[np.bool_]:

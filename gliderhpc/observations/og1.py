@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.errors import InputError
 from gliderhpc.observations.dive_files import (
     FileRecords,
     check_samples,
@@ -18,9 +18,9 @@ from gliderhpc.observations.dive_files import (
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
+from gliderhpc.observations.og1_dives import dive_numbers, find_dives
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
-    DIVE,
     TIME,
     Declination,
     check_complete,
@@ -35,11 +35,10 @@ from gliderhpc.observations.og1_variables import (
     read_speeds,
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
-from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
-from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span, profile_spans
+from gliderhpc.observations.validation import Span, profile_spans
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
 
@@ -277,19 +276,21 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     check_complete(file)
     samples, turned, absent = _read_samples(file, declination)
     doubt = _check_heading(file)
-    numbers = _dive_numbers(file, samples)
+    depth = _floats(samples["depth"])
+    numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
     rows = np.flatnonzero(_has_attitude(samples))
     time = samples["time"][rows].astype("datetime64[ns]")
     in_order = increasing(time)
-    steps = find_clock_steps(time, in_order, _floats(samples["depth"])[rows])
+    steps = find_clock_steps(time, in_order, depth[rows])
     ordered = rows[in_order]
     if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = {name: values[ordered] for name, values in samples.items()}
-    dives, without = _find_dives(numbers[ordered], _floats(samples["depth"]))
-    profile = number_samples(dives, len(ordered))
+    found = find_dives(numbers[ordered], depth[ordered])
+    profile = number_samples(found.spans, len(ordered))
     _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
-    dives = {number: span for number, span in dives.items() if number not in lost}
+    dives = {number: span for number, span in found.spans.items() if number not in lost}
+    own_remarks = [f"{file.path.name}: {each}" for each in (doubt, found.remark) if each]
     return Record(
         path=file.path,
         model=file.text("PLATFORM_MODEL") or file.attribute("platform"),
@@ -303,10 +304,10 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         fixes=fixes,
         declination=turned,
         absent=absent,
-        without_dive=without,
+        without_dive=found.without,
         lost=lost,
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*([f"{file.path.name}: {doubt}"] if doubt else []), *describe_fixes(file, fixes), *remarks),
+        remarks=(*own_remarks, *describe_fixes(file, fixes), *remarks),
     )
 
 
@@ -341,37 +342,3 @@ def _has_attitude(samples: Columns) -> npt.NDArray[np.bool_]:
     """Mask of the rows with attitude; other rows hold fixes, or sensors that are sampled at other times."""
     roll, pitch, heading = (np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading"))
     return roll | pitch | heading
-
-
-def _dive_numbers(file: ForeignFile, samples: Columns) -> npt.NDArray[np.int64]:
-    """Dive number of every row: from the file, or else detected from depth."""
-    name = DIVE.find(file)
-    if name is not None:
-        file.check_lengths((TIME.require(file, "time"), name))
-        given = np.nan_to_num(file.numbers(name))
-        # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
-        plausible = (given > 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
-        return np.asarray(np.where(plausible, given, 0.0), dtype=np.int64)
-    time, depth = samples["time"].astype("datetime64[ns]"), _floats(samples["depth"])
-    known = increasing(time) & np.isfinite(depth)
-    numbers = np.zeros(len(time), dtype=np.int64)
-    if known.any():
-        seconds = (time[known] - time[known][0]) / np.timedelta64(1, "s")
-        numbers[known] = detect_profiles(seconds, depth[known])
-    return numbers
-
-
-def _find_dives(numbers: npt.NDArray[np.int64], depth: FloatArray) -> tuple[dict[int, Span], dict[int, str]]:
-    """Return the sample range of each dive by its number, and the reasons why other numbers give no dive."""
-    spans: dict[int, Span] = {}
-    without: dict[int, str] = {}
-    for number in np.unique(numbers[numbers > 0]).tolist():
-        rows = np.flatnonzero(numbers == number)
-        first = int(rows[0])
-        try:
-            start, stop = dive_span(depth[first : int(rows[-1]) + 1])
-        except ProfileError as error:
-            without[number] = str(error)
-        else:
-            spans[number] = (first + start, first + stop)
-    return spans, without

@@ -184,6 +184,8 @@ def _centres_of(path: Path) -> Centres:
 
 
 def _read_file(path: Path, number: int, centres: Centres) -> _DiveFile:
+    if number == 0:
+        raise ProfileError("is not imported: a Seaglider numbers its self-test 0, and its dives from 1")
     with ForeignFile(path) as file:
         dive = read_dive(file, centres)
         numbers = number_samples({number: (dive.start, dive.stop)}, len(dive.variables["time"]))

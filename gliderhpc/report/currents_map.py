@@ -14,6 +14,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
 from gliderhpc.observations.fixes import midpoint
+from gliderhpc.observations.regions import wrapped_longitude
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ def currents_map(table: xr.Dataset) -> Figure:
     tips = places + np.column_stack([east, north]) * stretch
     factors = covariance_factors(current.north_std, current.east_std, current.covariance)[current.known]
     outlines = tips[:, None, :] + np.einsum("nij,jk->nki", factors, CIRCLE) * stretch
-    _draw_tracks(axes, table)
+    _draw_tracks(axes, table, float(places[0, 0]))
     _draw_arrows(axes, places, tips, outlines, rows["start_time"].values)
     _set_limits(axes, np.concatenate([places, tips, *outlines]), narrowing)
     _draw_key(axes, float(np.hypot(north, east).max()), stretch)
@@ -63,12 +64,11 @@ def currents_map(table: xr.Dataset) -> Figure:
 
 
 def _middles(rows: xr.Dataset) -> Array:
-    """Return longitude and latitude ``(n, 2)`` midway between the fixes of each dive."""
+    """Return longitude and latitude ``(n, 2)`` midway between the fixes of each dive, the longitudes near the first."""
     names = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
     ends = zip(*(rows[name].values.tolist() for name in names), strict=True)
     places = np.array([midpoint((a, b), (c, d)) for a, b, c, d in ends])[:, ::-1]
-    # Dives on both sides of the date line are drawn next to each other.
-    places[:, 0] = np.unwrap(places[:, 0], period=360.0)
+    places[:, 0] = wrapped_longitude(places[:, 0], float(places[0, 0]))
     return places
 
 
@@ -85,23 +85,17 @@ def covariance_factors(north_std: Array, east_std: Array, covariance: Array) -> 
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
-def _draw_tracks(axes: Axes, table: xr.Dataset) -> None:
+def _draw_tracks(axes: Axes, table: xr.Dataset, centre: float) -> None:
+    """Draw tracks and fixes; those on both sides of the date line are next to each other, near a central longitude."""
     if {"latitude", "longitude", "profile_number"} <= set(table.variables):
         number = table["profile_number"].values
-        points = np.column_stack([table["longitude"].values, table["latitude"].values])
-        tracks = [points[number == one] for one in np.unique(number)]
-        axes.add_collection(
-            LineCollection([_continuous_track(track) for track in tracks], colors=SHADE, linewidths=0.8, zorder=1)
-        )
+        points = np.column_stack([wrapped_longitude(table["longitude"].values, centre), table["latitude"].values])
+        known = np.isfinite(points).all(axis=1)
+        tracks = [points[known & (number == one)] for one in np.unique(number)]
+        axes.add_collection(LineCollection(tracks, colors=SHADE, linewidths=0.8, zorder=1))
     for end in ("entry", "exit"):
-        axes.plot(table[f"{end}_longitude"], table[f"{end}_latitude"], ".", color=SHADE, markersize=4.0, zorder=1)
-
-
-def _continuous_track(track: Array) -> Array:
-    """Return the known positions of a track, with continuous longitudes."""
-    known = track[np.isfinite(track).all(axis=1)]
-    known[:, 0] = np.unwrap(known[:, 0], period=360.0)
-    return known
+        longitude = wrapped_longitude(table[f"{end}_longitude"].values, centre)
+        axes.plot(longitude, table[f"{end}_latitude"], ".", color=SHADE, markersize=4.0, zorder=1)
 
 
 def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start: NDArray[Any]) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.store_schema.columns import MODEL
 from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expand_source, open_models
 from gliderhpc.studies.library.scores import (
@@ -99,7 +100,7 @@ def compare_with_models(
         "records": len(path.time),
         "time": path.time[middle],
         "latitude": float(path.latitude[middle]),
-        "longitude": float((path.longitude[middle] + 180.0) % 360.0 - 180.0),
+        "longitude": wrapped_longitude(float(path.longitude[middle])),
         **{name: np.array([column[name] for column in columns]) for name in columns[0]},
     }
 

@@ -19,9 +19,9 @@ from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 
 
-def imported(tmp_path, *, declination=None, **changes):
+def imported(tmp_path, *, declination=None, dives=(1, 2), **changes):
     """Summary and samples of a file of two dives with some variables changed."""
-    path = made.write_og1(tmp_path / "sg099_delayed.nc", **changes)
+    path = made.write_og1(tmp_path / "sg099_delayed.nc", dives, **changes)
     summary = import_og1([path], tmp_path / "out.nc", declination=declination)
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         return summary, dataset.load()
@@ -135,6 +135,33 @@ def test_a_control_that_is_absent_is_zero_and_reported(tmp_path, variable, contr
 def test_profiles_are_judged_from_depth_where_the_dives_are_not_numbered(tmp_path):
     summary, _ = imported(tmp_path, divenum=None)
     assert [profile.number for profile in summary.complete] == [1, 2]
+
+
+ROWS = 2 * (made.AFLOAT + made.HALF) + 3
+"""Rows of one dive of the synthetic file."""
+
+
+@pytest.mark.parametrize(
+    ("counter", "what"),
+    [((0, 1, 2), "begins with 0"), ((4, 5, 4), "begins anew or decreases"), ((2, 1, 7), "begins anew")],
+)
+def test_dives_of_a_counter_from_zero_or_with_a_new_beginning_are_counted_from_one(tmp_path, counter, what):
+    summary, found = imported(tmp_path, dives=(1, 2, 3), divenum=np.repeat(np.float64(counter), ROWS))
+    assert [profile.number for profile in summary.complete] == [1, 2, 3]
+    assert [profile.samples for profile in summary.complete] == [2 * made.HALF] * 3
+    assert "its dive counter " + what in summary.remarks[0]
+    assert found["reference_profile"].values.tolist() == [1, 2, 3]
+
+
+def test_rows_numbered_zero_that_are_no_dive_of_their_own_divide_none(tmp_path):
+    numbers = np.repeat([1.0, 2.0], ROWS)
+    numbers[ROWS // 2 - 4 : ROWS // 2 + 4] = 0.0
+    numbers[ROWS - 2 : ROWS + 2] = 0.0
+    numbers[ROWS + ROWS // 3] = 99.0
+    numbers[2 * ROWS // 3] = np.nan
+    summary, _ = imported(tmp_path, divenum=numbers)
+    assert [(profile.number, profile.samples) for profile in summary.complete] == [(n, 2 * made.HALF) for n in (1, 2)]
+    assert summary.remarks == ()
 
 
 def test_the_producers_solution_is_carried_along(tmp_path):

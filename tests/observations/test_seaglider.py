@@ -214,6 +214,15 @@ def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
         assert words in dataset.attrs["dives_rejected"]
 
 
+def test_the_self_test_is_no_profile(tmp_path):
+    folder = write_mission(tmp_path / "m", columns=True)
+    first = min(folder.iterdir())
+    first.rename(first.with_name(first.name[:4] + "0000.nc"))
+    summary = import_seaglider([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [2, 3]
+    assert "its self-test 0" in summary.without_profile["dive 0"]
+
+
 def test_a_shallow_dive_is_no_profile(tmp_path):
     summary = import_seaglider([write_mission(tmp_path / "m", columns=True, maximum=6.0)], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3]

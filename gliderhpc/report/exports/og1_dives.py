@@ -16,7 +16,8 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.observations.appended import Column
 from gliderhpc.observations.discovery import content_type
 from gliderhpc.observations.fixes import midpoint
-from gliderhpc.report.exports.og1_rows import since_1970, wrapped_longitude
+from gliderhpc.observations.regions import wrapped_longitude
+from gliderhpc.report.exports.og1_rows import since_1970
 from gliderhpc.report.exports.og1_vocabulary import (
     CURRENT_ESTIMATES,
     LATITUDE_ATTRIBUTES,

@@ -10,7 +10,8 @@ import numpy as np
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.discovery import SHARED_ATTRIBUTES, bounding_polygon
+from gliderhpc.observations.discovery import SHARED_ATTRIBUTES
+from gliderhpc.observations.regions import bounding_polygon, longitude_range
 from gliderhpc.report.exports.og1_community import described_attributes
 from gliderhpc.report.exports.og1_rows import Rows
 from gliderhpc.report.exports.og1_vocabulary import REQUIRED, SINGLE
@@ -38,7 +39,10 @@ _STRICT_COMMENT = (
 
 @dataclass
 class Extent:
-    """Minimum and maximum of the written values, by name, and number of rows."""
+    """Minimum and maximum of the written values, by name, and number of rows.
+
+    The limits of the longitude are the western and the eastern end (`gliderhpc.observations.regions.longitude_range`).
+    """
 
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)
     rows: int = 0
@@ -46,7 +50,10 @@ class Extent:
     def update(self, rows: Rows) -> None:
         """Extend the limits by the rows of a profile."""
         self.rows += len(rows["TIME"])
-        for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH"):
+        longitudes = longitude_range(np.append(rows["LONGITUDE"], self.limits.get("LONGITUDE", ())))
+        if longitudes:
+            self.limits["LONGITUDE"] = longitudes
+        for name in ("TIME", "LATITUDE", "DEPTH"):
             known = rows[name][np.isfinite(rows[name].astype(np.float64))].astype(np.float64)
             if len(known):
                 low, high = self.limits.get(name, (np.inf, -np.inf))

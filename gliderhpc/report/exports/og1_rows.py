@@ -13,6 +13,7 @@ from gliderhpc.archive.profile import TRACKED, ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations import Fix, cycle_boundaries
 from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.platform import Platform
 from gliderhpc.report.exports.og1_vocabulary import (
     ADJOINT_TERMS,
@@ -264,11 +265,6 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
 
 _REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")
 """Variables that the row of a fix copies from the neighbouring row."""
-
-
-def wrapped_longitude(longitude: float) -> float:
-    """Wrap a longitude to [-180, 180) degrees."""
-    return (longitude + 180.0) % 360.0 - 180.0
 
 
 def since_1970(time: np.datetime64) -> float:

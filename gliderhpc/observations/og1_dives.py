@@ -1,0 +1,145 @@
+"""Dives of an OG1 file: by the file's own dive counter, or else from depth."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import ProfileError
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.og1_variables import DIVE, TIME
+from gliderhpc.observations.profiles import detect_profiles, dive_span
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span
+
+IntArray = npt.NDArray[np.int64]
+
+_NO_DIVE = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Dives:
+    """Dives of one file.
+
+    Attributes
+    ----------
+    spans : dict of int to Span
+        Sample range of each dive by its number, in the order of time.
+    without : dict of int to str
+        Reasons why other numbers of the file's counter give no dive.
+    remark : str
+        Reason why the dives are not numbered as in the file; empty if they are.
+    """
+
+    spans: dict[int, Span]
+    without: dict[int, str]
+    remark: str = ""
+
+
+def dive_numbers(file: ForeignFile, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
+    """Dive number of every row: from the file, or else detected from depth; -1 where there is none."""
+    name = DIVE.find(file)
+    if name is not None:
+        file.check_lengths((TIME.require(file, "time"), name))
+        given = np.nan_to_num(file.numbers(name), nan=_NO_DIVE)
+        # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
+        plausible = (given >= 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
+        return np.asarray(np.where(plausible, given, _NO_DIVE), dtype=np.int64)
+    known = increasing(time) & np.isfinite(depth)
+    numbers = np.full(len(time), _NO_DIVE)
+    if known.any():
+        seconds = (time[known] - time[known][0]) / np.timedelta64(1, "s")
+        detected = detect_profiles(seconds, depth[known])
+        numbers[known] = np.where(detected > 0, detected, _NO_DIVE)
+    return numbers
+
+
+def find_dives(numbers: IntArray, depth: FloatArray) -> Dives:
+    """Find the sample range of each dive.
+
+    Parameters
+    ----------
+    numbers : (n,) array
+        Dive number of every sample, -1 where there is none.
+    depth : (n,) array
+        Depth (m), NaN where missing.
+
+    Notes
+    -----
+    In most files the first dive is number one, and zero means no dive; in others it is number zero. Samples numbered
+    zero are therefore a dive if they go down and come up again. A counter that begins anew, such as that of a Slocum's
+    segments with each mission, gives the same number to several dives. If the numbers do not increase from one dive to
+    the next, or begin with zero, the dives are numbered from one in the order of time.
+    """
+    found: list[tuple[int, Span]] = []
+    without: dict[int, str] = {}
+    for number, start, stop in _stretches(_without_strays(numbers, depth), depth):
+        try:
+            first, last = dive_span(depth[start:stop])
+        except ProfileError as error:
+            without[number] = str(error)
+        else:
+            found.append((number, (start + first, start + last)))
+    own = [number for number, _ in found]
+    without = {number: why for number, why in without.items() if number not in own}
+    if all(number > 0 for number in own) and all(before < after for before, after in pairwise(own)):
+        return Dives(dict(found), without)
+    what = "begins with 0" if own[0] == 0 and len(set(own)) == len(own) else "begins anew or decreases"
+    remark = f"its dive counter {what}: the dives are numbered from 1 in the order of time"
+    return Dives({place: span for place, (_, span) in enumerate(found, 1)}, without, remark)
+
+
+def _without_strays(numbers: IntArray, depth: FloatArray) -> IntArray:
+    """Numbers without the zeros, and the numbers in the midst of another one, that are no whole dive."""
+    kept = numbers.copy()
+    runs = _runs(np.flatnonzero(numbers != _NO_DIVE), numbers)
+    around = zip([None, *runs], runs, [*runs[1:], None], strict=False)
+    for before, (start, stop), after in around:
+        number = numbers[start]
+        within = before is not None and after is not None and 0 < numbers[before[0]] == numbers[after[0]]
+        if (number == 0 or within) and not _is_whole_dive(depth[start:stop]):
+            kept[start:stop][numbers[start:stop] == number] = _NO_DIVE
+    return kept
+
+
+def _is_whole_dive(depth: FloatArray) -> bool:
+    """Whether the glider begins and ends nearer to the surface than to the bottom of its dive."""
+    known = depth[np.isfinite(depth)]
+    return _is_dive(depth) and bool(max(known[0], known[-1]) < 0.5 * known.max())
+
+
+def _stretches(numbers: IntArray, depth: FloatArray) -> list[tuple[int, int, int]]:
+    """Number, first sample and end of each stretch with one number, in the order of time.
+
+    Samples with another number that go to no depth do not divide a stretch.
+    """
+    runs = _runs(np.flatnonzero(numbers != _NO_DIVE), numbers)
+    diving = [run for run in runs if _is_dive(depth[run[0] : run[1]])]
+    stretches: list[tuple[int, int, int]] = []
+    for start, stop in diving:
+        number = int(numbers[start])
+        if stretches and stretches[-1][0] == number:
+            stretches[-1] = (number, stretches[-1][1], stop)
+        else:
+            stretches.append((number, start, stop))
+    dived = {number for number, *_ in stretches}
+    idle = {int(numbers[start]): (start, stop) for start, stop in runs if int(numbers[start]) not in dived}
+    return sorted([*stretches, *((number, *span) for number, span in idle.items())], key=lambda each: each[1])
+
+
+def _runs(rows: IntArray, numbers: IntArray) -> list[Span]:
+    """Sample ranges of successive rows with the same number; rows that are not given do not end a range."""
+    if len(rows) == 0:
+        return []
+    ends = np.flatnonzero(np.diff(numbers[rows])) + 1
+    return [(int(part[0]), int(part[-1]) + 1) for part in np.split(rows, ends)]
+
+
+def _is_dive(depth: FloatArray) -> bool:
+    try:
+        dive_span(depth)
+    except ProfileError:
+        return False
+    return True
