@@ -292,7 +292,8 @@ def with_overrides(platform: Platform, overrides: Mapping[str, Any]) -> Platform
     InputError
         A platform has no such key, or a value is out of range.
     """
-    content = platform.model_dump(exclude_none=True)
+    # What the hull does not state must stay unstated: the errors that it may have depend on that.
+    content = platform.model_dump(exclude_unset=True, exclude_none=True)
     for key, value in overrides.items():
         _check_known_key(f"--set platform.{key}", key)
         expected = "neither a number nor a list such as [1, 2, 3]"

@@ -186,4 +186,6 @@ def _score(
         again = again.of(again.in_known_water)
     else:
         again = replace(again, seawater=np.full_like(again.seawater, np.nan))
-    return Score(tuple(numbers), len(again), score_of(before, segments), score_of(after, again))
+    return Score(
+        tuple(numbers), len(again), score_of(before, segments), score_of(after, again) if len(again) else NO_ERRORS
+    )

@@ -20,6 +20,9 @@ from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
 from gliderhpc.wording import speaks_python
 
+_MAX_ERROR = 100.0
+"""Largest error of a logarithm that is shown as a factor; a number without information has none."""
+
 
 @dataclass(frozen=True, eq=False)
 class FoundHull:
@@ -170,7 +173,7 @@ class TunedHull(FoundHull):
             "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
             "before": [*before.deviation, *before.correlation_time],
             "after": [*after.deviation, *after.correlation_time],
-            "factor": np.exp(self.tuned.errors),
+            "factor": np.exp(np.where(self.tuned.errors < _MAX_ERROR, self.tuned.errors, np.nan)),
             "remark": [tuning_report.remark_of(verdict) for verdict in self.tuned.verdicts],
         }
         index = pd.MultiIndex.from_product([("deviation", "correlation time"), tuple(CHANNELS)])

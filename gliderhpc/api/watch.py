@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,6 +17,7 @@ from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, 
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
 from gliderhpc.api.watch_versions import accept_or_restore, keep_earlier
 from gliderhpc.api.workers import executor_of
+from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.executors import Executor
@@ -261,8 +262,22 @@ class Watch:
             new = {number: digest for number, digest in observations.sample_digests().items() if digest not in before}
             if new or not only_news:
                 self._invert(observations)
+                self._report_late_currents(observations, new)
             for number, digest in new.items():
                 self._report(observations, number, digest)
+
+    def _report_late_currents(self, observations: Observations, new: Container[int]) -> None:
+        """Report again the dives whose current was unknown when they were reported, and is known by now."""
+        unknown = {one.profile: one.samples for one in self.state.reported if not one.current_known}
+        unknown = {number: digest for number, digest in unknown.items() if number not in new}
+        if not unknown:
+            return
+        store = self.watched.store
+        with archive_errors(store), open_for_reading(store) as archive:
+            table = archive.to_dataset()
+            found = table["profile"].values[adopted_current(table).known].tolist()
+        for number in sorted(unknown.keys() & found):
+            self._report(observations, number, unknown[number])
 
     def _invert(self, observations: Observations) -> None:
         watched = self.watched
@@ -308,6 +323,7 @@ class Watch:
             samples=digest,
             count=observations.sample_count(number),
             revision=message.revision,
+            current_known=message.current is not None,
             file=name,
         )
         if place is None:
@@ -322,8 +338,18 @@ class Watch:
             message = surfacing_message(archive, number)
         if before is None:
             return message
-        changes = message.changes_since(path.read_text("utf-8")) if path.exists() else ()
-        return message.model_copy(update={"revision": before.revision + 1, "changes": changes})
+        return message.model_copy(update={"revision": before.revision + 1, "changes": _changes(message, path)})
+
+
+def _changes(message: SurfacingMessage, path: Path) -> tuple[str, ...]:
+    """List the differences from the earlier message in a file; none, with a warning, if that cannot be read."""
+    if not path.exists():
+        return ()
+    try:
+        return message.changes_since(path.read_text("utf-8"))
+    except ValueError:  # Not UTF-8, not JSON, or not such a message.
+        log.warning("%s: is not a readable message, so what changed since then is not reported; it is replaced", path)
+        return ()
 
 
 def continues_archive(store: Place, numbers: Iterable[int]) -> bool:

@@ -32,6 +32,8 @@ class ReportedDive(BaseModel):
         Number of samples.
     revision : int
         Revision of the message.
+    current_known : bool
+        Whether the message has a current.
     file : str
         Name of the message file.
     """
@@ -43,6 +45,7 @@ class ReportedDive(BaseModel):
     samples: str
     count: int = 0
     revision: int
+    current_known: bool = True
     file: str
 
     def overlap(self, start: np.datetime64, end: np.datetime64) -> float:

@@ -158,17 +158,10 @@ def open_for_reading(path: Place) -> ArchiveReader:
     Opening takes a fifth of the time, and reading a profile or two takes half of the time. Values are also read on use,
     but a selection of a variable is read at once and cached.
     """
-    archive = open_for_job(path)
-    with archive_errors(path):
-        return archive.with_columns(_committed_columns(path, archive.profile_count))
-
-
-def open_for_job(path: Place) -> ArchiveReader:
-    """Open an archive like `open_for_reading`, but with its table as stored, for a job of a study."""
     with archive_errors(path):
         archive = ArchiveReader(_nodes(path))
         _check_attributes(path, archive.attrs)
-    return archive
+        return archive.with_columns(_committed_columns(path, archive.profile_count))
 
 
 def _nodes(path: Place) -> dict[str, Node]:

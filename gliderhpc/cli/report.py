@@ -75,7 +75,7 @@ def export() -> None:
 
 
 @export.command("og1")
-@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("archive", type=options.PLACE, metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
     "--attribute",
@@ -92,7 +92,7 @@ def export() -> None:
 )
 @options.overwrite
 def og1(
-    archive: Path, out: Path, assignments: tuple[str, ...], deployment: Path | None, community: bool, overwrite: bool
+    archive: Place, out: Path, assignments: tuple[str, ...], deployment: Path | None, community: bool, overwrite: bool
 ) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
 
@@ -113,11 +113,11 @@ def og1(
 
 
 @export.command("currents")
-@click.argument("archive", type=click.Path(path_type=Path), metavar="ARCHIVE.zarr")
+@click.argument("archive", type=options.PLACE, metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.deployment
 @options.overwrite
-def currents(archive: Path, out: Path, deployment: Path | None, overwrite: bool) -> int:
+def currents(archive: Place, out: Path, deployment: Path | None, overwrite: bool) -> int:
     """Write the currents of ARCHIVE as CF netCDF for assimilation: one profile per dive, with errors and covariance.
 
     Requires the group of `gliderhpc analyze ARCHIVE.zarr currents`. The depth-averaged current is `u`, `v`.

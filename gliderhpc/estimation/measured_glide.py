@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
@@ -23,6 +24,8 @@ MIN_ATTACK_ERROR = 0.02
 
 _MIN_SAMPLES = 10
 """Least number of samples of a dive, and of a climb, for an angle of attack."""
+_UPPER = 0.975
+"""Level of the quantile by which Student's distribution is wider than the normal one."""
 _WIDEST, _POINTS = 4.0, 321
 """Reach of the factors tried, in standard deviations of the prior, and their number."""
 _PLAUSIBLE = 3.0
@@ -83,6 +86,12 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
     return corrected, (remark, *remarks)
 
 
+def _error_of_mean(values: Array) -> float:
+    """Standard error of a mean, widened by Student's quantile over the normal one where there are few values."""
+    few = scipy.stats.t.ppf(_UPPER, len(values) - 1) / scipy.stats.norm.ppf(_UPPER)
+    return float(few * np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
 def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePolar, str]:
     """Drag over lift from the posterior of the drag's factor on a grid, and a remark."""
     attack = np.array([each.attack for each in found])
@@ -92,7 +101,7 @@ def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePo
             f"the relative velocity is not used: its angle of attack, half of dives less climbs, is "
             f"{math.degrees(usual):.1f} degrees, and no glider's is negative"
         )
-    scatter = float(np.std(attack)) / math.sqrt(len(attack)) if len(attack) > 1 else 0.5 * usual
+    scatter = _error_of_mean(attack) if len(attack) > 1 else 0.5 * usual
     error = math.hypot(scatter, MIN_ATTACK_ERROR * usual)
     logarithms = polar.deviation * np.linspace(-_WIDEST, _WIDEST, _POINTS)
     modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), found) for x in logarithms])

@@ -63,6 +63,13 @@ def panels(
     return figure, axes
 
 
+def panel_letters(count: int) -> list[str]:
+    """Return the letters of panels in order: a to z, then aa, ab ..."""
+    letters = "abcdefghijklmnopqrstuvwxyz"
+    names = [*letters, *(first + second for first in letters for second in letters)]
+    return names[:count]
+
+
 def style_axes(axes: Axes) -> None:
     """Style a panel: small labels, a faint grid, and no frame at the top and on the right."""
     axes.tick_params(labelsize=SMALL, length=2.0, width=0.6, pad=2.0)

@@ -161,6 +161,13 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
     return tuple(sorted(chosen))
 
 
+def as_ranges(numbers: Sequence[int]) -> str:
+    """Write profile numbers as `select_profiles` reads them: ``18:20,68``."""
+    ends = [*[i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1], len(numbers)]
+    runs = [numbers[first:last] for first, last in zip([0, *ends], ends, strict=False)]
+    return ",".join(f"{run[0]}:{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
 def plan_mission(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> MissionPlan:
     """Size the archive for the chosen profiles from their durations.
 

@@ -75,10 +75,25 @@ def provenance_of(archive: Archive, name: str) -> Provenance:
     """
     values = {field.name: stored_attribute(archive, name, field.name) for field in fields(Provenance)}
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-    outdated = archive[name].attrs.get(OUTDATED)
+    outdated = outdated_because(archive, name)
     if outdated:
         values["remarks"] += (f"this study was {outdated}; run it again",)
     return Provenance(**values)
+
+
+def outdated_because(archive: Archive, name: str) -> str:
+    """Return why a study's group no longer fits its archive; empty if it does, or if there is no such group."""
+    return str(archive[name].attrs.get(OUTDATED, "")) if name in archive.children else ""
+
+
+def outdated_input_remarks(archive: Archive, *names: str) -> tuple[str, ...]:
+    """Return a remark for each study that another one uses and that no longer fits its archive."""
+    reasons = {name: outdated_because(archive, name) for name in names}
+    return tuple(
+        f"this study uses the study {name}, which was {why}; run {name} again, and then this study"
+        for name, why in reasons.items()
+        if why
+    )
 
 
 def stored_attribute(archive: Archive, name: str, key: str) -> Any:

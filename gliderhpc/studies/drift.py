@@ -19,7 +19,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, PHASES, median_column
-from gliderhpc.studies.archived import chosen_profiles, platform_of, settings_of, windows_start
+from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
 from gliderhpc.studies.library.drift.change_text import stored_changes
 from gliderhpc.studies.library.drift.coefficients import (
@@ -40,7 +40,7 @@ from gliderhpc.studies.library.drift.medians import (
 )
 from gliderhpc.studies.library.drift.moment_text import stored_moment_changes
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
-from gliderhpc.studies.library.drift.verdict import DriftFindings, find_drift, forward_errors
+from gliderhpc.studies.library.drift.verdict import VALIDATION_GROUP, DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES
 from gliderhpc.studies.request import Request, study_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
@@ -87,7 +87,8 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
         hull=platform_of(archive),
         forward_errors=forward_errors(archive, chosen),
     )
-    return Preparation(inputs=mission, numbers=tuple(chosen))
+    outdated = () if mission.forward_errors is None else outdated_input_remarks(archive, VALIDATION_GROUP)
+    return Preparation(inputs=mission, numbers=tuple(chosen), remarks=outdated)
 
 
 # One profile

@@ -12,7 +12,7 @@ from pydantic import Field
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import CATALOGUE, EVENT
-from gliderhpc.studies.archived import platform_of
+from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.trends import MAD
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
@@ -157,7 +157,9 @@ def _positions(archive: Archive, data: ProfileData, times: Array) -> Array:
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: EventSettings) -> Preparation:
     """Read the nulls' ceiling and noise, if there are nulls."""
     floor, remarks = null_floor(archive, request.estimate, settings)
-    return Preparation(inputs=floor, attributes={"floor": None if floor is None else asdict(floor)}, remarks=remarks)
+    outdated = () if floor is None else outdated_input_remarks(archive, "nulls")
+    attributes = {"floor": None if floor is None else asdict(floor)}
+    return Preparation(inputs=floor, attributes=attributes, remarks=remarks + outdated)
 
 
 def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:

@@ -234,7 +234,7 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
     found = mission.whole or _sum_of_dives(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
         changes = find_changes(
-            mission.dives, found, mission.suspects, mission.prior, settings.change, mission.companions
+            mission.dives, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust
         )
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
         if probable or mission.divisor > 1.0:

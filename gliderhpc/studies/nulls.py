@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.archive.mission import open_for_job, open_for_reading
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
@@ -223,7 +223,7 @@ def run_nulls(archive: str, estimate: str, settings: NullSettings, nulls: Sequen
     are left out.
     """
     results: list[NullResult] = []
-    with threadpool_limits(limits=1), open_for_job(archive) as opened:
+    with threadpool_limits(limits=1), open_for_reading(archive) as opened:
         platform, mission = platform_of(opened), settings_of(opened)
 
         def tasks() -> Iterator[tuple[tuple[Realisation, Row, Array], PreparedProfile]]:
@@ -263,7 +263,10 @@ def _inverted_row(
     row |= gaussianity_row(noise_of_estimate(inversion, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}
-    return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([seed, 2])).p_value}
+    try:
+        return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([seed, 2])).p_value}
+    except ProfileError as error:
+        return row | {"message": str(error)}
 
 
 # The mission

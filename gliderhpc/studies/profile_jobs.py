@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.archive.mission import open_for_job
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema import ArchiveRows, Digests
 from gliderhpc.studies.request import Request
@@ -132,7 +132,7 @@ def study_run(run: ProfileRun) -> list[tuple[StudiedProfile, Digests]]:
 @lru_cache(maxsize=1)
 def _archive_of(token: str, archive: Path) -> Archive:
     """Open an archive once in a worker for all runs of a study; it does not change during the study."""
-    return open_for_job(archive)
+    return open_for_reading(archive)
 
 
 def _study_and_write(

@@ -20,6 +20,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import Comparison, Paper
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.store_schema.columns import MODEL
+from gliderhpc.studies.archived import outdated_input_remarks
 from gliderhpc.studies.library.ocean_model import Coverage, OceanModel, expand_source, open_models
 from gliderhpc.studies.library.scores import (
     COVERAGE,
@@ -31,6 +32,7 @@ from gliderhpc.studies.library.scores import (
 )
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
+    CURRENTS,
     Current,
     DivePath,
     archived_currents,
@@ -174,7 +176,10 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
                 "models": {model.name: model.labels for model in models},
                 "ellipses_of_study": by_study,
             },
-            remarks=tuple(remark for model in models for remark in _daily_remark(model)),
+            remarks=(
+                *(remark for model in models for remark in _daily_remark(model)),
+                *(outdated_input_remarks(archive, CURRENTS) if by_study else ()),
+            ),
             caveats=() if by_study else (_WITHOUT_STUDY,),
         )
 

@@ -64,6 +64,15 @@ class Request:
         """Absolute path of the archive, for workers that start in another folder."""
         return str(self.archive.resolve())
 
+    def options(self, study: str) -> list[str]:
+        """Return the words of a command line for the profiles, settings and files of a study, without their folders."""
+        files = {"observations": self.observations, "truth": self.truth, "budget": self.budget}
+        files["reference"] = self.reference
+        given = [] if self.profiles is None else ["--profiles", self.profiles]
+        given += [word for name, path in files.items() if path is not None for word in (f"--{name}", path.name)]
+        settings = study_assignments(self, study)
+        return given + [word for key, text in settings.items() for word in ("--set", f"{study}.{key}={text}")]
+
 
 def archive_on_disk(place: str | Path) -> Path:
     """Return the path of an archive to study.

@@ -240,7 +240,8 @@ class Study:
             {} if plan.settings is None else plan.settings.model_dump(mode="json"),
             plan.remarks + begun + unused + found.remarks,
         )
-        attributes = {**made.attributes(), **plan.prepared.attributes, **found.attributes}
+        own = {"options": request.options(self.name)}
+        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **found.attributes}
         finish_study(request.archive, self.name, as_plain(attributes))
 
     def plan(self, request: Request, settings: Any) -> Plan:

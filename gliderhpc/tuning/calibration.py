@@ -29,16 +29,13 @@ from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVe
 from gliderhpc.tuning.disturbance_prior import TuningSettings
 from gliderhpc.tuning.least_squares import Direction, directions, sensitivity
 from gliderhpc.tuning.rounds import RoundSettings
-from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
+from gliderhpc.tuning.segment_errors import MIN_PROFILES, SegmentErrors, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.tuning.turn_test import TurnTestSettings
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-MIN_PROFILES = 3
-"""Minimum number of profiles from which the uncertainty of an estimate can be determined."""
 
 LEVEL = 0.95
 
@@ -218,11 +215,27 @@ def start_subset(errors: SegmentErrors) -> SegmentErrors:
 def _search_from_best_start(
     errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
 ) -> CalibrationSearch:
-    """Fit from the best starting point, which is found on a subset of the segments."""
-    start = best_start(start_subset(errors), free, report)
+    """Fit from the best starting point, which is found on a subset of the segments; else from the platform's hull."""
+    search = _search_from(best_start(start_subset(errors), free, report), errors, free, settings, report)
+    if not _is_worse(search):
+        return search
+    report("the fit is worse than the platform: fitting again from the platform's values")
+    again = _search_from(np.zeros(len(free)), errors, free, settings, report)
+    return search if _is_worse(again) else again
+
+
+def _search_from(
+    start: Array, errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+) -> CalibrationSearch:
     search = CalibrationSearch(errors, free, settings.undetermined, report)
     search.run(start)
     return search
+
+
+def _is_worse(search: CalibrationSearch) -> bool:
+    """Return whether the cost of a fit is higher than that of the original platform."""
+    before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
+    return after > _MAX_COST_INCREASE * before + 1.0
 
 
 def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
@@ -276,11 +289,11 @@ def _check_glides(hull: Platform) -> None:
 
 def _check_improved(found: Calibration, search: CalibrationSearch) -> None:
     """Refuse a fit whose cost rose, or whose errors are clearly larger than those of the original platform."""
-    before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
-    if after > _MAX_COST_INCREASE * before + 1.0:
+    if _is_worse(search):
+        before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
         raise CalibrationError(
-            f"calibration: the fit is worse than its start (cost {after:.1f}, at the start {before:.1f}): nothing is "
-            f"written; {REMEDY}"
+            f"calibration: no fit is better than the platform (cost {after:.1f}, of the platform {before:.1f}): "
+            f"nothing is written; if the platform was calibrated on these profiles, use it as it is; otherwise {REMEDY}"
         )
     check_errors(found.fitted, found.held_out)
 

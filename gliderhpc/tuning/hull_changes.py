@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, changes_of
+from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, changes_of
+from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
 FORMS = ("step", "ramp")
 
@@ -25,6 +26,8 @@ _UNCHANGED = 0.5
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
+_LEAST_SCATTER = 0.3
+"""Smallest ratio of the variance between dives to the one that they state; a few dives can agree by chance."""
 _MIN_DIVES = 4
 """Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
@@ -55,11 +58,12 @@ class HullChange:
 
 def find_changes(
     dives: Sequence[DiveTerm],
-    found: MissionHull,
     suspects: Sequence[int],
     prior: HullPrior,
     size: float = 1.0,
     companions: Mapping[int, int] | None = None,
+    *,
+    robust: bool = True,
 ) -> dict[int, HullChange | None]:
     """Estimate the probability, size and onset of a change of each suspected error.
 
@@ -67,8 +71,6 @@ def find_changes(
     ----------
     dives : sequence of DiveTerm
         Dives in the order of time.
-    found : MissionHull
-        Result of the sum over these dives, whose weights and inflation are used.
     suspects : sequence of int
         Indices of the errors that may change.
     prior : HullPrior
@@ -78,6 +80,8 @@ def find_changes(
     companions : mapping of int to int, optional
         Index of an error that may change at the same time as a suspect, with the same course but another size. It
         is considered in the size and onset of the change, but not in its probability.
+    robust : bool
+        Whether the dives' covariances are scaled by the scatter between dives, and outlying dives have less weight.
 
     Returns
     -------
@@ -91,6 +95,10 @@ def find_changes(
     candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
     companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
 
+    A change shows in the differences between dives, in which errors that all dives have in common cancel. The dives'
+    covariances include such errors. They are therefore scaled by the scatter between dives, also where this is smaller
+    than they state, down to `_LEAST_SCATTER`.
+
     Probabilities, sizes and onsets are means over the assumptions of the noise under which the dives were smoothed,
     which are equally plausible: a change that only some of them show is not certain.
 
@@ -100,8 +108,7 @@ def find_changes(
     if len(dives) < _MIN_DIVES:
         return dict.fromkeys(suspects)
     companions = companions or {}
-    weights = (found.weight / found.inflation).tolist()
-    chains = [_Chain(prior, each, weights, size) for each in _assumptions(dives)]
+    chains = [_Chain(prior, each, _weights_of(each, prior, robust=robust), size) for each in _assumptions(dives)]
     changes: dict[int, HullChange] = {}
     remaining = list(suspects)
     while remaining:
@@ -123,6 +130,15 @@ def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
         dives,
         *([dive.under_assumption(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives))),
     ]
+
+
+def _weights_of(dives: Sequence[DiveTerm], prior: HullPrior, *, robust: bool) -> list[float]:
+    """Factors on the information of dives that bring it to their scatter; one if they are not to be compared."""
+    changes, full = changes_of(dives, prior.walk), np.ones(len(dives))
+    total = WeightedSum(SumProblem(prior.eta, changes, [dive.term for dive in dives]), 1.0, full)
+    if robust:
+        total = total.agreeing(_LEAST_SCATTER)
+    return [float(weight) / total.inflation for weight in total.weight]
 
 
 class _Chain:

@@ -19,6 +19,7 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS_BY_DENSITY,
     ROLL_OFFSET,
     TREND,
+    TYPICAL_COMPRESSIBILITY,
     HullParameter,
     compressible,
     with_values,
@@ -27,6 +28,7 @@ from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angl
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, Sensors
 from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.tuning.steady_segments import SteadySegments
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,13 @@ DIFFERENCE = 1e-4
 
 FLATTEST_MARGIN = 1.25
 """Minimum ratio of the segments' flattest pitch to the flattest pitch at which the hull can glide."""
+
+MIN_PROFILES = 3
+"""Minimum number of profiles from which the uncertainty of an estimate can be determined."""
+
+OTHER_WATER = 5.0
+"""Difference of density, kg/m3, from which the water is not that of the platform file: a plausible deviation of the
+neutral volume."""
 
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
@@ -222,6 +231,11 @@ def choose_buoyancy(
         Hull and segments. By density, the hull has a compressibility, and segments in unknown water are left out. By
         depth slope, the hull has no compressibility, since its neutral volume will not belong to a density.
 
+    Notes
+    -----
+    Without a compressibility, a platform's neutral volume is that in the water at hand. In fresh or brackish water the
+    density of the platform file is therefore replaced by the observed one, at the surface.
+
     Raises
     ------
     InputError
@@ -233,15 +247,37 @@ def choose_buoyancy(
             "--set seawater=density: no steady flight of the chosen profiles has a known density; give --set "
             "seawater=depth_slope"
         )
-    if choice == "density" or (choice == "auto" and known.any() and known.mean() >= MIN_SHARE):
+    profiles = len(np.unique(segments.profile[known]))
+    enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE
+    if choice == "density" or (choice == "auto" and enough):
         for number in np.unique(segments.profile[~known]):
             report(f"profile {number} is left out: the density of its water is not known")
-        return compressible(platform), segments.of(known), held_out.of(held_out.in_known_water)
+        usable = segments.of(known)
+        return _in_its_water(platform, usable, report), usable, held_out.of(held_out.in_known_water)
     if choice == "auto" and known.any():
-        report(f"buoyancy from the depth slope: only {known.mean():.0%} of the steady flight has a known density")
+        report(
+            f"buoyancy from the depth slope: only {known.mean():.0%} of the steady flight, in "
+            f"{counted(profiles, 'profile')}, has a known density"
+        )
     if platform.buoyancy.compressibility is not None:
         platform = with_values(platform, {"buoyancy.compressibility": None})
     return platform, _in_unknown_water(segments), _in_unknown_water(held_out)
+
+
+def _in_its_water(platform: Platform, segments: SteadySegments, report: Callable[[str], None]) -> Platform:
+    """Return a compressible hull; one that stated no compressibility is neutral in the water of the segments."""
+    hull = compressible(platform)
+    if platform.buoyancy.compressibility is not None:
+        return hull
+    _, density, _, pressure = segments.seawater.T
+    surface = float(np.median(density * (1.0 - TYPICAL_COMPRESSIBILITY * pressure)))
+    if abs(surface - hull.buoyancy.water_density) < OTHER_WATER:
+        return hull
+    report(
+        f"the water has {surface:.1f} kg/m3 at the surface, and the platform file {hull.buoyancy.water_density:g}: its "
+        "neutral volume is taken as that in this water (buoyancy.water_density)"
+    )
+    return with_values(hull, {"buoyancy.water_density": round(surface, 1)})
 
 
 def _in_unknown_water(segments: SteadySegments) -> SteadySegments:

@@ -42,11 +42,17 @@ class WeightedSum:
     inflation: float
     weight: Array
 
-    def agreeing(self) -> "WeightedSum":
-        """Return the sum with the inflation and the weights that make the dives agree, computed in turn."""
+    def agreeing(self, least: float = 1.0) -> "WeightedSum":
+        """Return the sum with the inflation and the weights that make the dives agree, computed in turn.
+
+        Parameters
+        ----------
+        least : float
+            Smallest inflation. Below one, dives that agree better than they state are taken to be more accurate.
+        """
         total = self
         for _ in range(_ROUNDS):
-            inflated = total._with_inflation(max(1.0, total.inflation * _excess(*total.disagreements)))
+            inflated = total._with_inflation(max(least, total.inflation * _excess(*total.disagreements)))
             before, total = total, inflated._with_weight(_weights(*inflated.disagreements))
             if total is before:
                 break

@@ -191,6 +191,46 @@ def test_a_dive_that_comes_in_pieces_is_revised_and_the_changes_are_listed(swift
     assert SurfacingMessage.model_validate_json(path.read_text("utf-8")) == message
 
 
+def _without_fixes_after(file: Path, out: Path) -> None:
+    """Write a dive's file without the fixes after the dive."""
+
+    def change(content: xr.Dataset) -> xr.Dataset:
+        return content.isel(fix=np.flatnonzero(content["fix_time"].values <= content["time"].values[-1]))
+
+    changed_observations(file, out, change)
+
+
+def test_a_current_that_becomes_known_with_the_next_file_is_reported(dives, tmp_path):
+    """Many gliders send the fix of a surfacing with the next dive."""
+    land = _watched(tmp_path).source
+    _without_fixes_after(dives[0], land / "dive1.nc")
+    (before,) = _once(tmp_path).dives
+    assert before.current is None
+    with xr.open_dataset(dives[0], decode_times=False) as first, xr.open_dataset(dives[1], decode_times=False) as next_:
+        late = first.isel(fix=np.flatnonzero(first["fix_time"].values > first["time"].values[-1]))
+        fixes = [name for name, variable in first.variables.items() if variable.dims == ("fix",)]
+        joined = xr.concat([late[fixes], next_[fixes]], "fix").drop_vars("fix", errors="ignore")
+        changed_observations(dives[1], land / "dive2.nc", lambda content: content.drop_dims("fix").merge(joined))
+    heard = _once(tmp_path)
+    assert heard.numbers == [(1, 1), (2, 0)]
+    assert heard.dives[0].current is not None
+    assert any(change.startswith("current north, m/s: unknown to") for change in heard.dives[0].changes)
+    assert _once(tmp_path).numbers == []
+
+
+def test_a_spoilt_message_is_replaced(swift, dives, tmp_path, caplog):
+    _watched(tmp_path)
+    _dive(swift, tmp_path / "land" / "dive1.nc", 1, share=0.6)
+    _once(tmp_path)
+    (path,) = (tmp_path / "m-watch").glob("dive-*.json")
+    path.write_text(path.read_text("utf-8")[:200], "utf-8")
+    shutil.copy(dives[0], tmp_path / "land" / "dive1.nc")
+    (message,) = _once(tmp_path).dives
+    assert (message.revision, message.changes) == (1, ())
+    assert "is not a readable message" in caplog.text
+    assert SurfacingMessage.model_validate_json(path.read_text("utf-8")) == message
+
+
 def _cut_bytes(file: Path, _: Path) -> None:
     file.write_bytes(file.read_bytes()[:9000])
 

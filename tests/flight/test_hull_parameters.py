@@ -12,6 +12,7 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS,
     PARAMETERS_BY_DENSITY,
     RECORD_PARAMETERS,
+    compressible,
     errors_in_units,
     hull_parameters,
     moved_platform,
@@ -31,6 +32,15 @@ ERRORS = CalibrationErrors(
 
 def of(key, platform=PETREL):
     return next(p for p in hull_parameters(platform) if p.key == key)
+
+
+@pytest.mark.parametrize("name", shipped_platforms())
+def test_a_value_set_to_itself_leaves_the_errors_that_a_hull_may_have(name):
+    plain = read_platform(name)
+    same = load_platform(name, {"sensors.depth_noise": plain.sensors.depth_noise})
+    assert [p.key for p in hull_parameters(same)] == [p.key for p in hull_parameters(plain)]
+    assert compressible(same).buoyancy == compressible(plain).buoyancy
+    assert platform_yaml(same) == platform_yaml(plain)
 
 
 def test_the_archive_s_parameters_are_the_catalogue_s():

@@ -36,7 +36,7 @@ from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.planning import MAX_BATCH, batch_sizes, plan_mission, select_profiles
+from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
@@ -775,7 +775,9 @@ def test_overwrite_starts_again_and_nothing_else_does(swift, own_copy):
     ],
 )
 def test_profiles_are_chosen_by_numbers_and_ranges(text, chosen):
-    assert select_profiles([68, 1, 2, 3, 18, 19, 20], text) == chosen
+    available = [68, 1, 2, 3, 18, 19, 20]
+    assert select_profiles(available, text) == chosen
+    assert select_profiles(available, as_ranges(chosen)) == chosen
 
 
 @pytest.mark.parametrize(

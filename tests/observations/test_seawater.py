@@ -467,16 +467,33 @@ def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
     assert reported == []
     partly = replace(ocean_segments, seawater=ocean_segments.seawater.copy())
     partly.seawater[ocean_segments.profile == 2] = np.nan
-    hull, usable, _ = choose_buoyancy(SOFT, partly, none, "auto", reported.append)
+    hull, usable, _ = choose_buoyancy(SOFT, partly, none, "density", reported.append)
     assert hull == SOFT
     assert set(usable.profile.tolist()) == {1, 3}
-    assert reported == ["profile 2 is left out: the density of its water is not known"]
+    assert reported.pop() == "profile 2 is left out: the density of its water is not known"
+    # Two profiles are too few for a calibration.
+    hull, usable, _ = choose_buoyancy(SOFT, partly, none, "auto", reported.append)
+    assert hull.buoyancy.compressibility is None
+    assert set(usable.profile.tolist()) == {1, 2, 3}
+    assert "of the steady flight, in 2 profiles, has a known density" in reported.pop()
     for segments, way in ((ocean_segments, "depth_slope"), (partly.of(partly.profile == 2), "auto")):
         hull, usable, _ = choose_buoyancy(SOFT, segments, none, way)
         assert hull.buoyancy.compressibility is None
         assert not usable.in_known_water.any()
     with pytest.raises(InputError, match="no steady flight of the chosen profiles has a known density"):
         choose_buoyancy(PETREL, partly.of(partly.profile == 2), none, "density")
+
+
+def test_a_hull_is_neutral_in_the_fresh_water_that_it_flies_in(ocean_segments):
+    """Unless its file states a compressibility: then its neutral volume is that of the file's density."""
+    none, reported = ocean_segments.none(), []
+    lake = replace(ocean_segments, seawater=ocean_segments.seawater - np.array([0.0, 25.0, 0.0, 0.0]))
+    hull, _, _ = choose_buoyancy(PETREL, lake, none, "auto", reported.append)
+    _, density, _, pressure = lake.seawater.T
+    assert hull.buoyancy.water_density == pytest.approx(np.median(density / (1.0 + 4.5e-6 * pressure)), abs=0.1)
+    assert hull.buoyancy.neutral_volume == PETREL.buoyancy.neutral_volume
+    assert "its neutral volume is taken as that in this water" in reported[0]
+    assert choose_buoyancy(SOFT, lake, none, "auto")[0] == SOFT
 
 
 # Real records

@@ -5,11 +5,13 @@ import shutil
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from geographiclib.geodesic import Geodesic
 from support.archives import put_table_rows
 from support.missions import program
 
 from gliderhpc.archive.mission import open_mission
+from gliderhpc.store_schema import consolidate
 
 pytestmark = pytest.mark.compiled
 
@@ -40,6 +42,24 @@ def exported(studied):
     assert "currents of 2 profiles" in answer.out
     with xr.open_dataset(path) as dataset:
         return dataset.load()
+
+
+def test_an_outdated_study_is_exported_with_a_warning(studied, tmp_path, caplog):
+    archive = shutil.copytree(studied, tmp_path / "brief.zarr")
+    zarr.open_group(archive, mode="r+", use_consolidated=False)["currents"].attrs["outdated"] = "made before a change"
+    consolidate(archive)
+    answer = program("export", "currents", archive, tmp_path / "currents.nc")
+    assert answer.status == 0
+    assert "the study currents was made before a change; run it again before the export" in caplog.text
+    with xr.open_dataset(tmp_path / "currents.nc") as dataset:
+        assert dataset.attrs["comment"].endswith("The shear-sensitive part was made before a change.")
+
+
+@pytest.mark.parametrize("kind", ["og1", "currents"])
+def test_an_address_is_not_read_as_a_path(kind, tmp_path):
+    answer = program("export", kind, "memory://bucket/none.zarr", tmp_path / "out.nc")
+    assert answer.status == 2
+    assert "memory://bucket/none.zarr" in answer.err
 
 
 def test_currents_and_errors_are_those_of_the_study(studied, exported):

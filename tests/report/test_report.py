@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,18 +23,20 @@ from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
 from gliderhpc.findings import drawing
 from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_csv, write_json
+from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.page import write_mission_page
+from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
-from gliderhpc.report.page.reproduction import run_command
+from gliderhpc.report.page.reproduction import run_command, study_command
 from gliderhpc.report.studies import SHOWN
 from gliderhpc.simulator import load_scenario
 from gliderhpc.store_schema import consolidate, create_archive
+from gliderhpc.studies.request import Request
 
 STUDIED = ("currents", "vertical")
 """Studies that the small archive holds."""
@@ -156,6 +159,8 @@ def test_interrupted_and_outdated_studies_are_marked(own_copy, tmp_path):
     assert "this study was interrupted" in sections["vertical"]
     assert f"gliderhpc analyze {own_copy} vertical" in sections["vertical"]
     assert "made before profiles were recomputed" in sections["currents"]
+    profile = read(write_profile_page(own_copy, 2, tmp_path / "profile").page).sections["currents"]
+    assert "The depth-resolved current was made before profiles were recomputed; run the study again." in profile
     assert f"gliderhpc analyze {own_copy} currents" in sections["currents"]
 
 
@@ -292,7 +297,7 @@ def test_failed_profiles_and_missing_fixes_are_reported(tmp_path):
 
 
 def tree(**attributes):
-    return xr.DataTree(xr.Dataset(attrs=attributes))
+    return xr.DataTree(xr.Dataset(coords={"profile": [1, 2, 4]}, attrs=attributes))
 
 
 def test_commands_spell_out_what_is_not_usual():
@@ -302,9 +307,24 @@ def test_commands_spell_out_what_is_not_usual():
         tree(settings=settings, platform=platform.model_dump(mode="json"), observations="a b.nc"), "m.zarr"
     )
     assert command == (
-        "gliderhpc run-mission 'a b.nc' --platform petrel-l --store m.zarr --preset paper --engine lanes "
-        "--set slow_part=90.0"
+        "gliderhpc run-mission 'a b.nc' --platform petrel-l --store m.zarr --profiles 1:2,4 --preset paper "
+        "--engine lanes --set slow_part=90.0"
     )
+
+
+def test_the_command_of_a_study_has_the_options_that_it_was_run_with():
+    made = xr.Dataset(attrs={"quick": True, "options": ["--profiles", "2:5", "--set", "spectra.groups=2"]})
+    archive = xr.DataTree(xr.Dataset(), {"spectra": xr.DataTree(made)})
+    expected = "gliderhpc analyze m.zarr spectra --quick --profiles 2:5 --set spectra.groups=2"
+    assert study_command("spectra", archive, "m.zarr") == expected
+    request = Request(
+        Path("m.zarr"),
+        SerialExecutor,
+        "2:5",
+        budget=Path("here/budget.nc"),
+        assignments=("spectra.groups=2", "events.most=3"),
+    )
+    assert request.options("spectra") == ["--profiles", "2:5", "--budget", "budget.nc", "--set", "spectra.groups=2"]
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -280,6 +280,14 @@ def test_the_table_is_what_was_committed(own_copy, swift_store):
     assert "profile 1, dac_north: the table has nan, but the commit" in answer.out
 
 
+def test_a_study_uses_what_was_committed_before_a_run_was_killed(own_copy):
+    (own_copy / "status" / "c.0").unlink()
+    answer = program("analyze", own_copy, "currents", "--workers", 0)
+    assert answer.status == 0, answer.err
+    with open_mission(own_copy) as tree:
+        assert "pending" not in "".join(tree["currents"]["message"].values)
+
+
 def test_an_intact_archive_opens_as_plain_xarray_opens_it(swift_store):
     with xr.open_datatree(swift_store, engine="zarr") as plain, open_mission(swift_store) as tree:
         for node in plain.subtree:

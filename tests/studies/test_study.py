@@ -51,7 +51,14 @@ from gliderhpc.store_schema import (
     write_table_rows,
 )
 from gliderhpc.store_schema.schema import STUDIES as GROUPS
-from gliderhpc.studies.archived import Provenance, column_medians, failed_profiles, provenance_of, study_table
+from gliderhpc.studies.archived import (
+    Provenance,
+    column_medians,
+    failed_profiles,
+    outdated_input_remarks,
+    provenance_of,
+    study_table,
+)
 from gliderhpc.studies.library.trends import find_trend, mann_kendall
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
 from gliderhpc.studies.request import Request, default_folder
@@ -238,6 +245,11 @@ def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
         assert provenance_of(opened, "validation").remarks[1:] == (
             "this study was made before 1 profiles were added; run it again",
         )
+        (remark,) = outdated_input_remarks(opened, "validation", "currents")
+        assert remark == (
+            "this study uses the study validation, which was made before 1 profiles were added; run validation again, "
+            "and then this study"
+        )
 
 
 def test_every_study_that_an_archive_may_hold_is_shown():
@@ -272,6 +284,10 @@ def test_trend_of_a_line_with_outliers():
     values[[7, 30]] = 5.0
     values[11] = np.nan
     trend = find_trend(days, values)
+    assert (trend.begin, trend.end) == (days[0], days[-1])
+    holed = find_trend(days, np.where((days > days[5]) & (days < days[-3]), values, np.nan))
+    assert (holed.begin, holed.end) == (days[6], days[-4])
+    assert holed.last - holed.first == pytest.approx(holed.slope * (holed.end - holed.begin))
     assert trend.count == 60
     assert trend.first == pytest.approx(0.048, rel=0.03)
     assert trend.last == pytest.approx(0.080, rel=0.03)

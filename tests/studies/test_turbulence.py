@@ -16,6 +16,7 @@ from benchmarks.known_series import (
     shot_flatness,
     shot_train,
 )
+from gliderhpc.errors import ProfileError
 from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
 from gliderhpc.studies.events import find_peaks, noise_floor
 from gliderhpc.studies.library.trends import INTERVAL
@@ -38,7 +39,13 @@ from gliderhpc.studies.library.turbulence.statistics import (
     resolved_structure_functions,
     structure_functions,
 )
-from gliderhpc.studies.library.turbulence.surrogates import iaaft, join_stretches, rank_p_value, spectrum_deviation
+from gliderhpc.studies.library.turbulence.surrogates import (
+    iaaft,
+    join_stretches,
+    rank_p_value,
+    spectrum_deviation,
+    surrogate_test,
+)
 from gliderhpc.studies.library.turbulence.verdict import FAILED, NOT_TESTED, PASSED, SHE_LEVEQUE, conclusion, judge
 from gliderhpc.studies.spectra import groups_by_speed, profile_spectra, thirds
 from gliderhpc.vocabulary import QUALITY
@@ -169,6 +176,9 @@ def test_surrogates_of_stretches_fade_where_they_meet():
     mask[[500, 510, 1400]] = False
     series = gappy_series(np.full(2000, 3.0), mask, 0.1)
     source = join_stretches(series, 1.0)
+    assert len(join_stretches(series, 1e4).values) == 0
+    with pytest.raises(ProfileError, match="longer than twice the fade of 10000 s"):
+        surrogate_test(series, IntermittencySettings(fade=1e4), np.random.default_rng(0))
     assert np.abs(np.diff(source.values)).max() < 0.5
     assert len(source.values) >= 0.97 * (500 + 889 + 599)
     assert abs(source.values[0]) + abs(source.values[-1]) < 0.1

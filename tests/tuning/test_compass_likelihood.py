@@ -1,10 +1,13 @@
 """A compass's errors by the currents of legs (restricted likelihood), against dense algebra."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy
 
 from gliderhpc.estimation.resample import harmonics
+from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict
 from gliderhpc.tuning.record_checks.compass import (
     CONSTANT,
@@ -189,6 +192,19 @@ def test_the_constant_counts_by_student_s_t(headings, directions, basis):
     coarse = compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=50.0))
     assert [one.threshold for one in coarse][:1] == [50.0]
     assert coarse[0].verdict is not CheckVerdict.FOUND
+
+
+def test_suggestions_include_the_corrections_already_made():
+    drawn = legs(4, headings=np.arange(0.0, 360.0, 12.0), errors=(6.0, 5.0, 0.0, 4.0, 0.0))
+    made = RecordSettings(heading_offset=10.0, heading_deviation=(1.0, -2.0, 0.0, 3.0))
+    first, again = ([_numbers(one.suggestion) for one in compass_findings(drawn, NO_TURNS, CHECKS, records)]
+                    for records in (None, made))  # fmt: skip
+    assert again[0][0] == pytest.approx(first[0][0] + 10.0, abs=0.11)
+    np.testing.assert_allclose(np.subtract(again[1], first[1]), made.heading_deviation, atol=0.11)
+
+
+def _numbers(suggestion):
+    return [float(x) for x in re.findall(r"-?\d+\.\d", suggestion.partition("]")[0])]
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ Depth-averaged currents have CF standard names and are called ``u`` and ``v``, a
 covariance are included. The shear-sensitive part has no standard name, since it is not a velocity of the water.
 """
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,13 @@ from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, 
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.output_files import output_file
 from gliderhpc.report.exports import check_place, unfit_profiles
-from gliderhpc.studies.archived import platform_of, settings_of
+from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.archived import outdated_because, platform_of, settings_of
 from gliderhpc.studies.library.tracks import CURRENTS as STUDY
 from gliderhpc.studies.library.tracks import archived_drift
 from gliderhpc.version import __version__
+
+log = logging.getLogger("gliderhpc.export")
 
 Array = NDArray[np.float64]
 
@@ -40,7 +44,7 @@ _NOT_ABSOLUTE = (
 
 
 def export_currents(
-    archive: str | Path, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
+    archive: Place, out: str | Path, *, described: Mapping[str, str] | None = None, overwrite: bool = False
 ) -> tuple[list[int], dict[int, str]]:
     """Write the currents of an archive, from its study ``currents``.
 
@@ -67,7 +71,7 @@ def export_currents(
     InputError
         The archive is not finished or has no such group or no current, or the file cannot be written.
     """
-    archive, out = Path(archive), Path(out)
+    out = Path(out)
     check_place(archive, out, overwrite)
     with archive_errors(archive), open_for_reading(archive) as tree:
         left_out = unfit_profiles(archive, tree)
@@ -85,6 +89,8 @@ def export_currents(
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
         content = _content(table.isel(profile=known), adopted.isel(profile=known))
         content.attrs = {**_attributes(tree, study, content), **(described or {})}
+        if outdated := outdated_because(tree, STUDY):
+            log.warning("%s: the study %s was %s; run it again before the export", archive, STUDY, outdated)
     _write(content, out, overwrite)
     return content["profile"].values.tolist(), left_out
 
@@ -252,6 +258,8 @@ _SUMMARY = (
 
 def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[str, Any]:
     known = tree.attrs
+    outdated = outdated_because(tree, STUDY)
+    doubt = f" The shear-sensitive part was {outdated}." if outdated else ""
     time = (1e9 * content["time"].values).astype("int64").astype("datetime64[ns]")
     return {
         "Conventions": CONVENTIONS,
@@ -271,7 +279,7 @@ def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[s
         "mission": str(known.get("mission") or "unknown"),
         "platform": str(known["platform"]["name"]),
         "comment": "u and v are the mean velocity over the ground, from fix to fix, of the water that the glider flew "
-        f"through. {content.sizes['profile']} dives.",
+        f"through. {content.sizes['profile']} dives.{doubt}",
     }
 
 

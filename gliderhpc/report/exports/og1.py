@@ -89,7 +89,7 @@ def export_og1(
     check_place(archive, out, overwrite)
     with archive_errors(archive), open_for_reading(archive) as tree:
         summary = ExportSummary(out)
-        summary.left_out = unfit_profiles(Path(archive), tree)
+        summary.left_out = unfit_profiles(archive, tree)
         starts = tree.to_dataset()["start_time"]
         numbers = sorted(done_profiles(tree), key=lambda number: starts.sel(profile=number).values)
         if not numbers:

@@ -9,7 +9,7 @@ from pathlib import Path
 from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.executors import Executor, SerialExecutor
-from gliderhpc.platform import platform_yaml
+from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report.facts import platform_name
 from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Page, Section, drawn
@@ -155,4 +155,6 @@ def _write_platform(archive: Archive, out: Path) -> None:
     """Write the platform file, which the page's commands need, if no shipped platform is the same."""
     platform = platform_or_none(archive)
     if platform is not None and platform_option(archive) == PLATFORM_FILE:
-        (out / PLATFORM_FILE).write_text(platform_yaml(platform), "utf-8")
+        # The archive holds every key; one at its default is not among those that the platform file stated.
+        stated = Platform.model_validate(platform.model_dump(exclude_defaults=True))
+        (out / PLATFORM_FILE).write_text(platform_yaml(stated), "utf-8")

@@ -28,7 +28,7 @@ from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.currents import figure_7, nothing_retrieved
 from gliderhpc.store_schema.place import Place
-from gliderhpc.studies.archived import provenance_of
+from gliderhpc.studies.archived import outdated_because, provenance_of
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.vocabulary import QUALITY
 
@@ -249,9 +249,11 @@ def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str
         command = study_command(_CURRENTS, archive, place)
         return (Commands("The archive holds no depth-resolved current of this profile. To compute it:", (command,)),)
     bins = archive[_CURRENTS].to_dataset().sel(profile=number).load()
-    if not np.isfinite(bins["both_shear_north"].values).any():
-        return (Notice(nothing_retrieved(bins)),)
     made = provenance_of(archive, _CURRENTS)
+    outdated = outdated_because(archive, _CURRENTS)
+    doubt = (Notice(f"The depth-resolved current was {outdated}; run the study again."),) if outdated else ()
+    if not np.isfinite(bins["both_shear_north"].values).any():
+        return (*doubt, Notice(nothing_retrieved(bins)))
     figure = figure_7(
         archive, read_profile_data(archive, number, made.estimate), DepthResolvedSettings.model_validate(made.settings)
     )
@@ -259,6 +261,7 @@ def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str
         f"Current of profile {number} by depth, its shear-sensitive part on dive and climb, and the track from above."
     )
     return (
+        *doubt,
         Picture(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, shown, figure),
         Grid(f"{stem}_current_by_depth", "The depth bins that have a value.", _bin_rows(bins)),
     )

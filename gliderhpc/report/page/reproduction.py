@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.archive.reader import Archive
+from gliderhpc.mission.planning import as_ranges
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flatten_settings
@@ -45,6 +46,8 @@ def run_command(archive: Archive, place: Place) -> str:
         platform_option(archive),
         "--store",
         place,
+        "--profiles",
+        as_ranges(archive.to_dataset()["profile"].values.tolist()),
         *options,
     )
 
@@ -72,7 +75,8 @@ def study_command(name: str, archive: Archive, place: Place) -> str:
     options = ["--quick"] if made.get("quick") else []
     if made.get("estimate") == SMOOTHED:
         options += ["--estimate", SMOOTHED]
-    if made.get("with_truth"):
+    options += list(map(str, made.get("options") or ()))
+    if made.get("with_truth") and "--truth" not in options:  # An archive of an earlier version has no options.
         options += ["--truth", "TRUTH.nc"]
     if name == _MODEL_STUDY:
         options += [word for label in _models(made) for word in ("--model", label)]

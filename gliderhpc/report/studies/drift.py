@@ -144,9 +144,10 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
         label=f"{phase}, {estimate}",
     )
     if one.trend.count and one.span > 0.0:
-        ends = (float(days[0]), float(days[-1]))
         style = "-" if one.shown else ":" if one.primary else "--"
-        axes.plot(ends, (one.trend.first, one.trend.last), style, color=colour, linewidth=1.0)
+        axes.plot(
+            (one.trend.begin, one.trend.end), (one.trend.first, one.trend.last), style, color=colour, linewidth=1.0
+        )
 
 
 def captions(

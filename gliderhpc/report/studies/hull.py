@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
+from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
@@ -210,7 +210,7 @@ def hull_figure(history: HullHistory, title: str) -> Figure:
     count = len(history.suspects)
     rows = max(1, -(-count // 2))
     figure, axes = panels(rows, min(2, max(1, count)), LANDSCAPE, f"Hull estimated from the dives: {title}")
-    for letter, p, one in zip("abcdefgh", history.suspects, axes, strict=False):
+    for letter, p, one in zip(panel_letters(count), history.suspects, axes, strict=False):
         label(one, f"({letter}) {p.meaning}, {p.key}", "days", p.unit)
         _draw(one, history, p)
     legend(axes[0])

@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panels
+from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, markdown, number
 from gliderhpc.report.studies.summaries import describe_data, median_of, shared_facts
 from gliderhpc.report.studies.turbulence import band_remarks, describe_resolution, describe_series
@@ -217,7 +217,7 @@ def figure_4(archive: Archive, table: pd.DataFrame, settings: SpectraSettings) -
     title = f"Spectra of {settings.channel}, fast part: {mission_of(archive)}"
     figure, axes = panels(1, len(groups), (max(5.0, 3.9 * len(groups)), 4.8), title)
     study = archive[NAME].to_dataset()
-    for one, (group, place) in zip(axes, zip(groups, "abcdefgh", strict=False), strict=True):
+    for one, group, place in zip(axes, groups, panel_letters(len(groups)), strict=True):
         own = table[table["group"] == group]
         _draw_group(one, study, own, settings)
         label(one, f"({place}) {group}: {_speeds(own)}", "frequency (Hz)", "density over variance (1/Hz)")

@@ -149,7 +149,7 @@ def _draw_longitudinal(axes: Axes, table: pd.DataFrame, trend: Trend) -> None:
     axes.plot(days, table["longitudinal_rmse"], ".", color=MODEL, markersize=5.0, label="profiles")
     if np.isfinite(trend.slope):
         text = f"Theil-Sen {trend.change_text} (Mann-Kendall p = {trend.p:.2g})"
-        axes.plot(days[[0, -1]], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
+        axes.plot([trend.begin, trend.end], [trend.first, trend.last], color=FILTER, linewidth=1.2, label=text)
     axes.set_ylim(0.0, 1.15 * float(table["longitudinal_rmse"].max()))
     legend(axes)
 

@@ -54,7 +54,9 @@ class Trend:
     slope, low, high : float
         Theil-Sen slope per unit of time and its 95 % interval.
     first, last : float
-        Level of the fitted line at the first and the last time.
+        Level of the fitted line at the first and the last time with a value.
+    begin, end : float
+        These two times.
     """
 
     count: int
@@ -65,6 +67,8 @@ class Trend:
     high: float
     first: float
     last: float
+    begin: float
+    end: float
 
     @property
     def change(self) -> float:
@@ -116,10 +120,10 @@ def find_trend(time: ArrayLike, values: ArrayLike) -> Trend:
     """
     t, y = known_pairs(time, values)
     if len(y) < MIN_VALUES:
-        return Trend(len(y), *([float("nan")] * 7))
+        return Trend(len(y), *([float("nan")] * 9))
     tau, p = mann_kendall(y)
     slope, intercept, low, high = (float(value) for value in scipy.stats.theilslopes(y, t))
-    return Trend(len(y), tau, p, slope, low, high, intercept + slope * t[0], intercept + slope * t[-1])
+    return Trend(len(y), tau, p, slope, low, high, intercept + slope * t[0], intercept + slope * t[-1], t[0], t[-1])
 
 
 def mann_kendall(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from gliderhpc.estimation.currents import depth_averaged_current, track_of, whol
 from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.resample import HARMONICS, harmonics
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
+from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import (
@@ -122,7 +123,9 @@ class _Fit:
         return float(self.values[which] @ inverse @ self.values[which]), rank
 
 
-def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> list[Finding]:
+def compass_findings(
+    legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings, records: RecordSettings | None = None
+) -> list[Finding]:
     """Estimate the constant and the heading-dependent error of the compass.
 
     Parameters
@@ -133,6 +136,8 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
         Information of the turns on the deviation.
     checks : CheckSettings
         Settings of the checks, with the thresholds of significance.
+    records : RecordSettings, optional
+        Corrections already made, to which those that the findings suggest are added.
 
     Notes
     -----
@@ -161,7 +166,8 @@ def compass_findings(legs: Sequence[Leg], turns: TurnInformation, checks: CheckS
     if not fits:
         why = "the currents differ too much from profile to profile"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
-    return [_constant(fits, len(legs), checks), _deviation(fits, len(legs), turns, checks)]
+    made = records or RecordSettings()
+    return [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
 
 
 def _largest_threshold(checks: CheckSettings) -> float:
@@ -175,15 +181,15 @@ def _first_decisive(found: Sequence[Finding], checks: CheckSettings) -> int:
     return next(decisive, len(found) - 1)
 
 
-def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings) -> Finding:
-    found = [_constant_of(fit, legs, checks) for fit in fits]
+def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
+    found = [_constant_of(fit, legs, checks, made) for fit in fits]
     chosen = _first_decisive(found, checks)
     return undetermined_if_insensitive(
         found[chosen], _largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
     )
 
 
-def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
+def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
     constant, error = np.degrees(fit.values[0]), np.degrees(np.sqrt(fit.covariance[0, 0]))
     threshold = max(fit.quantile(legs, checks.level) * error, checks.least_deviation)
     return Finding(
@@ -194,7 +200,7 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings) -> Finding:
         error,
         threshold,
         judge_size(constant, threshold),
-        f"--set records.heading_offset={constant:.1f}",
+        f"--set records.heading_offset={made.heading_offset + constant:.1f}",
         f"{legs} legs; {_OPEN[fit.unknowns]}",
     )
 
@@ -211,8 +217,10 @@ def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
     return f"{legs} legs, but " + (f"about {number} are needed" if number else "many more are needed")
 
 
-def _deviation(fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
-    found = [_deviation_of(fit, legs, turns, checks) for fit in fits if fit.unknowns > 1]
+def _deviation(
+    fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings
+) -> Finding:
+    found = [_deviation_of(fit, legs, turns, checks, made) for fit in fits if fit.unknowns > 1]
     if not found:
         why = f"{legs} legs: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, why)
@@ -220,7 +228,7 @@ def _deviation(fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: 
     return undetermined_if_insensitive(found[_first_decisive(found, checks)], _largest_threshold(checks), remedy)
 
 
-def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings) -> Finding:
+def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings) -> Finding:
     which = np.arange(1, 5)
     statistic, rank = fit.test(which)
     values = np.degrees(fit.values[which])
@@ -232,7 +240,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
         "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"
     )
     remark = f"{harmonics_found}; {legs} legs, {turns.count} stretches of turns"
-    parts = ", ".join(f"{value:.1f}" for value in values)
+    parts = ", ".join(f"{value:.1f}" for value in made.heading_deviation + values)
     return Finding(
         CHECK,
         DEVIATION,

@@ -106,7 +106,7 @@ def lag_finding(
         error,
         threshold,
         judge_size(lag, threshold),
-        f"--set records.depth_lag={lag:.2f}",
+        f"--set records.depth_lag={settings.records.depth_lag + lag:.2f}",
         f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
     limit = max((REACH - 1) * interval, (REACH - 1) * checks.timing_error)
@@ -276,6 +276,6 @@ def inspect_profiles(
     findings = [
         lag_finding(platform, list(gathered.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks, settings.records),
-        *compass_findings(gathered.legs, turns, checks),
+        *compass_findings(gathered.legs, turns, checks, settings.records),
     ]
     return Inspection(tuple(findings), tuple(gathered.numbers), left_out)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import MODEL_ERROR, NOISE_ONLY, REALISATIONS
 from gliderhpc.store_schema.schema import COMPLETE
-from gliderhpc.studies.archived import as_cells, failed_profiles, study_table
+from gliderhpc.studies.archived import as_cells, failed_profiles, outdated_input_remarks, study_table
 from gliderhpc.studies.library.turbulence.series import MIN_RMS, FastSettings, IntermittencySettings
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def stored_nulls(
         )
     if not is_comparable(attributes.get("settings", {}).get("statistics", {}), settings):
         return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls again",)
-    return null_table(archive), ()
+    return null_table(archive), outdated_input_remarks(archive, "nulls")
 
 
 def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:

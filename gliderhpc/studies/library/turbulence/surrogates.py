@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.errors import ProfileError
 from gliderhpc.studies.library.turbulence.series import GappySeries, IntermittencySettings
 from gliderhpc.studies.library.turbulence.statistics import StructureFunctions, lag_samples, structure_functions
 
@@ -149,8 +150,16 @@ class SurrogateTest:
 
 
 def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
-    """Make surrogates of a series, and rank its flatness among theirs: one-sided, at the lag of the settings."""
+    """Make surrogates of a series, and rank its flatness among theirs: one-sided, at the lag of the settings.
+
+    Raises
+    ------
+    ProfileError
+        No stretch of the series is longer than the fades at its ends.
+    """
     source = join_stretches(series, settings.fade)
+    if len(source.values) == 0:
+        raise ProfileError(f"no stretch of the record is longer than twice the fade of {settings.fade:g} s")
     lags = lag_samples(settings.every_lag, source.step)
     band = (settings.cutoff, min(settings.band[1], 0.5 / source.step))
     own = float(structure_functions(source, lags).flatness_at(settings.lag))
