@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gliderhpc.api.calibration import DiveCalibration
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
+from gliderhpc.mission.dive_calibration import DiveCalibration
 from gliderhpc.output_files import check_output, output_file, write_text
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report import calibration as calibration_report
@@ -135,7 +135,7 @@ class CalibratedHull(FoundHull):
     def notes(self) -> list[str]:
         """Remarks that supplement the tables."""
         if self.dives is not None:
-            return self.dives.notes
+            return rounds_report.notes(self.dives.rounds, self.dives.tolerance)
         return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
 
     @property

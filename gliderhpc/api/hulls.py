@@ -16,12 +16,12 @@ from gliderhpc.api.arguments import (
     profiles_text,
     settings_of,
 )
-from gliderhpc.api.calibration import OpenExecutor, Progress, calibrate_on_dives, no_progress
 from gliderhpc.api.found_hulls import CalibratedHull, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
+from gliderhpc.mission.dive_calibration import OpenExecutor, Progress, calibrate_on_dives, no_progress
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records

@@ -7,7 +7,7 @@ import numpy as np
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.flight.hull_parameters import TREND
-from gliderhpc.tuning.calibration import CalibratedParameter, Calibration
+from gliderhpc.tuning.calibration import LATERAL, CalibratedParameter, Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.tuning.steady_balance import QUANTITIES
@@ -31,6 +31,13 @@ shipped hulls miss the pitch of real missions by 18 to 34 degrees."""
 BY_DENSITY = (
     "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's density at "
     f"the surface and {REFERENCE_TEMPERATURE:g} degC"
+)
+
+_GROWN = 3.0
+"""Growth of a root mean square error, from the first scale on, that is reported although the trimmed one did not grow."""
+_HOLD_LATERAL = (
+    "if turns matter, hold the lateral coefficients with --set calibration.hold="
+    f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]"
 )
 
 _SHOWN = 0.3
@@ -92,6 +99,20 @@ def notes(found: Calibration) -> list[str]:
             QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
         )
         if after > 1.0
+    ]
+    lines += [
+        f"WARNING: at the profiles {which}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
+        f"{before} with the given platform; a few segments where the hull hardly balances cause this: {_HOLD_LATERAL}"
+        for which, score in (("fitted", found.fitted), ("held out", found.held_out))
+        for name, heading, before, after, times in zip(
+            QUANTITIES,
+            SCORES[2:],
+            figures(score.before),
+            figures(score.after),
+            score.after / np.maximum(score.before, FIRST_SCALES),
+            strict=True,
+        )
+        if times > _GROWN
     ]
     missed = np.degrees(found.fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:

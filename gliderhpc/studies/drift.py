@@ -212,7 +212,7 @@ def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     )
 
 
-def missing_input(request: Request) -> str | None:
+def missing_input(request: Request, _: object) -> str | None:
     """Require enough profiles for a trend."""
     with open_for_reading(request.archive) as archive:
         done = done_profiles(archive)

@@ -16,7 +16,7 @@ from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.trends import MAD
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
-from gliderhpc.studies.library.turbulence.resolution import missing_band_of
+from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     FastSettings,
@@ -178,6 +178,6 @@ STUDY = Study(
     profile=study_profile,
     mission=catalogue,
     settings=EventSettings,
-    missing=missing_band_of(NAME, EventSettings),
+    missing=missing_band,
     prepare=prepare,
 )

@@ -325,7 +325,7 @@ def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, c
     return dict(zip(CHANGE_COLUMNS, values, strict=True))
 
 
-def missing_input(request: Request) -> str | None:
+def missing_input(request: Request, _: object) -> str | None:
     """Require a finished profile that the smoother has estimated."""
     with open_for_reading(request.archive) as archive:
         done = done_profiles(archive)

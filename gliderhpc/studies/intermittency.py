@@ -25,7 +25,7 @@ from gliderhpc.store_schema.columns import (
 )
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_rows
-from gliderhpc.studies.library.turbulence.resolution import missing_band_of
+from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
@@ -184,6 +184,6 @@ STUDY = Study(
     profile=study_profile,
     settings=IntermittencySettings,
     quick_settings={"surrogates": QUICK_SURROGATES},
-    missing=missing_band_of(NAME, IntermittencySettings),
+    missing=missing_band,
     prepare=prepare,
 )

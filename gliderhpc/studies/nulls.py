@@ -36,7 +36,7 @@ from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODE
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
 from gliderhpc.studies.library.turbulence.gaussianity import TESTED, gaussianity_row, noise_of_estimate
-from gliderhpc.studies.library.turbulence.resolution import describe_missing_band
+from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -331,9 +331,9 @@ def null_settings(request: Request) -> NullSettings:
     return study_settings(request, NAME, NullSettings, base)
 
 
-def missing(request: Request) -> str | None:
+def missing(request: Request, settings: NullSettings) -> str | None:
     """Return the reason why the sampling rate of the records is too low for this study, or None if it is not."""
-    return describe_missing_band(request, null_settings(request).statistics)
+    return missing_band(request, settings.statistics)
 
 
 STUDY = Study(

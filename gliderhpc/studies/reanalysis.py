@@ -152,7 +152,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     return compare_with_models(context.archive, data, inputs.currents[data.number], inputs.models)
 
 
-def missing_input(request: Request) -> str | None:
+def missing_input(request: Request, _: object) -> str | None:
     """Require a model."""
     return None if request.models else "needs --model FILE_OR_URL, an ocean model's file (repeatable)"
 

@@ -60,4 +60,5 @@ def missing_input(name: str, request: Request) -> str | None:
     InputError
         There is no such study, or one of its settings is wrong.
     """
-    return load_study(name).missing(request)
+    study = load_study(name)
+    return study.missing(request, study.settings_for(request))

@@ -14,7 +14,7 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
 from gliderhpc.studies.library.tracks import current_columns
-from gliderhpc.studies.library.turbulence.resolution import missing_band_of
+from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
@@ -175,6 +175,6 @@ STUDY = Study(
     "spectra of a disturbance's fast part and their exponents",
     profile=study_profile,
     settings=SpectraSettings,
-    missing=missing_band_of(NAME, SpectraSettings),
+    missing=missing_band,
     prepare=prepare,
 )

@@ -168,7 +168,8 @@ class Study:
     quick_settings : mapping
         Settings of a first look, if `settings` is a model.
     missing : callable
-        ``Request -> str or None``: description of the input that a request lacks, None if nothing is missing.
+        ``(Request, settings) -> str or None``: description of the input that a request lacks, None if nothing is
+        missing.
     prepare : callable
         ``(Request, archive, numbers, settings) -> Preparation``, called once before the profiles.
     opened : callable
@@ -190,7 +191,7 @@ class Study:
     mission: MissionFunction | None = None
     settings: type[Settings] | Callable[[Request], Settings] | None = None
     quick_settings: Mapping[str, Any] = field(default_factory=dict)
-    missing: Callable[[Request], str | None] = lambda _: None
+    missing: Callable[[Request, Any], str | None] = lambda *_: None
     prepare: PrepareFunction = lambda *_: Preparation()
     opened: OpenInputs = nullcontext
     check: Callable[[Request, Mapping[int, Row]], None] | None = None

@@ -171,7 +171,7 @@ def truth_file(request: Request, archive: Archive, numbers: tuple[int, ...], set
     return Preparation(inputs=None if request.truth is None else str(request.truth.resolve()))
 
 
-def missing_input(request: Request) -> str | None:
+def missing_input(request: Request, _: object) -> str | None:
     """Require an archive that distinguishes samples from values interpolated between them."""
     with open_for_reading(request.archive) as archive:
         if "sampled" in archive["observed"].to_dataset():

@@ -81,7 +81,9 @@ def hostile():
     settings = {"preset": evil, "engine": evil, "start": "prior", "window": {"length": 40.0}, evil: evil}
     study = xr.Dataset(attrs={"models": {"hycom": [evil, "-x.nc"]}, "complete": True})
     return xr.DataTree(
-        xr.Dataset(attrs={"settings": settings, "observations": f"--{evil}", "platform": {}}),
+        xr.Dataset(
+            coords={"profile": [1, 2]}, attrs={"settings": settings, "observations": f"--{evil}", "platform": {}}
+        ),
         {"reanalysis": xr.DataTree(study)},
     )
 

@@ -12,7 +12,6 @@ from support.steady_glides import glides
 from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
 from gliderhpc.api import hulls
-from gliderhpc.api.calibration import CalibrateSettings
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
@@ -32,7 +31,7 @@ from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning import steady_segments as segments_module
-from gliderhpc.tuning.calibration import CalibrationSettings, CalibrationVerdict, calibrate
+from gliderhpc.tuning.calibration import CalibrateSettings, CalibrationSettings, CalibrationVerdict, calibrate
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_errors, score_of
 from gliderhpc.tuning.calibration_search import (
     PARAMETER_BOUND,
@@ -466,6 +465,12 @@ def test_an_error_that_nothing_explains_is_named():
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings())
     remarks = notes(found)
+    assert not any("hardly balances" in line for line in remarks)
+    grown = replace(found.held_out, segments=9, errors_before=Errors(np.full(4, 0.01), np.full(4, 0.01)),
+                    errors_after=Errors(np.array([0.01, 0.01, 0.01, 0.05]), np.full(4, 0.01)))  # fmt: skip
+    (warning,) = [line for line in notes(replace(found, held_out=grown)) if "hardly balances" in line]
+    assert "at the profiles held out, the turn rate is in error by 2.86 degree/s, and by 0.57 " in warning
+    assert "--set calibration.hold=[K_beta,K_MR,K_MY,K_r]" in warning
     assert any(line.startswith("WARNING: the pitch is still in error by") for line in remarks)
     assert not any("the roll is still in error" in line for line in remarks)
 

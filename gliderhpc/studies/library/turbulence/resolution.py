@@ -1,6 +1,6 @@
 """Band that a mission's records resolve, before a study of turbulence starts."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,13 +10,13 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
 from gliderhpc.studies.library.turbulence.series import FastSettings, describe_unresolved, series_step
-from gliderhpc.studies.request import Request, study_settings
+from gliderhpc.studies.request import Request
 
 EXAMINED_PROFILES = 5
 """Number of profiles, spread over those chosen, whose sample interval is compared with the band."""
 
 
-def describe_missing_band(request: Request, settings: FastSettings) -> str | None:
+def missing_band(request: Request, settings: FastSettings) -> str | None:
     """Return the reason why no examined profile of a request resolves any of the band, or None if at least one does.
 
     Parameters
@@ -41,15 +41,6 @@ def describe_missing_band(request: Request, settings: FastSettings) -> str | Non
                 return None
     needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
     return f"{describe_unresolved(interval, nyquist, lowest)}; {needed}"
-
-
-def missing_band_of(name: str, model: type[FastSettings]) -> Callable[[Request], str | None]:
-    """Return the function `missing` of a study that needs its band, given its name and the model of its settings."""
-
-    def missing(request: Request) -> str | None:
-        return describe_missing_band(request, study_settings(request, name, model))
-
-    return missing
 
 
 def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:

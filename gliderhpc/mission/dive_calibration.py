@@ -23,7 +23,6 @@ from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Score, check_errors, score_of
 from gliderhpc.tuning.gaussian_chain import Gaussian
@@ -61,15 +60,15 @@ class DiveCalibration:
         Rounds that led to this hull.
     fitted, held_out : Score
         Errors of the steady balance before and after, on the fitted and on the held-out profiles.
-    notes : list of str
-        Remarks on the rounds, for the user.
+    tolerance : float
+        Change of the parameters below which the rounds ended.
     """
 
     platform: Platform
     rounds: HullRounds
     fitted: Score
     held_out: Score
-    notes: list[str]
+    tolerance: float
 
 
 def calibrate_on_dives(
@@ -146,7 +145,7 @@ def calibrate_on_dives(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
     check_errors(ours, others, _JUDGED_QUANTITIES)
-    return DiveCalibration(hull, found, ours, others, rounds_report.notes(found, settings.rounds.tolerance))
+    return DiveCalibration(hull, found, ours, others, settings.rounds.tolerance)
 
 
 def _check_plausible(found: HullRounds) -> None:
