@@ -34,7 +34,7 @@ BY_DENSITY = (
 )
 
 _GROWN = 3.0
-"""Growth of a root mean square error, from the first scale on, that is reported although the trimmed one did not grow."""
+"""Growth of an error, from the first scale on, that is reported although the trimmed one has not grown."""
 _HOLD_LATERAL = (
     "if turns matter, hold the lateral coefficients with --set calibration.hold="
     f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]"
