@@ -38,6 +38,10 @@ RECORD_BREAK = 86_400.0
 MIN_SAMPLES = 10
 """Least number of samples with depth, pitch and heading in a usable profile."""
 
+_MIN_CHANGES, _MAX_DEPTH_RATE = 20, 2.0
+"""Number of changes from one file to another along time from which files are compared, and the depth rate (m/s) between
+their neighbouring samples above which they are not of one glider."""
+
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -232,13 +236,14 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     Raises
     ------
     InputError
-        There are no files.
+        There are no files, or two of them have different depths at the same time.
     """
     if not parts:
         raise InputError("no file to read")
     if len(parts) == 1:
         return parts[0]
     order = np.unique(np.concatenate([part.time for part in parts]), return_index=True)[1]
+    _check_one_glider(parts, order)
     time, depth, pitch, heading, roll, impossible = (
         np.concatenate([getattr(part, name) for part in parts])[order]
         for name in ("time", "depth", "pitch", "heading", "roll", "impossible")
@@ -259,6 +264,21 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
         float(np.median([part.declination for part in parts])), impossible,
         _submerged(time, depth, profile, fixes), _joined_velocity(parts, order),
     )  # fmt: skip
+
+
+def _check_one_glider(parts: Sequence[Navigation], order: IntArray) -> None:
+    """Refuse files that overlap in time and whose depths jump from one to the other: those of two gliders."""
+    owner = np.repeat(np.arange(len(parts)), [len(part.time) for part in parts])[order]
+    time, depth = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("time", "depth"))
+    known = np.isfinite(depth)
+    owner, seconds, depth = owner[known], _seconds(time)[known], depth[known]
+    change = np.flatnonzero(np.diff(owner))
+    rate = np.abs(np.diff(depth)[change]) / np.diff(seconds)[change]
+    if len(change) >= _MIN_CHANGES and np.median(rate) > _MAX_DEPTH_RATE:
+        first, second = (parts[owner[change[0] + i]].source for i in (0, 1))
+        raise InputError(
+            f"{first} and {second}: overlap in time, and their depths differ; give the files of one glider at a time"
+        )
 
 
 def _submerged(time: TimeArray, depth: FloatArray, profile: IntArray, fixes: SurfaceFixes) -> dict[int, str]:

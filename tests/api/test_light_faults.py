@@ -33,6 +33,24 @@ def _pressure(records: xr.Dataset, factor: float, unit: str) -> xr.Dataset:
     return records.drop_vars("depth").assign(pressure=("time", factor * records["depth"].values, attributes))
 
 
+# Files
+
+
+def test_files_of_two_gliders_at_one_time_are_refused_and_of_one_are_joined(tmp_path):
+    records = mission(Glide(dives=2, depth=300.0, interval=8.0))
+    half = records.sizes["time"] // 2
+    records.to_netcdf(tmp_path / "a.nc")
+    other = records.assign(depth=records["depth"].roll(time=half))
+    other = other.assign_coords(time=records["time"] + np.timedelta64(3, "s"))
+    other.to_netcdf(tmp_path / "b.nc")
+    with pytest.raises(InputError, match=r"a.nc and .*b.nc: overlap in time, and their depths differ"):
+        currents([tmp_path / "a.nc", tmp_path / "b.nc"])
+    records.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "even.nc")
+    records.isel(time=slice(1, None, 2)).to_netcdf(tmp_path / "odd.nc")
+    whole, joined = currents(tmp_path / "a.nc"), currents([tmp_path / "even.nc", tmp_path / "odd.nc"])
+    np.testing.assert_allclose(joined["dac_north"], whole["dac_north"], atol=1e-9)
+
+
 # Units
 
 
