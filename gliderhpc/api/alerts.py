@@ -65,7 +65,9 @@ class Rules(_Section):
     drag_up_fifth: float | None = Field(None, gt=0.0, lt=1.0)
 
     def violations(self, message: SurfacingMessage) -> tuple[str, ...]:
-        """Return a sentence for each rule that a message breaks."""
+        """Return a sentence for each rule that a message breaks; of a late current, only for the rule on currents."""
+        if message.only_current_changed:
+            return tuple(self._current(message))
         return (
             *self._current(message), *self._convergence(message), *self._next_surfacing(message), *self._hull(message),
         )  # fmt: skip

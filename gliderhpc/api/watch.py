@@ -268,16 +268,18 @@ class Watch:
 
     def _report_late_currents(self, observations: Observations, new: Container[int]) -> None:
         """Report again the dives whose current was unknown when they were reported, and is known by now."""
-        unknown = {one.profile: one.samples for one in self.state.reported if not one.current_known}
-        unknown = {number: digest for number, digest in unknown.items() if number not in new}
+        unknown = {one.samples for one in self.state.reported if not one.current_known}
         if not unknown:
             return
+        # Numbers may have changed since; the samples identify a dive.
+        digests = observations.sample_digests()
+        numbers = {number for number, digest in digests.items() if digest in unknown and number not in new}
         store = self.watched.store
         with archive_errors(store), open_for_reading(store) as archive:
             table = archive.to_dataset()
             found = table["profile"].values[adopted_current(table).known].tolist()
-        for number in sorted(unknown.keys() & found):
-            self._report(observations, number, unknown[number])
+        for number in sorted(numbers.intersection(found)):
+            self._report(observations, number, digests[number])
 
     def _invert(self, observations: Observations) -> None:
         watched = self.watched

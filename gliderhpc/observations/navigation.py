@@ -38,9 +38,9 @@ RECORD_BREAK = 86_400.0
 MIN_SAMPLES = 10
 """Least number of samples with depth, pitch and heading in a usable profile."""
 
-_MIN_CHANGES, _MAX_DEPTH_RATE = 20, 2.0
-"""Number of changes from one file to another along time from which files are compared, and the depth rate (m/s) between
-their neighbouring samples above which they are not of one glider."""
+_DEPTH_ALLOWANCE, _MAX_DEPTH_RATE, _MIN_DIFFERENT = 20.0, 2.0, 20
+"""Largest difference of depth (m) between two files of one glider at one time, its growth with the time to the nearest
+sample (m/s), and number of larger differences from which files are of two gliders."""
 
 _SECOND = np.timedelta64(1, "s")
 
@@ -243,7 +243,7 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     if len(parts) == 1:
         return parts[0]
     order = np.unique(np.concatenate([part.time for part in parts]), return_index=True)[1]
-    _check_one_glider(parts, order)
+    _check_one_glider(parts)
     time, depth, pitch, heading, roll, impossible = (
         np.concatenate([getattr(part, name) for part in parts])[order]
         for name in ("time", "depth", "pitch", "heading", "roll", "impossible")
@@ -266,19 +266,35 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     )  # fmt: skip
 
 
-def _check_one_glider(parts: Sequence[Navigation], order: IntArray) -> None:
-    """Refuse files that overlap in time and whose depths jump from one to the other: those of two gliders."""
-    owner = np.repeat(np.arange(len(parts)), [len(part.time) for part in parts])[order]
-    time, depth = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("time", "depth"))
-    known = np.isfinite(depth)
-    owner, seconds, depth = owner[known], _seconds(time)[known], depth[known]
-    change = np.flatnonzero(np.diff(owner))
-    rate = np.abs(np.diff(depth)[change]) / np.diff(seconds)[change]
-    if len(change) >= _MIN_CHANGES and np.median(rate) > _MAX_DEPTH_RATE:
-        first, second = (parts[owner[change[0] + i]].source for i in (0, 1))
-        raise InputError(
-            f"{first} and {second}: overlap in time, and their depths differ; give the files of one glider at a time"
-        )
+def _check_one_glider(parts: Sequence[Navigation]) -> None:
+    """Refuse files that overlap in time and have different depths there: those of two gliders."""
+    ordered = sorted((part for part in parts if len(part.time)), key=lambda part: part.time[0])
+    for place, first in enumerate(ordered):
+        for second in ordered[place + 1 :]:
+            if second.time[0] > first.time[-1]:
+                break
+            if _differ(first, second):
+                raise InputError(
+                    f"{first.source} and {second.source}: overlap in time, and their depths differ; give the files of "
+                    "one glider at a time"
+                )
+
+
+def _differ(first: Navigation, second: Navigation) -> bool:
+    """Whether most depths of two files differ by more than a glider's motion between their samples allows."""
+    (one, depth), (other, known) = (
+        (part.time[finite].astype(np.int64) * 1e-9, part.depth[finite])
+        for part in (first, second)
+        for finite in [np.isfinite(part.depth)]
+    )
+    if not len(other):
+        return False
+    both = (one >= other[0]) & (one <= other[-1])
+    at, depth = one[both], depth[both]
+    after = np.clip(np.searchsorted(other, at), 1, len(other) - 1) if len(other) > 1 else np.zeros(len(at), dtype=int)
+    nearest = np.minimum(np.abs(other[after] - at), np.abs(at - other[np.maximum(after - 1, 0)]))
+    far = np.abs(np.interp(at, other, known) - depth) > _DEPTH_ALLOWANCE + _MAX_DEPTH_RATE * nearest
+    return bool(np.count_nonzero(far) >= _MIN_DIFFERENT and far.mean() > 0.5)
 
 
 def _submerged(time: TimeArray, depth: FloatArray, profile: IntArray, fixes: SurfaceFixes) -> dict[int, str]:

@@ -117,6 +117,8 @@ class Record:
         Declination added to the heading.
     absent : tuple of str
         Controls that are missing from the file; they are zero.
+    renumbered : bool
+        Whether the dives have other numbers than in the file.
     without_dive, lost : dict of int to str
         Reasons by number of the dives that give no profile, and of the dives in which the clock was set.
     rows_dropped : int
@@ -135,6 +137,7 @@ class Record:
     fixes: Fixes
     declination: Declination
     absent: tuple[str, ...]
+    renumbered: bool
     without_dive: dict[int, str]
     lost: dict[int, str]
     rows_dropped: int
@@ -172,11 +175,16 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         fixes=fixes,
         comments=_describe_processing(found),
         rejected=rejected | {f"dive {n}": why for record in found for n, why in record.lost.items()},
-        without_profile={f"dive {n}": why for record in found for n, why in record.without_dive.items()},
+        without_profile={_name(record, n): why for record in found for n, why in record.without_dive.items()},
         rows_dropped=rows_dropped,
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
         clock_steps=steps,
     )
+
+
+def _name(record: Record, number: int) -> str:
+    """Name of a dive by its number in the file, which may be another one in the mission."""
+    return f"{record.path.name}, its dive {number}" if record.renumbered else f"dive {number}"
 
 
 def _read_file(path: Path, declination: float | None) -> Record:
@@ -204,7 +212,7 @@ def _profile_numbers(found: list[Record]) -> list[list[int]]:
     """Number the dives as the files do if those numbers increase throughout; otherwise consecutively from 1."""
     own = [[*record.dives] for record in found]
     joined = [number for part in own for number in part]
-    if joined == sorted(set(joined)):
+    if joined == sorted(set(joined)) and not any(record.renumbered for record in found):
         return own
     ends = np.cumsum([len(part) for part in own]).tolist()
     return [list(range(end - len(part) + 1, end + 1)) for end, part in zip(ends, own, strict=True)]
@@ -286,7 +294,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = {name: values[ordered] for name, values in samples.items()}
-    found = find_dives(numbers[ordered], depth[ordered])
+    found = find_dives(numbers[ordered], time[in_order], depth[ordered])
     profile = number_samples(found.spans, len(ordered))
     _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
     dives = {number: span for number, span in found.spans.items() if number not in lost}
@@ -304,6 +312,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         fixes=fixes,
         declination=turned,
         absent=absent,
+        renumbered=bool(found.remark),
         without_dive=found.without,
         lost=lost,
         rows_dropped=int(np.count_nonzero(~in_order)),

@@ -1,6 +1,6 @@
 """Dives of an OG1 file: by the file's own dive counter, or else from depth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -47,6 +47,11 @@ def dive_numbers(file: ForeignFile, time: npt.NDArray[np.datetime64], depth: Flo
         # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
         plausible = (given >= 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
         return np.asarray(np.where(plausible, given, _NO_DIVE), dtype=np.int64)
+    return _detected(time, depth)
+
+
+def _detected(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
+    """Dive number of every row, detected from depth; -1 where there is none."""
     known = increasing(time) & np.isfinite(depth)
     numbers = np.full(len(time), _NO_DIVE)
     if known.any():
@@ -56,26 +61,32 @@ def dive_numbers(file: ForeignFile, time: npt.NDArray[np.datetime64], depth: Flo
     return numbers
 
 
-def find_dives(numbers: IntArray, depth: FloatArray) -> Dives:
+def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> Dives:
     """Find the sample range of each dive.
 
     Parameters
     ----------
     numbers : (n,) array
         Dive number of every sample, -1 where there is none.
+    time : (n,) array
+        Increasing times (UTC).
     depth : (n,) array
         Depth (m), NaN where missing.
 
     Notes
     -----
     In most files the first dive is number one, and zero means no dive; in others it is number zero. Samples numbered
-    zero are therefore a dive if they go down and come up again. A counter that begins anew, such as that of a Slocum's
+    zero are therefore a dive if they go down and come up again once. If no sample has another number, the dives are
+    detected from depth. A counter that begins anew, such as that of a Slocum's
     segments with each mission, gives the same number to several dives. If the numbers do not increase from one dive to
     the next, or begin with zero, the dives are numbered from one in the order of time.
     """
+    if len(numbers) and numbers.max() == 0:
+        detected = find_dives(_detected(time, depth), time, depth)
+        return replace(detected, remark="its dive counter is always 0: the dives are detected from depth")
     found: list[tuple[int, Span]] = []
     without: dict[int, str] = {}
-    for number, start, stop in _stretches(_without_strays(numbers, depth), depth):
+    for number, start, stop in _stretches(_without_strays(numbers, time, depth), depth):
         try:
             first, last = dive_span(depth[start:stop])
         except ProfileError as error:
@@ -91,17 +102,35 @@ def find_dives(numbers: IntArray, depth: FloatArray) -> Dives:
     return Dives({place: span for place, (_, span) in enumerate(found, 1)}, without, remark)
 
 
-def _without_strays(numbers: IntArray, depth: FloatArray) -> IntArray:
-    """Numbers without the zeros, and the numbers in the midst of another one, that are no whole dive."""
+def _without_strays(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
+    """Numbers without the zeros that are no single dive, and without strays in the midst of another number.
+
+    Strays are samples with other numbers, between two of one number, that are no whole dive.
+    """
     kept = numbers.copy()
     runs = _runs(np.flatnonzero(numbers != _NO_DIVE), numbers)
-    around = zip([None, *runs], runs, [*runs[1:], None], strict=False)
-    for before, (start, stop), after in around:
-        number = numbers[start]
-        within = before is not None and after is not None and 0 < numbers[before[0]] == numbers[after[0]]
-        if (number == 0 or within) and not _is_whole_dive(depth[start:stop]):
-            kept[start:stop][numbers[start:stop] == number] = _NO_DIVE
+    whole = [_is_whole_dive(depth[start:stop]) for start, stop in runs]
+    strays = [
+        place
+        for place, (start, stop) in enumerate(runs)
+        if numbers[start] == 0 and not (whole[place] and _is_one_dive(time[start:stop], depth[start:stop]))
+    ]
+    last: dict[int, int] = {}
+    for place, (start, _) in enumerate(runs):
+        number = int(numbers[start])
+        between = range(last.get(number, place) + 1, place)
+        if number > 0 and not any(whole[other] for other in between):
+            strays += between
+        last[number] = place
+    for place in strays:
+        start, stop = runs[place]
+        kept[start:stop][numbers[start:stop] == numbers[start]] = _NO_DIVE
     return kept
+
+
+def _is_one_dive(time: npt.NDArray[np.datetime64], depth: FloatArray) -> bool:
+    detected = _detected(time, depth)
+    return len(np.unique(detected[detected > 0])) == 1
 
 
 def _is_whole_dive(depth: FloatArray) -> bool:

@@ -28,7 +28,8 @@ def longitude_range(longitude: FloatArray) -> tuple[float, float] | None:
         return None
     gaps = np.diff(known, append=known[0] + 360.0)
     widest = int(np.argmax(gaps))
-    return float(known[(widest + 1) % len(known)]), float(known[widest])
+    west, east = float(known[(widest + 1) % len(known)]), float(known[widest])
+    return west, 180.0 if east == -180.0 and west > 0.0 else east
 
 
 def bounding_polygon(latitude: tuple[float, float], longitude: tuple[float, float]) -> str:

@@ -33,6 +33,7 @@ BY_DENSITY = (
     f"the surface and {REFERENCE_TEMPERATURE:g} degC"
 )
 
+_OF_TURNS = QUANTITIES[2:]
 _GROWN = 3.0
 """Growth of an error, from the first scale on, that is reported although the trimmed one has not grown."""
 _HOLD_LATERAL = (
@@ -112,7 +113,7 @@ def notes(found: Calibration) -> list[str]:
             score.after / np.maximum(score.before, FIRST_SCALES),
             strict=True,
         )
-        if times > _GROWN
+        if times > _GROWN and name in _OF_TURNS
     ]
     missed = np.degrees(found.fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:

@@ -159,6 +159,11 @@ class SurfacingMessage(_Part):
     )
     hull_warning: str = Field("", description="reason to doubt trim and changes of the hull, from its steady glides")
 
+    @property
+    def only_current_changed(self) -> bool:
+        """Whether nothing but the current is new since the previous revision."""
+        return bool(self.changes) and all(change.startswith("current ") for change in self.changes)
+
     def changes_since(self, earlier: str) -> tuple[str, ...]:
         """List the differences from an earlier message, which is passed as JSON."""
         before = SurfacingMessage.model_validate_json(earlier)

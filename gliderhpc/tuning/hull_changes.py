@@ -28,6 +28,8 @@ PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
 _LEAST_SCATTER = 0.3
 """Smallest ratio of the variance between dives to the one that they state; a few dives can agree by chance."""
+_MIN_FREEDOM = 60
+"""Degrees of freedom of all dives from which a smaller scatter than stated counts."""
 _MIN_DIVES = 4
 """Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
@@ -134,11 +136,18 @@ def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
 
 def _weights_of(dives: Sequence[DiveTerm], prior: HullPrior, *, robust: bool) -> list[float]:
     """Factors on the information of dives that bring it to their scatter; one if they are not to be compared."""
-    changes, full = changes_of(dives, prior.walk), np.ones(len(dives))
-    total = WeightedSum(SumProblem(prior.eta, changes, [dive.term for dive in dives]), 1.0, full)
-    if robust:
-        total = total.agreeing(_LEAST_SCATTER)
-    return [float(weight) / total.inflation for weight in total.weight]
+    if not robust:
+        return [1.0] * len(dives)
+    terms, full = [dive.term for dive in dives], np.ones(len(dives))
+
+    def total(walk: Array) -> WeightedSum:
+        return WeightedSum(SumProblem(prior.eta, changes_of(dives, walk), terms), 1.0, full)
+
+    # A random walk that is too large would pass for dives that agree, so that smaller scatter is judged without it.
+    agreeing = total(np.zeros(len(prior.walk))).agreeing(_LEAST_SCATTER)
+    if agreeing.inflation >= 1.0 or agreeing.disagreements[1].sum() < _MIN_FREEDOM:
+        agreeing = total(prior.walk).agreeing()
+    return [float(weight) / agreeing.inflation for weight in agreeing.weight]
 
 
 class _Chain:

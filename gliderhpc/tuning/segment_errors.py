@@ -274,8 +274,8 @@ def _in_its_water(platform: Platform, segments: SteadySegments, report: Callable
     if abs(surface - hull.buoyancy.water_density) < OTHER_WATER:
         return hull
     report(
-        f"the water has {surface:.1f} kg/m3 at the surface, and the platform file {hull.buoyancy.water_density:g}: its "
-        "neutral volume is taken as that in this water (buoyancy.water_density)"
+        f"the water has {surface:.1f} kg/m3 (median of the steady flight, at surface pressure), and the platform file "
+        f"{hull.buoyancy.water_density:g}: its neutral volume is taken as that in this water (buoyancy.water_density)"
     )
     return with_values(hull, {"buoyancy.water_density": round(surface, 1)})
 

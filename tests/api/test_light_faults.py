@@ -40,11 +40,16 @@ def test_files_of_two_gliders_at_one_time_are_refused_and_of_one_are_joined(tmp_
     records = mission(Glide(dives=2, depth=300.0, interval=8.0))
     half = records.sizes["time"] // 2
     records.to_netcdf(tmp_path / "a.nc")
-    other = records.assign(depth=records["depth"].roll(time=half))
+    other = records.assign(depth=records["depth"].roll(time=half // 2))
     other = other.assign_coords(time=records["time"] + np.timedelta64(3, "s"))
     other.to_netcdf(tmp_path / "b.nc")
-    with pytest.raises(InputError, match=r"a.nc and .*b.nc: overlap in time, and their depths differ"):
-        currents([tmp_path / "a.nc", tmp_path / "b.nc"])
+    records.assign(depth=records["depth"].roll(time=half // 2)).to_netcdf(tmp_path / "same-clock.nc")
+    for name in ("b.nc", "same-clock.nc"):
+        with pytest.raises(InputError, match=rf"a.nc and .*{name}: overlap in time, and their depths differ"):
+            currents([tmp_path / "a.nc", tmp_path / name])
+    near = records.assign(depth=records["depth"].round(2)).assign_coords(time=records["time"] + np.timedelta64(1, "ms"))
+    near.to_netcdf(tmp_path / "near.nc")
+    assert currents([tmp_path / "a.nc", tmp_path / "near.nc"]).sizes["profile"] == 2
     records.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "even.nc")
     records.isel(time=slice(1, None, 2)).to_netcdf(tmp_path / "odd.nc")
     whole, joined = currents(tmp_path / "a.nc"), currents([tmp_path / "even.nc", tmp_path / "odd.nc"])

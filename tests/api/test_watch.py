@@ -16,6 +16,7 @@ from support.seaglider_files import write_dive
 from support.slocum_files import flight, write_binary
 
 from gliderhpc.api import watch, watch_state
+from gliderhpc.api.alerts import Box, Rules
 from gliderhpc.api.records import IMPORTERS
 from gliderhpc.api.watch import Listener, WatchInputs, open_watch
 from gliderhpc.api.watch_records import FileImport, is_candidate
@@ -215,6 +216,10 @@ def test_a_current_that_becomes_known_with_the_next_file_is_reported(dives, tmp_
     assert heard.numbers == [(1, 1), (2, 0)]
     assert heard.dives[0].current is not None
     assert any(change.startswith("current north, m/s: unknown to") for change in heard.dives[0].changes)
+    rules = Rules(current_above=0.0, next_surfacing_outside=Box(south=-80.0, north=-79.0, west=0.0, east=1.0))
+    late, new = (rules.violations(message) for message in heard.dives)
+    assert [alert.partition(" ")[0] for alert in late] == ["current"]
+    assert [alert.partition(" ")[0] for alert in new] == ["current", "next"]
     assert _once(tmp_path).numbers == []
 
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from support.archives import Content, write_archive
 
-from gliderhpc.archive.mission import archive_errors, open_for_job, open_for_reading, open_mission
+from gliderhpc.archive.mission import archive_errors, open_for_reading, open_mission
 from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profile
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import create_study, finish_study, set_attributes
@@ -50,7 +50,7 @@ def test_a_group_is_opened_when_it_is_asked_for(archive):
 
 
 @pytest.mark.spoils
-@pytest.mark.parametrize("opened", [open_mission, open_for_reading, open_for_job])
+@pytest.mark.parametrize("opened", [open_mission, open_for_reading])
 def test_archives_of_other_versions_are_refused_by_every_way_to_open(opened, archive):
     set_attributes(archive, {"schema_version": "999.0"})
     with pytest.raises(InputError, match=r"the archive's schema has version 999.0, but this program reads"):

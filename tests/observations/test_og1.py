@@ -153,11 +153,30 @@ def test_dives_of_a_counter_from_zero_or_with_a_new_beginning_are_counted_from_o
     assert found["reference_profile"].values.tolist() == [1, 2, 3]
 
 
+def test_a_counter_that_is_always_zero_is_not_used(tmp_path):
+    summary, _ = imported(tmp_path, dives=(1, 2, 3), divenum=np.zeros(3 * ROWS))
+    assert [profile.number for profile in summary.complete] == [1, 2, 3]
+    assert "its dive counter is always 0: the dives are detected from depth" in summary.remarks[0]
+
+
+def test_zeros_over_several_dives_are_none(tmp_path):
+    summary, _ = imported(tmp_path, dives=(1, 2, 3, 4), divenum=np.repeat([1.0, 0.0, 0.0, 2.0], ROWS))
+    assert [profile.number for profile in summary.complete] == [1, 2]
+    assert summary.remarks == ()
+
+
+def test_reasons_name_the_dive_of_the_file_where_dives_have_other_numbers(tmp_path):
+    depth = np.concatenate([made.og1_depths(maximum) for maximum in (100.0, 6.0, 100.0)])
+    summary, _ = imported(tmp_path, dives=(1, 2, 3), divenum=np.repeat([4.0, 9.0, 2.0], ROWS), DEPTH=depth)
+    assert [profile.number for profile in summary.complete] == [1, 2]
+    assert list(summary.without_profile) == ["sg099_delayed.nc, its dive 9"]
+
+
 def test_rows_numbered_zero_that_are_no_dive_of_their_own_divide_none(tmp_path):
     numbers = np.repeat([1.0, 2.0], ROWS)
     numbers[ROWS // 2 - 4 : ROWS // 2 + 4] = 0.0
     numbers[ROWS - 2 : ROWS + 2] = 0.0
-    numbers[ROWS + ROWS // 3] = 99.0
+    numbers[ROWS + ROWS // 3 : ROWS + ROWS // 3 + 2] = 98.0, 99.0
     numbers[2 * ROWS // 3] = np.nan
     summary, _ = imported(tmp_path, divenum=numbers)
     assert [(profile.number, profile.samples) for profile in summary.complete] == [(n, 2 * made.HALF) for n in (1, 2)]

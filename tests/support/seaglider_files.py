@@ -172,6 +172,13 @@ def write_og1(path: Path, dives: tuple[int, ...] = (1, 2), *, magnetic: bool = T
     return path
 
 
+def og1_depths(maximum: float) -> np.ndarray:
+    """Depths of the rows of one dive of `write_og1` to another maximum."""
+    samples, time = clock(1), fixes(1)[0]
+    order = np.argsort(np.concatenate([samples, time]), kind="stable")
+    return np.concatenate([depths(maximum), np.zeros(3)])[order]
+
+
 def _og1_rows(dive: int) -> dict[str, np.ndarray]:
     samples, pitch, maximum = clock(dive), pitches(), 100.0
     time, latitude, longitude = fixes(dive)
