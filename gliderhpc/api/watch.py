@@ -13,6 +13,7 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
+from gliderhpc.api.watch_messages import changes_since, knew_current
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
 from gliderhpc.api.watch_versions import accept_or_restore, keep_earlier
@@ -268,7 +269,7 @@ class Watch:
 
     def _report_late_currents(self, observations: Observations, new: Container[int]) -> None:
         """Report again the dives whose current was unknown when they were reported, and is known by now."""
-        unknown = {one.samples for one in self.state.reported if not one.current_known}
+        unknown = {one.samples for one in self.state.reported if not knew_current(one, self.watched.out)}
         if not unknown:
             return
         # Numbers may have changed since; the samples identify a dive.
@@ -340,18 +341,7 @@ class Watch:
             message = surfacing_message(archive, number)
         if before is None:
             return message
-        return message.model_copy(update={"revision": before.revision + 1, "changes": _changes(message, path)})
-
-
-def _changes(message: SurfacingMessage, path: Path) -> tuple[str, ...]:
-    """List the differences from the earlier message in a file; none, with a warning, if that cannot be read."""
-    if not path.exists():
-        return ()
-    try:
-        return message.changes_since(path.read_text("utf-8"))
-    except ValueError:  # Not UTF-8, not JSON, or not such a message.
-        log.warning("%s: is not a readable message, so what changed since then is not reported; it is replaced", path)
-        return ()
+        return message.model_copy(update={"revision": before.revision + 1, "changes": changes_since(message, path)})
 
 
 def continues_archive(store: Place, numbers: Iterable[int]) -> bool:

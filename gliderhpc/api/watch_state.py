@@ -32,8 +32,8 @@ class ReportedDive(BaseModel):
         Number of samples.
     revision : int
         Revision of the message.
-    current_known : bool
-        Whether the message has a current.
+    current_known : bool, optional
+        Whether the message has a current; None if an earlier version of this program reported the dive.
     file : str
         Name of the message file.
     """
@@ -45,7 +45,7 @@ class ReportedDive(BaseModel):
     samples: str
     count: int = 0
     revision: int
-    current_known: bool = True
+    current_known: bool | None = None
     file: str
 
     def overlap(self, start: np.datetime64, end: np.datetime64) -> float:

@@ -207,6 +207,11 @@ def test_a_current_that_becomes_known_with_the_next_file_is_reported(dives, tmp_
     _without_fixes_after(dives[0], land / "dive1.nc")
     (before,) = _once(tmp_path).dives
     assert before.current is None
+    # As an earlier version of the program left it.
+    state = tmp_path / "m-watch" / "state.json"
+    content = json.loads(state.read_text("utf-8"))
+    assert content["reported"][0].pop("current_known") is False
+    state.write_text(json.dumps(content), "utf-8")
     with xr.open_dataset(dives[0], decode_times=False) as first, xr.open_dataset(dives[1], decode_times=False) as next_:
         late = first.isel(fix=np.flatnonzero(first["fix_time"].values > first["time"].values[-1]))
         fixes = [name for name, variable in first.variables.items() if variable.dims == ("fix",)]
