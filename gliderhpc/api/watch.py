@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -260,21 +260,21 @@ class Watch:
                 return
             # The samples include their times, so no two dives have the same digest.
             before = {one.samples for one in self.state.reported}
-            new = {number: digest for number, digest in observations.sample_digests().items() if digest not in before}
+            digests = observations.sample_digests()
+            new = {number: digest for number, digest in digests.items() if digest not in before}
             if new or not only_news:
                 self._invert(observations)
-                self._report_late_currents(observations, new)
+                self._report_late_currents(observations, digests)
             for number, digest in new.items():
                 self._report(observations, number, digest)
 
-    def _report_late_currents(self, observations: Observations, new: Container[int]) -> None:
+    def _report_late_currents(self, observations: Observations, digests: Mapping[int, str]) -> None:
         """Report again the dives whose current was unknown when they were reported, and is known by now."""
         unknown = {one.samples for one in self.state.reported if not knew_current(one, self.watched.out)}
         if not unknown:
             return
         # Numbers may have changed since; the samples identify a dive.
-        digests = observations.sample_digests()
-        numbers = {number for number, digest in digests.items() if digest in unknown and number not in new}
+        numbers = {number for number, digest in digests.items() if digest in unknown}
         store = self.watched.store
         with archive_errors(store), open_for_reading(store) as archive:
             table = archive.to_dataset()

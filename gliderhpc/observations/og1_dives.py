@@ -77,9 +77,9 @@ def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: Float
     -----
     In most files the first dive is number one, and zero means no dive; in others it is number zero. Samples numbered
     zero are therefore a dive if they go down and come up again once. If no sample has another number, the dives are
-    detected from depth. A counter that begins anew, such as that of a Slocum's
-    segments with each mission, gives the same number to several dives. If the numbers do not increase from one dive to
-    the next, or begin with zero, the dives are numbered from one in the order of time.
+    detected from depth. A counter that restarts, such as that of a Slocum's segments with each mission, gives the same
+    number to several dives. If the numbers do not increase from one dive to the next, or begin with zero, the dives are
+    numbered from one in the order of time.
     """
     if len(numbers) and numbers.max() == 0:
         detected = find_dives(_detected(time, depth), time, depth)
@@ -97,7 +97,7 @@ def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: Float
     without = {number: why for number, why in without.items() if number not in own}
     if all(number > 0 for number in own) and all(before < after for before, after in pairwise(own)):
         return Dives(dict(found), without)
-    what = "begins with 0" if own[0] == 0 and len(set(own)) == len(own) else "begins anew or decreases"
+    what = "begins with 0" if own[0] == 0 and len(set(own)) == len(own) else "restarts or decreases"
     remark = f"its dive counter {what}: the dives are numbered from 1 in the order of time"
     return Dives({place: span for place, (_, span) in enumerate(found, 1)}, without, remark)
 

@@ -43,13 +43,14 @@ def run_study(name: str, request: Request) -> None:
     InputError
         The study is unknown, or the request lacks one of its inputs.
     """
-    missing = missing_input(name, request)
+    study, given = load_study(name), study_assignments(request, name)
+    settings = study.settings_for(request)
+    missing = study.missing(request, settings)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    study, given = load_study(name), study_assignments(request, name)
     if given and study.settings is None:
         raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
-    study.run(request)
+    study.run(request, settings)
 
 
 def missing_input(name: str, request: Request) -> str | None:

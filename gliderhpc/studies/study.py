@@ -211,15 +211,22 @@ class Study:
             return None if self.settings is None else self.settings(request)
         return study_settings(request, self.name, self.settings, self.quick_settings if request.quick else {})
 
-    def run(self, request: Request) -> None:
+    def run(self, request: Request, settings: Any) -> None:
         """Study the chosen profiles and the mission, and fill the study's group in the archive.
+
+        Parameters
+        ----------
+        request : Request
+            The request.
+        settings : Settings or None
+            Its settings, from `settings_for`.
 
         Raises
         ------
         InputError
-            No such profile is done, the archive has no such estimate, or a setting or another input is wrong.
+            No such profile is done, the archive has no such estimate, or another input is wrong.
         """
-        plan = self.plan(request, self.settings_for(request))
+        plan = self.plan(request, settings)
         found = GroupContent()
         begun = _begin(request, self.name, plan.prepared) if self.mission is None else ()
         rows, digests = self.study_profiles(plan)

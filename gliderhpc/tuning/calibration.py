@@ -234,8 +234,13 @@ def _search_from(
 
 def _is_worse(search: CalibrationSearch) -> bool:
     """Return whether the cost of a fit is higher than that of the original platform."""
-    before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
+    before, after = _costs(search)
     return after > _MAX_COST_INCREASE * before + 1.0
+
+
+def _costs(search: CalibrationSearch) -> tuple[float, float]:
+    """Cost of the original platform, and of the fit."""
+    return search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
 
 
 def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
@@ -290,7 +295,7 @@ def _check_glides(hull: Platform) -> None:
 def _check_improved(found: Calibration, search: CalibrationSearch) -> None:
     """Refuse a fit whose cost rose, or whose errors are clearly larger than those of the original platform."""
     if _is_worse(search):
-        before, after = search.cost_of(np.zeros(len(search.steps))), search.cost_of(search.steps)
+        before, after = _costs(search)
         raise CalibrationError(
             f"calibration: no fit is better than the platform (cost {after:.1f}, of the platform {before:.1f}): "
             f"nothing is written; if the platform was calibrated on these profiles, use it as it is; otherwise {REMEDY}"

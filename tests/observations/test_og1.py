@@ -143,7 +143,7 @@ ROWS = 2 * (made.AFLOAT + made.HALF) + 3
 
 @pytest.mark.parametrize(
     ("counter", "what"),
-    [((0, 1, 2), "begins with 0"), ((4, 5, 4), "begins anew or decreases"), ((2, 1, 7), "begins anew")],
+    [((0, 1, 2), "begins with 0"), ((4, 5, 4), "restarts or decreases"), ((2, 1, 7), "restarts or decreases")],
 )
 def test_dives_of_a_counter_from_zero_or_with_a_new_beginning_are_counted_from_one(tmp_path, counter, what):
     summary, found = imported(tmp_path, dives=(1, 2, 3), divenum=np.repeat(np.float64(counter), ROWS))

@@ -11,6 +11,7 @@ import numpy as np
 from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.fixes import midpoint
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.report.facts import iso_instant, platform_name, polar
 from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
@@ -166,7 +167,7 @@ class MissionState:
             return np.full(2, np.nan)
         latitude, longitude = midpoint((a, b), (c, d))
         # The longitude is on the branch of the track, which may have crossed the date line.
-        return np.array([longitude + 360.0 * round((fixes[-1, 0] - longitude) / 360.0), latitude])
+        return np.array([wrapped_longitude(longitude, float(fixes[-1, 0])), latitude])
 
 
 def _minute(instant: str) -> str:
