@@ -10,7 +10,7 @@ INSTALL := pip install --quiet --no-compile
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compile demo test test-quick test-random test-lowest fuzz check types uncompiled bench wheel sbom fortran docs clean
+.PHONY: help setup compile demo test test-all test-quick test-random test-lowest fuzz check types uncompiled bench wheel sbom fortran docs clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -45,7 +45,10 @@ compile: $(VENV)/run  ## compile the kernels, which otherwise the first run does
 demo: $(VENV)/run  ## simulate a mission, invert and study it, report on it (under 3 minutes)
 	$(BIN)/gliderhpc demo --out demo
 
-test: $(VENV)/dev  ## run the tests on all cores (WORKERS=2 for two)
+test: $(VENV)/dev  ## run the tests on all cores (WORKERS=2 for two), but for the longest ones
+	$(BIN)/python -m pytest -n $(WORKERS) -m 'not long' --durations=10
+
+test-all: $(VENV)/dev  ## run all tests, with every command of the documentation, before a release
 	$(BIN)/python -m pytest -n $(WORKERS) --durations=10
 
 test-quick: $(VENV)/dev  ## run the quick tests, before each commit (under 90 seconds)

@@ -1,13 +1,14 @@
 """The disturbance-augmented extended Kalman filter of section 4.1, on several profiles side by side."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.innovations import contradict_prior, log_density
 from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, measurement_variance, steps_in
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
@@ -57,7 +58,7 @@ class FilterEstimate:
         up.
     prior_name, prior : str, DisturbancePrior
         Name of the disturbance prior used (`candidate_priors`), and the prior: ``usual``, or ``rough_water`` if the
-        usual one could not follow the record.
+        usual one could not follow the record, or is contradicted by its innovations and less likely.
     """
 
     states: Array
@@ -111,7 +112,8 @@ def run_filters(
     """Filter profiles side by side (eqs. 19-27), each with its candidate priors until one can follow its record.
 
     A prior is given up as soon as it has rejected more than the allowed share of all the profile's samples. The last
-    candidate runs to the end, and a refusal therefore has complete counts.
+    candidate runs to the end, and a refusal therefore has complete counts. If the innovations of a prior that can
+    follow the record contradict it (`contradict_prior`), the next is run too, and the likelier of the two is used.
 
     Parameters
     ----------
@@ -135,8 +137,7 @@ def run_filters(
                 found[i] = error
 
     for i, estimate in _side_by_side(tasks(), settings):
-        refused = estimate.rejected_fraction > settings.filter.max_rejected_fraction
-        found[i] = refusal(estimate, settings) if refused else estimate
+        found[i] = refusal(estimate, settings) if _is_refused(estimate, settings) else estimate
     return [found[i] for i in range(len(found))]
 
 
@@ -188,6 +189,10 @@ class FilterTrials:
             yield key // len(priors), key % len(priors), estimate
 
 
+def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
+    return estimate.rejected_fraction > settings.filter.max_rejected_fraction
+
+
 def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
     """Error for an estimate that rejected more than the allowed share of samples."""
     return ProfileError(
@@ -199,7 +204,10 @@ def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileEr
 
 @dataclass(frozen=True, eq=False)
 class _Inputs:
-    """Inputs of the kernel for one profile: the filter's arrays (`Records`), initial state, variances and patience."""
+    """Inputs of the kernel for one profile: the filter's arrays (`Records`), initial state, variances and patience.
+
+    Priors are not compared where the samples fed are interpolated, since their errors are not independent.
+    """
 
     hull: Array
     bodies: Array
@@ -210,15 +218,45 @@ class _Inputs:
     state0: Array
     variance: Array
     patience: int
+    interpolated: bool
+
+    def judged(self, estimate: FilterEstimate) -> tuple[Array, Array]:
+        """Innovations ``(m, 4)`` by which a prior is judged, outside the vibration set, and their variances."""
+        usual = ~self.vibrating[self.fed]
+        return estimate.innovations[usual], estimate.innovation_variances[usual]
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """A profile with the priors that are still to be tried."""
+    """A profile with the priors that are still to be tried, and the estimate with one that is contradicted."""
 
     key: int
     profile: _Inputs
     priors: tuple[tuple[str, DisturbancePrior], ...]
+    contradicted: FilterEstimate | None = None
+
+    def following(self, estimate: FilterEstimate, settings: EstimationSettings) -> "_Task | None":
+        """Return the task of the next prior, or None if the estimate needs no other beside it."""
+        if not self.priors[1:]:
+            return None
+        if _is_refused(estimate, settings):
+            return replace(self, priors=self.priors[1:])
+        judged, gate = self.profile.judged(estimate), settings.filter.gate
+        if not self.profile.interpolated and contradict_prior(*judged, gate):
+            return replace(self, priors=self.priors[1:], contradicted=estimate)
+        return None
+
+    def likelier(self, estimate: FilterEstimate, settings: EstimationSettings) -> FilterEstimate:
+        """Return the estimate, or the contradicted one if that is likelier or the only one not refused."""
+        if self.contradicted is None:
+            return estimate
+        if _is_refused(estimate, settings):
+            return self.contradicted
+        earlier, later = (
+            np.nansum(log_density(*self.profile.judged(each), settings.filter.gate))
+            for each in (self.contradicted, estimate)
+        )
+        return estimate if later > earlier else self.contradicted
 
 
 class _FilterBatch:
@@ -303,10 +341,10 @@ def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Itera
     while at_work:
         for lane, estimate in batch.run():
             task = at_work.pop(lane)
-            if task.priors[1:] and estimate.rejected_fraction > settings.filter.max_rejected_fraction:
-                start(lane, _Task(task.key, task.profile, task.priors[1:]))
+            if following := task.following(estimate, settings):
+                start(lane, following)
             else:
-                yield task.key, estimate
+                yield task.key, task.likelier(estimate, settings)
                 start(lane, next(tasks, None))
 
 
@@ -337,6 +375,7 @@ def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
         state0,
         measurement_variance(platform, series, settings),
         max(3, round(patience)),
+        series.sample_interval > settings.filter.slow_feed,
     )
 
 

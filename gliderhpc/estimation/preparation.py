@@ -169,6 +169,14 @@ def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:
     return recorded & _measured(series)
 
 
+def recorded_values(series: ProfileSeries) -> NDArray[np.bool_]:
+    """Mask ``(n+1, 4)`` of the measurements that are samples of the record, also where others were not measured."""
+    recorded = np.repeat(recorded_samples(series)[:, None], 4, axis=1)
+    if series.partial is not None:
+        recorded[series.partial[:, 0], series.partial[:, 1]] = True
+    return recorded & np.isfinite(series.measurements)
+
+
 def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
     return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))
 

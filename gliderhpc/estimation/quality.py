@@ -146,8 +146,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         lines.append(estimate.profile.velocity.refusal)
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
-    if estimate.smoothed is not None and estimate.smoothed.noise_held:
-        lines.append("the smoother's noise is the prior's, since it found no estimate with noise fitted to the dive")
+    if estimate.smoothed is not None and estimate.smoothed.simplified:
+        lines.append(f"the smoother found no estimate as set and was simplified: {estimate.smoothed.simplified}")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
         lines.append(

@@ -160,6 +160,7 @@ def resample(
         sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),
+        partial=_partial_samples(record, start, step, steps),
         velocity=velocity,
         velocity_std=velocity_std,
     )
@@ -238,10 +239,26 @@ def _bridged(intervals: FloatArray, limits: FloatArray) -> FloatArray:
 
 def _complete_samples(record: ProfileRecord) -> FloatArray:
     """Find the times of the samples that hold all four measurements."""
-    complete = np.all([np.isfinite(getattr(record, name)) for name in MEASURED], axis=0)
-    return record.time[complete]
+    return record.time[_known(record).all(axis=1)]
+
+
+def _partial_samples(record: ProfileRecord, start: float, step: float, steps: int) -> npt.NDArray[np.int64] | None:
+    """Find points and columns of the measurements in samples that lack another one; None if there are none."""
+    known = _known(record)
+    partial = known & ~known.all(axis=1)[:, None]
+    if not partial.any():
+        return None
+    columns = (
+        [(point, column) for point in _nearest_points(record.time[partial[:, column]], start, step, steps)]
+        for column in range(len(MEASURED))
+    )
+    return np.array([pair for pairs in columns for pair in pairs], dtype=np.int64).reshape(-1, 2)
+
+
+def _known(record: ProfileRecord) -> npt.NDArray[np.bool_]:
+    return np.column_stack([np.isfinite(getattr(record, name)) for name in MEASURED])
 
 
 def _nearest_points(sampled: FloatArray, start: float, step: float, steps: int) -> npt.NDArray[np.int64]:
     nearest = np.rint((sampled - start) / step).astype(np.int64)
-    return np.unique(nearest[nearest <= steps])
+    return np.unique(nearest[(nearest >= 0) & (nearest <= steps)])

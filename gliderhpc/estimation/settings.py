@@ -248,7 +248,7 @@ ROUGH_WATER = DisturbancePrior(
 """Prior in which sway and roll follow gusts within seconds, tried if the calmer one cannot follow the record."""
 
 
-_GUST_FORCE, _GUST_TIME = 2.0, 3.0
+_GUST_FORCE, _GUST_TIME = 2.0, 1.0
 """Standard deviation (N) and correlation time (s) of the side force in gusts of a few centimetres per second."""
 
 

@@ -26,7 +26,6 @@ from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.noise import spent_and_resolved
 from gliderhpc.estimation.smoother.posterior import displacement_with
-from gliderhpc.estimation.smoother.problem import FOLLOWS_GUSTS
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
@@ -40,7 +39,6 @@ from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
-from gliderhpc.vocabulary import CHANNELS
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -143,12 +141,11 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
 def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]) -> Array:
     """Sum, over steady steps, the squared smoothed noise divided by the job's variances, and the resolved values.
 
-    In gusts the side force has another prior, and its sums are zero.
+    Channels whose noise has no factor of the dive's own have sums of zero.
     """
     spent, resolved = spent_and_resolved(last, last.dive.noise, steady)
     sums = np.array([smoothed.noise_factor * spent, resolved])
-    if smoothed.gusts:
-        sums[:, list(CHANNELS).index(FOLLOWS_GUSTS)] = 0.0
+    sums[:, list(smoothed.unscaled)] = 0.0
     return sums
 
 

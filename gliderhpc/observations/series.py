@@ -34,6 +34,8 @@ class ProfileSeries:
         Time with zero weight (s).
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
+    partial : (k, 2) int array or None
+        Grid point and column of each measurement in samples that lack another of the four; None if there are none.
     seawater : (n, 4) array or None
         Depth (m), in-situ density (kg/m3), in-situ temperature (degC) and pressure (dbar) at the midpoint of each step;
         None if they are unknown (`gliderhpc.observations.seawater`).
@@ -54,6 +56,7 @@ class ProfileSeries:
     sample_interval: float
     gap_seconds: float
     sample_index: npt.NDArray[np.int64]
+    partial: npt.NDArray[np.int64] | None = None
     seawater: FloatArray | None = None
     without_seawater: str = ""
     velocity: FloatArray | None = None

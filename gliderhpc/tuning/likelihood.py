@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, FilterTrials
+from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import (
     PreparedProfile,
     check_seawater,
@@ -82,9 +83,10 @@ def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
         weights=series.weights[: n + 1],
         controls=series.controls[:n],
         seawater=None if series.seawater is None else series.seawater[:n],
-        # The filter does not use a measured velocity.
+        # The filter uses neither a measured velocity nor samples that lack one of the four measurements.
         velocity=None,
         velocity_std=None,
+        partial=None,
         sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
     )
@@ -190,12 +192,6 @@ class PriorLikelihood:
         errors = slopes([(high.innovations, low.innovations) for high, low in pairs]) / deviation
         spreads = slopes([(np.log(high.variances), np.log(low.variances)) for high, low in pairs])
         return np.asarray((errors * weights) @ errors.T + 0.5 * (spreads * weights) @ spreads.T)
-
-
-def log_density(innovations: Array, variances: Array, gate: float) -> Array:
-    """Log density of innovations; those beyond ``gate`` standard deviations are placed at the gate."""
-    squares = np.minimum(innovations**2 / variances, gate**2)
-    return np.asarray(-0.5 * (squares + np.log(2.0 * np.pi * variances)))
 
 
 @dataclass(frozen=True, eq=False)

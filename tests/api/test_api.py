@@ -284,6 +284,7 @@ def test_a_mission_is_the_archive_of_the_command(swift, records, swift_store, tm
     assert set(returned.ds.status.values) == {"done"}
 
 
+@pytest.mark.long
 def test_a_mission_in_memory_on_worker_processes(records, swift_store, tmp_path):
     store = tmp_path / "c.zarr"
     tree = gh.run_mission(records, "petrel-l", store, workers=2, profiles=[1, 3])
@@ -448,6 +449,7 @@ def test_a_hull_is_calibrated_as_by_the_command(brief, tmp_path):
         found.save(tmp_path / "ours.yaml")
 
 
+@pytest.mark.long
 def test_a_hull_is_calibrated_again_with_the_prior_tuned_on_it(brief, tmp_path):
     few = {"profiles": "1:3", "calibration": {"hold": ["K_L"]}, "rounds": {"most": 0}}
     tuning = {"max_rounds": 1, "longest": 190.0, "profiles": 1}

@@ -389,6 +389,7 @@ def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dive
     assert _once(tmp_path).numbers == [(2, 0)]
 
 
+@pytest.mark.long
 def test_a_replay_reports_every_dive_and_ends_in_the_archive_of_a_fresh_run(swift, swift_store, tmp_path):
     options = ("--platform", "petrel-l", "--store", tmp_path / "m.zarr", "--replay")
     answer = program("watch", swift, *options)
@@ -455,6 +456,7 @@ def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, t
         assert archive.attrs["platform"]["name"] == "other"
 
 
+@pytest.mark.long
 def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatch):
     _watched(tmp_path)
     looked: list[list[int]] = []

@@ -34,6 +34,7 @@ def test_engines_agree_by_the_recommended_preset(twin, recommended):
     assert_agree(agreement(twin, recommended, "recommended"), 0.03)
 
 
+@pytest.mark.long
 def test_engines_agree_by_the_papers_preset(twin, paper):
     """Paths that stop early diverge; the engines agree as well as one engine with other rounding (docs/engines.md)."""
     assert_agree(agreement(twin, paper, "paper"), 0.2)

@@ -5,17 +5,18 @@ import pytest
 from support.missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.filter import filter_with_priors, run_filters
+from gliderhpc.estimation import filter as filter_module
+from gliderhpc.estimation.filter import filter_with_priors, run_filter, run_filters
 from gliderhpc.estimation.preparation import measurement_variance, prepare_profile, vibration_set
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.self_motion import flight_guesses, smoothed_slope
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors, default_prior
+from gliderhpc.estimation.settings import ROUGH_WATER, EstimationSettings, candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations.truth import read_profile_truth, truth_path
-from gliderhpc.platform import read_platform, shipped_platforms
+from gliderhpc.platform import DisturbancePrior, read_platform, shipped_platforms
 from gliderhpc.simulator import load_scenario, simulate_profile
 
 pytestmark = pytest.mark.compiled
@@ -371,16 +372,44 @@ def test_a_profile_with_nothing_to_feed_fails():
         filtered(replaced(series, weights=np.zeros_like(series.weights)))
 
 
+def twin_series(name, seed=0, depth=150.0):
+    scenario = load_scenario(name).replaced({"depth": depth, "depth_spread": 0.0, "profiles": 1})
+    record, _ = simulate_profile(PETREL, scenario, seed)
+    return resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))
+
+
 def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
     """In lateral gusts and sheared water, the calm prior rejects far over 5 %, and that for rough water hardly any."""
-    scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
-    record, _ = simulate_profile(PETREL, scenario, 0)
-    series = resample(record, SETTINGS.step, SETTINGS.gap_limit(1.0))
-    calm = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1.0}})
-    assert estimate_profile(request(series), calm).filtered.rejected_fraction > 0.05
+    series = twin_series("paper")
+    (calm,) = filter_with_priors([request(series)], [default_prior(PETREL)], SETTINGS)
+    assert calm.rejected_fraction > 0.05
     estimate = estimate_profile(request(series), SETTINGS)
     assert estimate.filtered.prior_name == "rough_water"
     assert estimate.filtered.rejected_fraction <= 0.05
     assert any("gusts" in line for line in remarks(PETREL, estimate))
     with pytest.raises(ProfileError, match="more than 5%"):
         estimate_profile(request(series, PETREL.model_copy(update={"prior": default_prior(PETREL)})), SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("name", "prior"), [("demo", "rough_water"), ("calm", "usual"), ("impulses", "usual"), ("stratified", "usual")]
+)
+def test_weak_gusts_that_contradict_the_calm_prior_are_followed_by_the_second(name, prior):
+    """The calm prior rejects few samples of weak gusts; its innovations are far larger than it expects."""
+    estimate = run_filter(request(twin_series(name, 1, 80.0)), SETTINGS)
+    assert estimate.prior_name == prior
+
+
+@pytest.mark.parametrize(
+    ("name", "sway", "yaw", "chosen"),
+    [("demo", 1.0, 1.0, "second"), ("impulses", 30.0, 1.0, "usual"), ("impulses", 1.0, 1e-3, "usual")],
+    ids=["likelier", "too wide", "refused"],
+)
+def test_of_two_priors_the_likelier_is_used(name, sway, yaw, chosen, monkeypatch):
+    """A second prior that rejects more than the allowed share of the samples is not used, however likely."""
+    deviation = (0.4, sway, 0.4, 0.3, 0.15, yaw)
+    second = DisturbancePrior(deviation=deviation, correlation_time=ROUGH_WATER.correlation_time)
+    priors = {"usual": default_prior(PETREL), "second": second}
+    monkeypatch.setattr(filter_module, "candidate_priors", lambda _: priors)
+    monkeypatch.setattr(filter_module, "contradict_prior", lambda *_: True)
+    assert run_filter(request(twin_series(name, 1, 60.0)), SETTINGS).prior_name == chosen

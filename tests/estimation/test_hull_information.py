@@ -280,6 +280,7 @@ def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
     assert part.share[12 + i] == pytest.approx(np.median(shares))
 
 
+@pytest.mark.long
 def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average(flown):
     """The mean of ``C + m m'`` over dives whose score has its stated covariance obeys the law of total variance."""
     information = _information(flown[2], seed=3)

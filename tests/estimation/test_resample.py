@@ -60,6 +60,7 @@ def test_a_long_gap_of_any_measurement_weighs_nothing():
     assert masked[-1] == pytest.approx(49.5)
     assert series.gap_seconds == pytest.approx(0.5 * len(masked))
     assert 45 * 2 not in series.sample_index
+    np.testing.assert_array_equal(series.partial, [(2 * row, column) for column in (0, 2, 3) for row in range(40, 50)])
 
 
 def test_a_gap_as_long_as_allowed_is_bridged():

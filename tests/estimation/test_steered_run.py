@@ -12,8 +12,8 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import information, iterate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.problem import Trajectory, starting_trajectory
-from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts, steered_run
+from gliderhpc.estimation.smoother.problem import Gusts, Trajectory, starting_trajectory
+from gliderhpc.estimation.smoother.steered_run import find_gusts, steered_run
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.platform import read_platform
@@ -27,9 +27,9 @@ HULL = read_platform("petrel-l")
 SETTINGS = EstimationSettings(step=0.25)
 
 
-def flown_dive(scenario, seed=3):
-    """Return a dive of 60 m of the true hull on its steps, the filter's estimate, and the truth."""
-    record, truth = simulate_profile(HULL, scenario.replaced({"depth": 60.0}), seed)
+def flown_dive(scenario, seed=3, depth=60.0):
+    """Return a dive of the true hull on its steps, the filter's estimate, and the truth."""
+    record, truth = simulate_profile(HULL, scenario.replaced({"depth": depth}), seed)
     profile = prepare_profile(Glider(HULL), on_steps(record, SETTINGS, HULL))
     return profile, run_filter(profile, SETTINGS), truth
 
@@ -102,10 +102,14 @@ def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
     assert np.sqrt(np.mean(about_run**2)) < 0.3 * np.sqrt(np.mean(about_filter**2))
 
 
-@pytest.mark.parametrize(("name", "expected"), [("calm", False), ("impulses", False), ("paper", True), ("harsh", True)])
-def test_gusts_roll_the_glider_more_than_they_turn_it(name, expected):
-    profile, filtered, _ = flown_dive(load_scenario(name).replaced({"depth_spread": 5.0}))
-    assert is_rolled_by_gusts(profile, starting_trajectory(filtered)) is expected
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("calm", None), ("impulses", None), ("paper", Gusts(False)), ("harsh", Gusts(False)), ("demo", Gusts(True))],
+)
+@pytest.mark.parametrize("seed", [1, 3])
+def test_gusts_are_told_from_impulses_and_both_together_are_recognised(name, expected, seed):
+    profile, filtered, _ = flown_dive(load_scenario(name).replaced({"depth_spread": 5.0}), seed, depth=100.0)
+    assert find_gusts(profile, starting_trajectory(filtered)) == expected
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -116,19 +120,24 @@ def test_a_wrong_hull_is_not_taken_for_gusts(seed):
     hull = moved_platform(HULL, lateral, rng.standard_normal(len(lateral)))
     record, _ = simulate_profile(HULL, load_scenario("calm").replaced({"depth": 60.0, "depth_spread": 0.0}), 3)
     profile = prepare_profile(Glider(hull), on_steps(record, SETTINGS, hull))
-    assert not is_rolled_by_gusts(profile, starting_trajectory(run_filter(profile, SETTINGS)))
+    assert find_gusts(profile, starting_trajectory(run_filter(profile, SETTINGS))) is None
 
 
 def test_a_slow_record_does_not_show_gusts():
     profile, filtered, _ = flown_dive(load_scenario("paper").replaced({"depth_spread": 5.0}))
     slow = replace(profile, series=replace(profile.series, sample_interval=4.0))
-    assert not is_rolled_by_gusts(slow, starting_trajectory(filtered))
+    assert find_gusts(slow, starting_trajectory(filtered)) is None
 
 
-def test_the_roll_in_gusts_does_not_tell_the_speed(monkeypatch):
-    """With the usual prior of the side force and variance of the roll, the smoothed speed of the true hull is wrong."""
+@pytest.mark.parametrize(("name", "seeds"), [("paper", (1, 2, 5)), ("demo", (1, 3, 4))])
+def test_the_roll_in_gusts_does_not_tell_the_speed(name, seeds, monkeypatch):
+    """Without the priors for gusts the smoothed speed of the true hull is wrong; with impulses, the usual factors too.
+
+    In gusts alone the prior of the side force and the variance of the roll are the usual ones; in gusts with impulses
+    (demo), the noise of the yaw moment has the factor of its quiet stretches.
+    """
     same = {"depth_spread": 0.0, "coefficients": {"spread": 0.0}}
-    dives = [flown_dive(load_scenario("paper").replaced(same), seed) for seed in (1, 2, 5)]
+    dives = [flown_dive(load_scenario(name).replaced(same), seed, depth=100.0) for seed in seeds]
 
     def error():
         squares = []
@@ -139,5 +148,16 @@ def test_the_roll_in_gusts_does_not_tell_the_speed(monkeypatch):
         return np.sqrt(np.mean(squares))
 
     found = error()
-    monkeypatch.setattr(iterate, "is_rolled_by_gusts", lambda *_: False)
+    monkeypatch.setattr(iterate, "find_gusts", lambda *_: Gusts(False) if name == "demo" else None)
+    assert found < 0.006
     assert found < 0.5 * error()
+
+
+def test_the_side_force_of_gusts_lies_in_its_intervals():
+    """In gusts with impulses as well (demo): 68 % intervals hold 0.6 or more of the truth, which varies too fast."""
+    profile, filtered, truth = flown_dive(load_scenario("demo").replaced({"depth_spread": 0.0}), 1, depth=100.0)
+    found, time = smooth_dive(profile, filtered, SETTINGS), profile.series.time[:-1]
+    steady = ~profile.vibrating[:-1] & (time > 60.0) & (time < truth.time[-1])
+    sway = np.interp(time, truth.step * np.arange(len(truth.disturbances)), truth.disturbances[:, 1])
+    apart = np.abs(found.disturbances[:, 1] - sway)[steady]
+    assert np.mean(apart < found.disturbances_std[:, 1][steady]) > 0.6

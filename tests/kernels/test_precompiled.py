@@ -70,6 +70,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.long
 @compiled
 @level_known
 def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: Path, made: Path) -> None:

@@ -84,6 +84,7 @@ def run_on(cluster, dips, store, *, resume=False, patience=60.0):
 # Workers and schedulers
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_workers_killed_at_random_change_nothing(dips, undisturbed, tmp_path, seed):
     store = tmp_path / "killed.zarr"
@@ -96,6 +97,7 @@ def test_workers_killed_at_random_change_nothing(dips, undisturbed, tmp_path, se
     assert_whole(store, undisturbed)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_killed_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp_path):
     store = tmp_path / "orphaned.zarr"
     with running_cluster() as cluster:
@@ -347,6 +349,7 @@ def test_workers_that_do_not_see_the_files_are_named(dips, tmp_path):
             pass
 
 
+@pytest.mark.long
 def test_a_study_runs_on_the_cluster_too(undisturbed, tmp_path):
     import shutil
 

@@ -86,6 +86,7 @@ def test_what_is_found_is_better_than_the_platform(found):
     assert [number for number, *_ in found.dives.rounds.held_out] == [4]
 
 
+@pytest.mark.long
 def test_what_is_held_out_changes_nothing(records, tmp_path):
     """The hull is the same to the bit when the dive held out was much rougher: its noise is not that of the mission."""
 
@@ -176,6 +177,7 @@ def test_the_probability_of_the_errors_found_is_that_of_missions_drawn():
     assert prior_predictive_test(Gaussian(np.zeros(4), np.eye(4))) == (0.0, 0.0, 1.0)
 
 
+@pytest.mark.long
 def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypatch):
     """The steady glides are used, with a warning that names the parameter."""
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
@@ -198,6 +200,7 @@ def test_a_long_step_is_shortened_as_a_whole():
     np.testing.assert_array_equal(bounded_step(PETREL, parameters, np.zeros(len(parameters)), near), near)
 
 
+@pytest.mark.long
 def test_a_hull_that_is_wrong_in_everything_comes_nearer(tmp_path):
     """All errors, including those of the records, are drawn; the yaw impulses do not follow the prior."""
     path, parameters = tmp_path / "wrong.nc", hull_parameters(PETREL)

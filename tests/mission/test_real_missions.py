@@ -95,6 +95,7 @@ def test_its_current_has_a_plausible_size(deep_dive):
     assert row["glide_angle_masked_fraction"] < 0.2
 
 
+@pytest.mark.long
 def test_shallow_dives_of_another_mission(shared_data, tmp_path):
     """Estimate two of mission 10's dives to 180 m with the shipped hull, without any calibration."""
     names = [f"SEA035.10.gli.sub.{cycle:03d}" for cycle in range(45, 50)]
@@ -106,6 +107,7 @@ def test_shallow_dives_of_another_mission(shared_data, tmp_path):
     assert (np.hypot(table["dac_north"], table["dac_east"]) < 0.6).all()
 
 
+@pytest.mark.long
 def test_dives_of_a_slocum_compared_with_its_own_estimate(shared_data, tmp_path):
     """Two of modena's profiles with the shipped hull are compared with the drift from the vehicle's dead reckoning."""
     folder = shared_data / "slocum-modena-2015"

@@ -336,13 +336,15 @@ def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepa
 
     monkeypatch.setattr(iterate, "pose_dive", only_steady)
     smoothed = smooth_dive(prepared, filtered, SETTINGS)
-    assert smoothed.noise_held
+    assert "noise is the prior's" in smoothed.simplified
     assert smoothed.outcome.usable
     steady = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"adaptive": False})})
     np.testing.assert_array_equal(smoothed.disturbances, smooth_dive(prepared, filtered, steady).disturbances)
     monkeypatch.setattr(estimation, "run_filter", lambda *_: filtered)
     estimate = estimate_profile(prepared, SETTINGS)
-    assert any("the smoother's noise is the prior's" in line for line in remarks(GLIDER.platform, estimate))
+    assert any(
+        "the noise is the prior's, not fitted to the dive" in line for line in remarks(GLIDER.platform, estimate)
+    )
 
 
 def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):

@@ -32,6 +32,7 @@ def signatures(function: str) -> set[tuple[str, str, str]]:
     return {tuple(one) for one in json.loads(done.stdout)}
 
 
+@pytest.mark.long
 def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
     whole, aside = signatures("warm_kernels"), signatures("warm_smoother")
     assert aside <= whole

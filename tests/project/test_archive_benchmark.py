@@ -15,6 +15,7 @@ from gliderhpc.store_schema.compare import compare_archives
 pytestmark = pytest.mark.compiled
 
 
+@pytest.mark.long
 def test_an_archive_written_row_by_row_is_the_same_archive(brief_store, tmp_path):
     found = rewrite(brief_store, tmp_path / "again.zarr")
     assert found["profiles"] == 3
@@ -26,6 +27,7 @@ def test_an_archive_written_row_by_row_is_the_same_archive(brief_store, tmp_path
     assert seconds > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("query", QUERIES, ids=[query.title for query in QUERIES])
 def test_every_query_runs(brief_store, query):
     seconds, worked, memory, shown = ask(replace(query, code=query.code.replace("68", "2")), brief_store)
@@ -35,17 +37,20 @@ def test_every_query_runs(brief_store, query):
     assert memory < 500.0
 
 
+@pytest.mark.long
 def test_every_layout_holds_the_same(brief_store, tmp_path):
     found = measure_layouts(brief_store, tmp_path, 2)
     assert [one["layout"] for one in found] == [layout.name for layout in LAYOUTS]
     assert all(one["kib"] > 0.0 for one in found)
 
 
+@pytest.mark.long
 def test_single_precision_lies_below_the_noise(brief_store):
     for name, largest, deviation in rounding(brief_store):
         assert largest < 0.02 * deviation, name
 
 
+@pytest.mark.long
 @pytest.mark.spoils
 @pytest.mark.parametrize("seed", range(6))
 def test_what_the_fault_trials_spoil_is_found(brief_store, tmp_path, seed):

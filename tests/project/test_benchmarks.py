@@ -133,6 +133,7 @@ def test_the_peers_equations_are_the_projects():
         np.testing.assert_allclose(stepped, expected, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 @pytest.mark.parametrize("name", ENGINES)
 def test_windows_are_the_pipelines(series, windows, name):
@@ -262,6 +263,7 @@ def test_a_profiles_time_is_shared_among_those_taken_at_a_time(series):
     assert taken == [4] * 4
 
 
+@pytest.mark.long
 def test_the_dense_pass_of_the_smoother_has_the_same_answer():
     """Rauch, Tung and Striebel with whole matrices, over the same segments: they differ by rounding alone."""
     row = smoother_rows(settings_of("recommended"), 15.0, 1)
@@ -312,6 +314,7 @@ def test_this_process_is_watched():
     assert peak.parent > 2**20
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_a_missions_row(brief, tmp_path):
     row = run_and_measure(brief, tmp_path / "m.zarr", "petrel-l", "scipy", "recommended", 0)
@@ -427,6 +430,7 @@ def test_predicted_surfacings_are_scored_against_a_glider_that_goes_elsewhere():
     assert [row["dives so far"] for row in rows] == 2 * [*map(str, next_surfacing.AFTER), "all"]
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_the_dives_of_a_watch_are_timed_after_those_before(tmp_path, monkeypatch):
     monkeypatch.setattr(watch_growth, "TIMED", 1)

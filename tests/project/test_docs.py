@@ -47,16 +47,19 @@ def commands(tmp_path_factory):
         yield folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", PLAIN)
 def test_a_page_does_what_it_says(page, commands, tmp_path):
     """The figures of the first tutorial are drawn; those of other pages are made by the same functions."""
     run_page(DOCS / page, tmp_path, commands, **{} if page == TUTORIALS[0] else {UNDRAWN: "yes"})
 
 
+@pytest.mark.long
 def test_the_tutorial_on_a_real_mission(shared_data, commands, tmp_path):
     run_page(DOCS / "tutorials" / "real.md", tmp_path, commands, GLIDER_DATA=str(shared_data), **{UNDRAWN: "yes"})
 
 
+@pytest.mark.long
 def test_the_object_store_page(commands, tmp_path):
     with s3_server(tmp_path) as server:
         bucket = make_bucket(server, "pages")
@@ -64,6 +67,7 @@ def test_the_object_store_page(commands, tmp_path):
         run_page(DOCS / "how-to" / "object-store.md", tmp_path, commands, **environment)
 
 
+@pytest.mark.long
 def test_a_study_is_added_as_the_page_says(brief_store, tmp_path):
     """On a copy of the source, whose kernels are compiled already: the folder follows the sources, not their place."""
     source = Path(gliderhpc.__file__).parent
@@ -138,6 +142,7 @@ class _Fetched(HTMLParser):
             self.addresses.append(named.get("href") or "")
 
 
+@pytest.mark.long
 def test_no_page_fetches_anything_from_elsewhere(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40

@@ -34,6 +34,7 @@ def execute(name: str) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.long
 def test_a_real_dive(shared_data, monkeypatch):
     monkeypatch.chdir(NOTEBOOKS)
     found = execute("real_mission.ipynb")
@@ -42,6 +43,7 @@ def test_a_real_dive(shared_data, monkeypatch):
     assert bool(found["usable"].any())
 
 
+@pytest.mark.long
 def test_a_synthetic_mission(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = execute("synthetic_mission.ipynb")
@@ -51,6 +53,7 @@ def test_a_synthetic_mission(tmp_path, monkeypatch):
     assert float(np.hypot(found["north"], found["east"]).max()) < 0.1
 
 
+@pytest.mark.long
 def test_a_map_of_currents_of_a_pyglider_file(shared_data, monkeypatch):
     monkeypatch.chdir(NOTEBOOKS)
     found = execute("currents_map.ipynb")
@@ -58,16 +61,19 @@ def test_a_map_of_currents_of_a_pyglider_file(shared_data, monkeypatch):
     assert found["figure"].axes
 
 
+@pytest.mark.long
 def test_few_lines_lead_to_the_map_of_currents():
     lines = [line for cell in code_cells("currents_map.ipynb") for line in cell.splitlines() if line.strip()]
     assert len(lines) <= MAP_LINES
 
 
+@pytest.mark.long
 def test_few_lines_lead_to_the_figure_of_a_real_dive():
     lines = [line for line in code_cells("real_mission.ipynb")[0].splitlines() if line.strip()]
     assert len(lines) <= FIRST_LINES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)
 def test_no_outputs_are_stored(path: Path):
     cells = json.loads(path.read_text("utf-8"))["cells"]

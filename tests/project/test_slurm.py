@@ -48,6 +48,7 @@ def slurm(tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.long
 def test_the_batch_script_runs_a_mission_and_goes_on_where_it_was_stopped(brief, brief_store, slurm, tmp_path):
     """SIGTERM before the time is up: the run ends with 130 and is queued again; the second job finishes it."""
     store = tmp_path / "mission.zarr"
@@ -108,6 +109,7 @@ def test_the_job_script_starts_one_thread_workers():
     assert f"--nworkers {example.WORKERS_A_JOB}" in worker
 
 
+@pytest.mark.long
 def test_the_example_runs_a_mission_on_a_replacement(brief, brief_store, tmp_path):
     """A cluster of this machine in SLURM's place."""
     code = f"""

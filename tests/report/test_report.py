@@ -439,6 +439,7 @@ def tour(tmp_path_factory):
         return run_demo(tmp_path_factory.mktemp("tour"), lambda _: None, lambda _: None)
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_the_demo_fills_the_section_of_every_study(tour):
     sections = read(tour.report.page).sections

@@ -340,6 +340,7 @@ def rough():
     return small(current=SHEARED, gusts=GUSTY, depth_spread=5.0, coefficients={"spread": 0.1}).replaced({"profiles": 5})
 
 
+@pytest.mark.long
 @compiled
 def test_bytes_do_not_depend_on_the_workers(petrel, rough, tmp_path):
     """In this process, on one worker and on two: the same observations and the same truth."""

@@ -121,6 +121,7 @@ def test_check_names_what_was_spoilt_and_resume_mends_it(swift, swift_store, own
     assert damaged_chunks(own_copy) == []
 
 
+@pytest.mark.long
 def test_any_flipped_byte_of_a_chunk_is_found(own_copy):
     """Each byte of a table's chunk, which no manifest holds: its checksum does."""
     path = own_copy / "dac_north" / "c.0"

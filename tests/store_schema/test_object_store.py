@@ -46,6 +46,7 @@ def stored(address: str) -> dict[str, str]:
     return {one["path"]: one["e_tag"].strip('"') for one in names if not one["path"].startswith(timed)}
 
 
+@pytest.mark.long
 def test_a_mission_into_an_object_store(swift, swift_store, bucket):
     """The same chunks as on disk, found, checked, resumed and read there."""
     address = f"{bucket}/missions/swift.zarr"
@@ -73,6 +74,7 @@ def test_a_mission_into_an_object_store(swift, swift_store, bucket):
     assert set(read_commits(address)) == {0, 1, 2}
 
 
+@pytest.mark.long
 def test_an_archive_there_is_refused_and_replaced(swift, bucket):
     address = f"{bucket}/one.zarr"
     run = ("run-mission", swift, *WHOLE, "--store", address, "--profiles", "1")

@@ -446,6 +446,7 @@ def test_growth_and_single_profiles_are_no_change_points():
     )
 
 
+@pytest.mark.long
 def test_correlated_missions_show_changes_no_more_often_than_stated():
     assert drift_series.false_changes(33, 0.7, series=12, resamples=100) <= 1 / 12
 
@@ -571,6 +572,7 @@ def answer(fouled):
     return program("analyze", fouled, "drift", "--workers", 0, *SHORT, "--set", "drift.coefficients.draws=4")
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_a_mission_that_fouls(fouled, answer):
     assert answer.status == 0, answer.err

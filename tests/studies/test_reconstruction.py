@@ -302,6 +302,7 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
         check_figure_follows(before, after, stem)
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 @pytest.mark.usefixtures("undrawn_studies")
 def test_without_observations_the_second_inversion_is_left_out(studied, tmp_path):

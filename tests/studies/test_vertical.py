@@ -230,6 +230,7 @@ def velocities(path, store, platform, number):
     return data, vertical_velocity(data, platform)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [9, 10])
 def test_a_known_velocity_is_found_within_its_stated_error(waves, tmp_path, number):
     """Two profiles that the calibration has not seen; without it the hull's error is thirteen times the water's."""
@@ -400,6 +401,7 @@ def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path)
     assert "does not distinguish samples from values interpolated between them; run the mission again" in answer.err
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn_studies")
 def test_a_hull_that_is_off_is_named(waves, tmp_path):
     path, found = waves

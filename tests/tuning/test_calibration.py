@@ -288,6 +288,7 @@ def twins():
     return [twin(seed) for seed in range(100, 104)]
 
 
+@pytest.mark.long
 def test_the_true_hull_is_found_again(twins):
     """Four twins that the page does not count: nine intervals in ten hold the truth, and estimates are near it."""
     inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is CalibrationVerdict.ESTIMATED]
@@ -310,6 +311,7 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
             assert (p.after == p.before) == (p.verdict is CalibrationVerdict.UNDETERMINED)
 
 
+@pytest.mark.long
 def test_one_pitch_tells_less():
     """Without a range of pitch the moments that go with the angle of attack cannot be separated."""
     one, several = twin(0, ONE_PITCH), twin(0)
@@ -352,6 +354,7 @@ def test_errors_of_the_attitude_act_as_in_the_correction_of_a_record():
     np.testing.assert_allclose(errors.by_attitude(steps), np.column_stack(expected), rtol=0.01, atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
     """An offset of the pitch of one degree moves the fit by about what the platform file states."""
     segments = glides(TRUTH, PETREL)
@@ -422,6 +425,7 @@ def test_the_lift_can_be_fitted_with_the_drag_held():
     assert lift.after == pytest.approx(380.0, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_trend_of_the_neutral_volume_is_found_where_asked():
     segments = glides(TRUTH, PETREL, trend=3.0)
     found = calibrate(PETREL, segments, segments.none(), CalibrationSettings(trend=True))
@@ -459,6 +463,7 @@ def test_what_runs_to_the_bound_is_held_at_the_bound():
     assert "position.battery" in left
 
 
+@pytest.mark.long
 def test_an_error_that_nothing_explains_is_named():
     """A battery zero 40 cm off is a wrong zero or unit of the actuator, not a hull."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})

@@ -11,6 +11,7 @@ from support.missions import glide_series, replaced
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import filter_with_priors
+from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, default_prior
@@ -23,7 +24,6 @@ from gliderhpc.tuning.likelihood import (
     PriorLikelihood,
     _cut,
     _undisturbed,
-    log_density,
     tuning_requests,
 )
 

@@ -146,6 +146,7 @@ def estimators(out):
     return _run("estimators", out, "--seeds", 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("study", ["windows", "sensitivity", "recoverability", "estimators"])
 def test_every_study_leaves_its_files(study, out, request):
     content, _ = request.getfixturevalue(study)

@@ -46,10 +46,10 @@ class SmoothedEstimate:
         Outcome of the smoother; if it is not usable, the values are the filter's and the standard deviations NaN.
     trouble : str
         Error that ended the smoother early; usually empty.
-    noise_held : bool
-        Whether the noise is the prior's because no estimate was found with noise adapted to the dive.
-    gusts : bool
-        Whether gusts rolled the glider, so that the side force's prior follows them (`pose_dive`).
+    simplified : str
+        What was simplified because no estimate was found otherwise (`smooth_dive`); usually empty.
+    unscaled : tuple of int
+        Channels whose noise has no factor of the dive's own, since gusts rolled the glider (`pose_dive`).
     last_pass : LastPass, optional
         Final state of the problem; not retained by `thinned`.
     """
@@ -70,8 +70,8 @@ class SmoothedEstimate:
     widened: int
     outcome: Outcome
     trouble: str = ""
-    noise_held: bool = False
-    gusts: bool = False
+    simplified: str = ""
+    unscaled: tuple[int, ...] = ()
     last_pass: "LastPass | None" = None
 
     def thinned(self, every: int) -> "SmoothedEstimate":

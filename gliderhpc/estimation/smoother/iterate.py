@@ -24,8 +24,15 @@ from gliderhpc.estimation.smoother.noise import (
     spent_and_resolved,
     standardised_noise,
 )
-from gliderhpc.estimation.smoother.problem import Damping, Sweeps, Trajectory, pose_dive, starting_trajectory
-from gliderhpc.estimation.smoother.steered_run import is_rolled_by_gusts
+from gliderhpc.estimation.smoother.problem import (
+    Damping,
+    Sweeps,
+    Trajectory,
+    pose_dive,
+    starting_trajectory,
+    unscaled_channels,
+)
+from gliderhpc.estimation.smoother.steered_run import find_gusts
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, Dive
@@ -48,6 +55,11 @@ _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
 _SEGMENT = (0.15, 0.4)
 """Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
+_SIMPLER = {
+    "the noise is the prior's, not fitted to the dive": {"adaptive": False},
+    "the estimate is the most probable path, not the mean": {"estimate": "mode"},
+}
+"""Changes of the settings that are tried in turn where no estimate was found, by what they mean."""
 _KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
 """Errors that a record may cause in the smoother; any other error is a fault of the program."""
 
@@ -57,8 +69,9 @@ def smooth_dive(
 ) -> SmoothedEstimate:
     """Smooth one filtered profile.
 
-    If no estimate is found with noise adapted to the dive, the prior's noise is used. If this fails too, the outcome is
-    not usable and the values are the filter's.
+    If no estimate is found with noise adapted to the dive, the prior's noise is used, and then the most probable path
+    in place of the mean: in a gap of all records about the inflection, the actuators' moves look slow, and the shift
+    from the path to the mean can diverge. If this fails too, the outcome is not usable and the values are the filter's.
 
     Parameters
     ----------
@@ -70,11 +83,16 @@ def smooth_dive(
         Factor on the prior's noise, estimated from the mission's other dives.
     """
     smoothed = _smoothed_or_filtered(profile, filtered, settings, noise_factor)
-    if smoothed.outcome.usable or not settings.smoother.adaptive:
+    if smoothed.outcome.usable:
         return smoothed
-    steady = settings.model_copy(update={"smoother": settings.smoother.model_copy(update={"adaptive": False})})
-    held = _smoothed_or_filtered(profile, filtered, steady, noise_factor)
-    return replace(held, noise_held=True) if held.outcome.usable else smoothed
+    for meaning, change in _SIMPLER.items():
+        options = settings.smoother.model_copy(update=change)
+        if options != settings.smoother:
+            changed = settings.model_copy(update={"smoother": options})
+            simpler = _smoothed_or_filtered(profile, filtered, changed, noise_factor)
+            if simpler.outcome.usable:
+                return replace(simpler, simplified=meaning)
+    return smoothed
 
 
 def _smoothed_or_filtered(
@@ -100,7 +118,7 @@ def _smoothed(
         # Drag vanishes with the square of the speed: about rest, the mean's second-order shift of the path diverges.
         options = options.model_copy(update={"estimate": "mode"})
     start = starting_trajectory(filtered)
-    gusts = is_rolled_by_gusts(profile, start)
+    gusts = find_gusts(profile, start)
     dive, scale = pose_dive(profile, filtered, settings, noise_factor, gusts=gusts)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
@@ -108,7 +126,7 @@ def _smoothed(
     if options.adaptive and options.max_passes != 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
-    return replace(smoothed, noise_factor=scale.factors(dive.noise), gusts=gusts)
+    return replace(smoothed, noise_factor=scale.factors(dive.noise), unscaled=unscaled_channels(gusts))
 
 
 def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:

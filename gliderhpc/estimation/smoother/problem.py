@@ -11,6 +11,7 @@ is included because the speed would be wrong without it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
 from gliderhpc.estimation.joining import flyable
-from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples, repetitions, sample_variance
+from gliderhpc.estimation.preparation import PreparedProfile, recorded_values, repetitions, sample_variance
 from gliderhpc.estimation.self_motion import first_guess
 from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_lateral_gusts
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
@@ -49,8 +50,7 @@ _SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
 _SEGMENTS_OF_MEAN_SHIFT = 3
 """Number of segments with a common mean shift, which otherwise would take half of a pass's time."""
-FOLLOWS_GUSTS = "B_cv"
-"""Channel whose prior follows gusts, and whose noise then has no factor of the dive's own."""
+_SWAY, _YAW = (list(CHANNELS).index(name) for name in ("B_cv", "B_cr"))
 _GUST_FACTORS = np.array([100.0, 1.0, 1.0, 1.0])
 """Factors on the variances of roll, pitch, heading and depth where gusts roll the glider."""
 _SHARED = 1.0 / 3.0
@@ -74,9 +74,16 @@ class Trajectory:
     disturbances: Array
 
 
+class Gusts(NamedTuple):
+    """Gusts that roll the glider."""
+
+    with_bursts: bool
+    """Whether yaw moments also turn it, in bursts with quiet stretches between."""
+
+
 def pose_dive(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0,
-    *, gusts: bool = False,
+    *, gusts: Gusts | None = None,
 ) -> tuple[Dive, NoiseScale]:  # fmt: skip
     """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
@@ -90,8 +97,8 @@ def pose_dive(
         Settings, of which ``step``, ``filter`` and ``smoother`` are used.
     noise_factor : (6,) array or float
         Factor on the variances of the prior's noise.
-    gusts : bool
-        Whether gusts roll the glider, as in `gliderhpc.estimation.smoother.steered_run.is_rolled_by_gusts`.
+    gusts : Gusts, optional
+        Gusts that roll the glider (`gliderhpc.estimation.smoother.steered_run.find_gusts`).
 
     Notes
     -----
@@ -99,20 +106,22 @@ def pose_dive(
     they are slow and independent, the roll that gusts cause appears to determine speed and lift: on twins in gusts,
     with the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a
     factor of the dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is
-    0.004 m/s.
+    0.004 m/s. Where yaw moments also act in bursts, the noise of the yaw moment has no factor of the dive's own either:
+    a factor follows from the quiet stretches, and the bursts then seem to determine the speed, which was wrong by 0.02
+    m/s.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior)
     if gusts:
         prior = with_lateral_gusts(prior)
-    measured = np.where(recorded_samples(series)[:, None], series.measurements, np.nan)
+    measured = np.where(recorded_values(series), series.measurements, np.nan)
     measured[_rejected(filtered, settings)] = np.nan
     variance = _variance(platform, measured) * (_GUST_FACTORS if gusts else 1.0)
     if profile.velocity is not None and not profile.velocity.is_empty:
         measured = np.hstack([measured, profile.velocity.values])
         variance = np.hstack([variance, profile.velocity.variance])
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
-    scale = _noise_scale(profile, filtered, prior, settings, noise_factor, gusts=gusts)
+    scale = _noise_scale(profile, filtered, prior, settings, noise_factor, unscaled=unscaled_channels(gusts))
     first = first_guess(platform, series)
     dive = Dive(
         bodies=np.ascontiguousarray(profile.bodies),
@@ -132,7 +141,7 @@ def pose_dive(
 
 def _noise_scale(
     profile: PreparedProfile, filtered: FilterEstimate, prior: DisturbancePrior, settings: EstimationSettings,
-    noise_factor: Array | float, *, gusts: bool,
+    noise_factor: Array | float, *, unscaled: tuple[int, ...],
 ) -> NoiseScale:  # fmt: skip
     """Noise of the disturbances from the prior and from the actuators."""
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
@@ -143,10 +152,16 @@ def _noise_scale(
     actuators = actuation_noise(profile.bodies, filtered.states[:-1, :2], lag, settings.step)
     usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
-    fixed = (FOLLOWS_GUSTS,) if gusts else ()
-    channels = tuple(i for i, name in enumerate(CHANNELS) if name not in (*heavy, *fixed))
-    own = np.where(np.isin(list(CHANNELS), fixed), 1.0, noise_factor)
+    channels = tuple(i for i, name in enumerate(CHANNELS) if name not in heavy and i not in unscaled)
+    own = np.where(np.isin(range(len(CHANNELS)), unscaled), 1.0, noise_factor)
     return NoiseScale(own * (factor[:, None] * added), actuators, usual, channels)
+
+
+def unscaled_channels(gusts: Gusts | None) -> tuple[int, ...]:
+    """Channels whose noise has no factor of the dive's own (`pose_dive`)."""
+    if gusts is None:
+        return ()
+    return (_SWAY, _YAW) if gusts.with_bursts else (_SWAY,)
 
 
 def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray[np.bool_]:

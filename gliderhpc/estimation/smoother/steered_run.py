@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
-from gliderhpc.estimation.smoother.problem import Trajectory
+from gliderhpc.estimation.smoother.problem import Gusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
 
@@ -39,9 +39,16 @@ _MOST = 3.0
 0.7 in shear and gusts and about 2 in weak yaw impulses, where the run is better, and about 4 in strong impulses, where
 the filter's path is."""
 
-_GUSTY = 1.0
-"""Difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.4 on twins in
-calm water, and 1.3 to 2 in gusts."""
+_GUSTY = 0.6
+"""Typical difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.5 on
+twins in calm water and in yaw impulses, and 0.75 to 2.4 in gusts."""
+
+_BURSTS = 1.6
+"""Ratio of the root mean square difference of yaw rates to the typical one that shows impulses between quiet stretches.
+On twins in gusts it was at most 1.5 without and at least 1.8 with impulses."""
+
+_STRETCH = 20.0
+"""Length of the stretches whose median difference is the typical one, s."""
 
 _LEAST_DEPTH = 5.0
 """Depth above which waves roll the glider, m."""
@@ -66,15 +73,17 @@ def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | 
         roll the glider more than they turn it.
     """
     run, disturbances = _run_along(profile, smoothed)
-    if not (_rate_differences(profile, smoothed, run)[1:] <= _MOST).all():
+    with np.errstate(over="ignore", invalid="ignore"):
+        apart = np.sqrt(_squared_differences(profile, smoothed, run).mean(axis=0))
+    if not (apart[1:] <= _MOST).all():
         return None
     states = smoothed.states.copy()
     states[:, SENSED] = run
     return Trajectory(states, np.vstack([disturbances, disturbances[-1]]))
 
 
-def is_rolled_by_gusts(profile: PreparedProfile, filtered: Trajectory) -> bool:
-    """Return whether gusts roll the glider: its roll rate differs from the run's, and by more than its yaw rate does.
+def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
+    """Return the gusts that roll the glider: its roll rate differs from the run's, typically more than its yaw rate.
 
     Parameters
     ----------
@@ -83,22 +92,27 @@ def is_rolled_by_gusts(profile: PreparedProfile, filtered: Trajectory) -> bool:
 
     Returns
     -------
-    bool
-        False for slow records, which do not resolve this motion. Samples near the surface and in the vibration set do
+    Gusts or None
+        None for slow records, which do not resolve this motion. Samples near the surface and in the vibration set do
         not count.
 
     Notes
     -----
     On twins a yaw moment turns the glider twice as fast as it rolls it, and gusts from the side roll it twice as fast
-    as they turn it.
+    as they turn it. Yaw impulses last for seconds. The median over short stretches shows the gusts between them.
     """
     sensors = profile.glider.platform.sensors
     used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _LEAST_DEPTH)
-    if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or not used.any():
-        return False
+    width = round(_STRETCH / profile.series.step)
+    if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or used.sum() < width:
+        return None
     run, _ = _run_along(profile, filtered)
-    roll, _, yaw = _rate_differences(profile, filtered, run, used)
-    return bool(roll > _GUSTY and roll > yaw)
+    squares = _squared_differences(profile, filtered, run)[used]
+    stretches = squares[: len(squares) // width * width].reshape(-1, width, 3).mean(axis=1)
+    roll, _, yaw = np.sqrt(np.median(stretches, axis=0))
+    if not (roll > _GUSTY and roll > yaw):
+        return None
+    return Gusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _BURSTS * yaw))
 
 
 def _run_along(profile: PreparedProfile, path: Trajectory) -> tuple[Array, Array]:
@@ -111,16 +125,12 @@ def _run_along(profile: PreparedProfile, path: Trajectory) -> tuple[Array, Array
     return run, disturbances
 
 
-def _rate_differences(
-    profile: PreparedProfile, path: Trajectory, run: Array, used: NDArray[np.bool_] | None = None
-) -> Array:
-    """Differences ``(3,)`` of the rates p, q and r, root mean square, over the angles' resolution per sample interval.
+def _squared_differences(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
+    """Squared differences ``(n+1, 3)`` of the rates p, q and r, in units of the angles' resolution per sample interval.
 
-    They are taken over the rows ``used (n+1,)``, or all. A run that flies off has rates whose squares overflow; NaN
-    fails every comparison, as intended.
+    A run that flies off has rates whose squares overflow; NaN fails every comparison, as intended.
     """
     resolution = np.radians(profile.glider.platform.sensors.attitude_resolution)
     with np.errstate(over="ignore", invalid="ignore"):
-        squares = (run - path.states[:, SENSED])[:, _RATES] ** 2
-        apart = np.sqrt(np.mean(squares if used is None else squares[used], axis=0))
-    return np.asarray(apart * profile.series.sample_interval / resolution)
+        apart = (run - path.states[:, SENSED])[:, _RATES] * profile.series.sample_interval / resolution
+        return np.asarray(apart**2)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.filter import filter_with_priors
+from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings, default_prior
@@ -19,7 +20,6 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.likelihood import log_density
 from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
@@ -162,6 +162,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         weights=series.weights[first : last + 1],
         controls=series.controls[first:last],
         sample_index=index - first,
+        partial=None,
         velocity=None,
         velocity_std=None,
     )
