@@ -127,7 +127,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
-        lines.append(f"the usual disturbance prior could not follow this record, so {freed} allowed to follow gusts")
+        lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
     gliding = ~estimate.vibrating & ~stationary_points(series)
     run = longest_run(implausible_motion(estimate) & gliding, series.step)
     if run >= STEADY_MINUTE:

@@ -245,7 +245,7 @@ def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
 ROUGH_WATER = DisturbancePrior(
     deviation=(0.4, 1.0, 0.4, 0.3, 0.15, 1.0), correlation_time=(3600.0, 10.0, 3600.0, 10.0, 3600.0, 60.0)
 )
-"""Prior in which sway and roll follow gusts within seconds, tried if the calmer one cannot follow the record."""
+"""Prior in which sway and roll follow gusts within seconds, tried if the calmer one does not fit the record."""
 
 
 _GUST_FORCE, _GUST_TIME = 2.0, 1.0
@@ -269,8 +269,9 @@ def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
 
     They are the platform's own prior alone, or `default_prior` and a freer one. The calmer prior is better wherever it
     can follow the record (docs/accuracy.md). In gusts it cannot, and the filter rejects samples
-    (docs/scenario-current.md). For fast sensors the freer prior is `ROUGH_WATER`. For slow ones it is the usual one
-    with only the yawing moment of `SLOW_RECORD`, since their buoyancy and trim are free already.
+    (docs/scenario-current.md) or finds innovations far larger than it expects. For fast sensors the freer prior is
+    `ROUGH_WATER`. For slow ones it is the usual one with only the yawing moment of `SLOW_RECORD`, since their buoyancy
+    and trim are free already.
     """
     usual = default_prior(platform)
     if platform.prior is not None:

@@ -20,9 +20,9 @@ HULL_DEVIATION = 0.1
 """Standard deviation of the same logarithm for a hull that the user gives."""
 
 _MAKES = (
-    ("slocum", r"slocum|teledyne|webb|\bunit[_ ]?\d+|\bru\d\d\b|dbdreader"),
-    ("seaglider", r"seaglider|kongsberg|hydroid|\bsg\d{3}\b"),
-    ("seaexplorer", r"seaexplorer|alseamar|\bsea\d{3}\b|\beva\d{3}\b"),
+    ("slocum", r"slocum|teledyne|webb|\bunit ?\d+|\bru ?\d\d\b|dbdreader"),
+    ("seaglider", r"seaglider|kongsberg|hydroid|\bsg ?\d{3}\b"),
+    ("seaexplorer", r"seaexplorer|alseamar|\bsea ?\d{3}\b|\beva ?\d{3}\b"),
     ("petrel-l", r"petrel"),
     ("seawing", r"sea[- ]?wing|haiyi"),
 )
@@ -63,7 +63,7 @@ def with_drag(platform: Platform, factor: float) -> Platform:
 
 def polar_of_make(vehicle: str) -> GlidePolar:
     """Return the drag and lift of a vehicle's make, recognised in a file's description of its glider."""
-    make = next((make for make, pattern in _MAKES if re.search(pattern, vehicle.lower())), None)
+    make = next((make for make, pattern in _MAKES if re.search(pattern, vehicle.lower().replace("_", " "))), None)
     if make is None:
         return GlidePolar(read_platform(_FALLBACK), UNKNOWN_DEVIATION, f"unknown, as {_FALLBACK}")
     return GlidePolar(read_platform(make), MAKE_DEVIATION, make)

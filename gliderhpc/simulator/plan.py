@@ -91,7 +91,7 @@ class FlightPlan:
 
     @property
     def longest_path(self) -> float:
-        """Path length through the water for which gusts are drawn, m; there are none beyond it."""
+        """Path length through the water for which gusts are drawn, m; the last one acts beyond it."""
         return RESERVE * self.nominal_path
 
 

@@ -152,7 +152,7 @@ def fly_profile(
     scenario = scenario.model_copy(update={"depth": _depth(scenario, seed, number)})
     plan = plan_flight(glider, scenario)
     hull = true_hull(glider.platform, scenario, seed, number)
-    water = draw_water(scenario, plan, seed, number, math.radians(course))
+    water = draw_water(scenario, plan, seed, number, math.radians(course), down_to=levels[-1])
     disturbance = draw_disturbance(scenario.disturbances, plan.time_limit, generator(seed, number, Stream.DISTURBANCE))
     flight = fly(
         glider,

@@ -177,11 +177,12 @@ def still_water() -> Water:
     )
 
 
-def draw_water(scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float) -> Water:
-    """Draw the water of the profile `number`, flown on a `course` (rad)."""
-    current = current_profile(
-        scenario.current, seed, number, depth=scenario.depth + OVERSHOOT, duration=plan.nominal_duration
-    )
+def draw_water(
+    scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float, *, down_to: float = 0.0
+) -> Water:
+    """Draw the water of the profile `number`, flown on a `course` (rad), at least to the depth `down_to` (m)."""
+    depth = max(scenario.depth + OVERSHOOT, down_to)
+    current = current_profile(scenario.current, seed, number, depth=depth, duration=plan.nominal_duration)
     bearing = course + 0.5 * math.pi
     vertical = draw_vertical_motion(scenario.vertical, generator(seed, number, Stream.VERTICAL))
     settings = scenario.gusts

@@ -105,6 +105,14 @@ class TwinCase:
     changes: RecordChanges = field(default_factory=RecordChanges)
     initial_error: tuple[float, ...] | None = None
 
+    @property
+    def recorded_hull(self) -> Platform:
+        """The hull with a recorder at least as fast as the record asked for, which is then thinned."""
+        interval = self.changes.sample_interval
+        if interval is None or interval >= self.hull.sensors.sample_interval:
+            return self.hull
+        return with_sample_interval(self.hull, interval)
+
 
 def course_of(seed: int) -> int:
     """Return the number of the profile to fly: the two usual courses alternate with the seed."""

@@ -120,7 +120,7 @@ def invert_twins(cases: Sequence[TwinCase]) -> list[TwinInversion | Refused]:
 def _simulate(case: TwinCase) -> tuple[ProfileRecord, ProfileTruth, PreparedProfile] | Refused:
     """Return the record of a twin, its truth, and the record prepared for inversion."""
     try:
-        record, truth = _cached_profile(case.hull, case.scenario, case.seed, case.number)
+        record, truth = _cached_profile(case.recorded_hull, case.scenario, case.seed, case.number)
         record = case.changes.apply(record, np.random.default_rng([case.seed, case.number, _CHANGES_STREAM]))
         initial_error = None if case.initial_error is None else np.array(case.initial_error)
         assumed = case.assumed or case.hull

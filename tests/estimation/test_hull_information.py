@@ -137,7 +137,9 @@ def test_samples_change_as_the_correction_of_the_record_changes():
     sensors = {"sensors.pitch_scale": 1.02, "sensors.pitch_offset": 0.7, "sensors.heading_offset": 4.0}
     sensors |= {"sensors.heading_deviation.0": 2.0, "sensors.heading_deviation.3": -1.0, "sensors.roll_offset": -0.4}
     platform = with_values(PETREL.platform, sensors)
-    settings = RecordSettings(pitch_scale=0.98, pitch_offset=-0.5, heading_offset=1.0)
+    settings = RecordSettings(
+        pitch_scale=0.98, pitch_offset=-0.5, heading_offset=1.0, heading_deviation=(1.0, -2.0, 0.5, 1.5)
+    )
     rng, n = np.random.default_rng(2), 50
     time, nothing = np.arange(n, dtype=float), np.zeros(n)
     record = ProfileRecord(
@@ -160,7 +162,6 @@ def test_samples_change_as_the_correction_of_the_record_changes():
         )
         expected = ((ahead - behind) / 2e-4)[inside]
         actual = sample_slopes(platform, settings, parameter, read(platform), np.full(n, 0.15))[inside]
-        # The derivative of the second correction with respect to the heading is neglected.
         np.testing.assert_allclose(actual, expected, atol=1e-6, err_msg=parameter.key)
 
 

@@ -13,6 +13,8 @@ from gliderhpc.platform import read_platform
     [
         ("Teledyne Webb Slocum G3", "slocum"), ("ru29-20150623", "slocum"), ("SG249", "seaglider"),
         ("dfo-eva035 SeaExplorer", "seaexplorer"), ("Petrel-L", "petrel-l"),
+        ("sea035_M12", "seaexplorer"), ("sg_579", "seaglider"), ("ru28_20230101", "slocum"),
+        ("unit_595_2021", "slocum"),
     ],
 )  # fmt: skip
 def test_the_make_is_read_from_what_a_file_says(text, make):

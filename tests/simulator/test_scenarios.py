@@ -220,6 +220,15 @@ def test_truth_knows_the_water_that_was_met(petrel):
 
 
 @compiled
+def test_the_true_current_is_that_of_the_water_below_the_dive_as_well(petrel):
+    """The levels of a mission reach to its deepest dive, and a shallow dive has the current of all of them."""
+    scenario = load_scenario("paper").replaced({"depth": 120.0, "depth_spread": 100.0})
+    _, truth = simulate_profile(petrel, scenario, 1)
+    below = truth.levels > truth.states[:, 5].max() + 60.0
+    assert below.sum() >= 3
+    assert (np.abs(np.diff(truth.shear[below], axis=0)).max(axis=1) > 0.0).all()
+
+
 def test_shear_and_gusts_act_in_yaw_through_sideslip(petrel):
     """Nothing is added to the equations, yet the hull slips sideways and turns: eq. 41's moment arises by itself."""
     calm = small(sensors=PERFECT, **QUIET)

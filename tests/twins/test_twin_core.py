@@ -1,17 +1,26 @@
 """Parts of the twin experiments: changes of records, seams, impulses, budgets."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import Budget, CurrentError, budget_text, fit_budget, read_budget
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
-from gliderhpc.twins.cases import UNCERTAIN_COEFFICIENTS, RecordChanges, with_coefficient_errors, with_factors
+from gliderhpc.twins.cases import (
+    UNCERTAIN_COEFFICIENTS,
+    RecordChanges,
+    TwinCase,
+    with_coefficient_errors,
+    with_factors,
+    world,
+)
 from gliderhpc.twins.recoverability import crossing, identification_noise
 from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
 from gliderhpc.twins.windows import strongest_stretch
@@ -31,6 +40,14 @@ def _record(count=600):
 
 def _rng():
     return np.random.default_rng(1)
+
+
+def test_a_record_faster_than_the_hull_s_own_is_recorded_that_fast():
+    hull = read_platform("seaexplorer")
+    case = TwinCase(hull, world(50.0), 1, EstimationSettings(), changes=RecordChanges(sample_interval=4.0))
+    assert case.recorded_hull.sensors.sample_interval == 4.0
+    slower = replace(case, changes=RecordChanges(sample_interval=60.0))
+    assert slower.recorded_hull == hull
 
 
 def test_offsets_are_added_and_heading_stays_in_its_turn():

@@ -212,16 +212,24 @@ def sample_slopes(
     elif name == "pitch_scale":
         pitch = measurements[:, 1] + records.pitch_scale * np.radians(records.pitch_offset)
         out[:, 1] = parameter.slope(platform, 0.0) * pitch / sensors.pitch_scale
-    elif name == "heading_offset":
-        out[:, 2] = -degree
-    elif name == "heading_deviation":
-        read = _heading_read(_heading_read(measurements[:, 2], records), sensors)
-        out[:, 2] = -degree * harmonics(read)[:, int(index[0])]
+    elif name in ("heading_offset", "heading_deviation"):
+        between = _heading_read(measurements[:, 2], records)
+        term = harmonics(_heading_read(between, sensors))[:, int(index[0])] if index else 1.0
+        out[:, 2] = -degree * term * _correction_slope(between, records)
     elif name == "depth_lag":
         out[:, 3] = parameter.slope(platform, 0.0) * rates
     else:
         raise ValueError(f"{parameter.key}: not an error of the records")
     return out
+
+
+def _correction_slope(read: Array, errors: RecordSettings) -> Array:
+    """Derivative ``(n,)`` of a corrected heading by the heading read."""
+    sine, cosine, sine_twice, cosine_twice = np.radians(errors.heading_deviation)
+    return np.asarray(
+        1.0 - sine * np.cos(read) + cosine * np.sin(read)
+        - 2.0 * (sine_twice * np.cos(2.0 * read) - cosine_twice * np.sin(2.0 * read))
+    )  # fmt: skip
 
 
 def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:

@@ -225,8 +225,9 @@ def resolved_band(lines: Sequence[Row]) -> tuple[float, float]:
     """
     if not lines:
         raise InputError(
-            f"no twin of a preset in broadband water glides steadily for {SEGMENT:g} s without interruption; give "
-            "deeper twins"
+            f"no twin of a preset in broadband water glides steadily for {SEGMENT:g} s without interruption, with an "
+            "angle of sideslip that follows from its turning; give deeper twins, or a hull whose yaw coefficients tell "
+            "the sign of the sideslip (see `gliderhpc platforms NAME`)"
         )
     gains = np.array([line["gain_current"] for line in lines])
     best = int(np.argmax(gains))
