@@ -44,6 +44,13 @@ QUICK_MODULES = (
 """Modules for `make test-quick`: kernels, model, filter, windows, readers and the format; no mission is inverted."""
 
 
+LONG_FIXTURES = {
+    "test_calibration.py": ("twins",), "test_docs.py": ("site",), "test_gusts.py": ("statistics",),
+    "test_machine_code.py": ("here", "narrower"), "test_tuning.py": ("tuned",), "test_twin_currents.py": ("findings",),
+    "test_twin_studies.py": ("windows", "sensitivity", "recoverability", "estimators"),
+}  # fmt: skip
+"""Fixtures that take so long that every test that uses one is `long`."""
+
 DRAWING_FOLDERS = ("studies", "twins", "project")
 """Folders of tests in which the figures that a study writes are drawn."""
 
@@ -132,8 +139,10 @@ def pytest_runtestloop(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what is slow, and put the longest modules first unless the order is to be random."""
+    """Mark what is slow or long, and put the longest modules first unless the order is to be random."""
     for item in items:
+        if not set(LONG_FIXTURES.get(item.path.name, ())).isdisjoint(getattr(item, "fixturenames", ())):
+            item.add_marker("long")
         if item.path.name not in QUICK_MODULES:
             item.add_marker("slow")
     if not config.pluginmanager.has_plugin("randomly"):

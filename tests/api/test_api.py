@@ -395,6 +395,7 @@ def test_the_forward_model_against_the_records(store, swift, tmp_path, records):
         gh.validate(records.isel(time=slice(0, 400)), "petrel-l", store, workers=0)
 
 
+@pytest.mark.long
 def test_an_archive_of_records_in_memory_is_validated_with_the_file_that_they_are_saved_to(records, tmp_path):
     """The file's bytes are others; the records of the profiles are the same."""
     store, saved, other = (tmp_path / name for name in ("m.zarr", "saved.nc", "other.nc"))
@@ -431,6 +432,7 @@ def test_a_report(store, tmp_path):
 # Hulls
 
 
+@pytest.mark.long
 def test_a_hull_is_calibrated_as_by_the_command(brief, tmp_path):
     found = gh.calibrate(brief, "petrel-l", profiles="1:3", calibration={"hold": ["K_L"]}, rounds={"most": 0})
     assert found.save(tmp_path / "ours.yaml") == tmp_path / "ours.yaml"

@@ -105,6 +105,7 @@ def _checked(path):
     assert content.attrs["geospatial_lat_max"] == pytest.approx(np.nanmax(latitude), abs=1e-6)
 
 
+@pytest.mark.long
 def test_light_currents_can_be_found(deployment, tmp_path):
     mission(Glide()).to_netcdf(tmp_path / "records.nc")
     answer = program("currents", tmp_path / "records.nc", tmp_path / "out.nc", "--deployment", deployment)
@@ -112,6 +113,7 @@ def test_light_currents_can_be_found(deployment, tmp_path):
     _checked(tmp_path / "out.nc")
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_exports_can_be_found(brief_store, deployment, tmp_path):
     shutil.copytree(brief_store, tmp_path / "m.zarr")
@@ -159,6 +161,7 @@ def _og1_errors(path, monkeypatch):
     return errors
 
 
+@pytest.mark.long
 @needs_checker
 def test_currents_have_no_error_against_cf_1_11(tmp_path):
     mission(Glide()).to_netcdf(tmp_path / "records.nc")
@@ -167,6 +170,7 @@ def test_currents_have_no_error_against_cf_1_11(tmp_path):
     assert _cf_errors(tmp_path / "currents.nc") == []
 
 
+@pytest.mark.long
 @needs_checker
 @pytest.mark.compiled
 @pytest.mark.parametrize("options", [(), ("--community",)])
@@ -175,6 +179,7 @@ def test_og1_files_have_no_error_against_cf_1_11(brief_store, tmp_path, options)
     assert _cf_errors(tmp_path / "og1.nc") == []
 
 
+@pytest.mark.long
 @needs_checker
 @pytest.mark.compiled
 def test_a_community_file_has_no_error_against_og1(brief_store, deployment, tmp_path, monkeypatch):
@@ -183,6 +188,7 @@ def test_a_community_file_has_no_error_against_og1(brief_store, deployment, tmp_
     assert _og1_errors(tmp_path / "og1.nc", monkeypatch) == {}
 
 
+@pytest.mark.long
 @needs_checker
 @pytest.mark.compiled
 def test_the_full_file_lacks_only_terms_that_og1_has_not(brief_store, deployment, tmp_path, monkeypatch):
@@ -190,6 +196,7 @@ def test_the_full_file_lacks_only_terms_that_og1_has_not(brief_store, deployment
     assert set(_og1_errors(tmp_path / "og1.nc", monkeypatch)) <= {"check_variables_og1_url"}
 
 
+@pytest.mark.long
 @needs_checker
 @pytest.mark.compiled
 def test_files_can_be_discovered(brief_store, deployment, tmp_path):

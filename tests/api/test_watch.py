@@ -254,6 +254,7 @@ def _annotate(file: Path, _: Path) -> None:
     changed.replace(file)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "words"),
     [(_cut_bytes, "cannot be used"), (_cut_record, "has fewer samples of dive 2"), (_annotate, None)],

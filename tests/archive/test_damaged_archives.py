@@ -59,6 +59,7 @@ def test_damage_is_one_line(brief_store, commands, tmp_path, name):
         assert "unexpected error" not in answer.err, (arguments, answer.err)
 
 
+@pytest.mark.long
 @pytest.mark.spoils
 @pytest.mark.parametrize("key", ["series/depth/c.1.0", "state/zarr.json", "start_time/c.0"])
 def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(brief_store, commands, tmp_path, key):

@@ -61,13 +61,11 @@ def assert_vectorised(found, lanes):
         assert rest <= 0.01 * whole, (name, counts)
 
 
-@pytest.mark.long
 def test_lanes_fill_this_processors_registers(here):
     assert here["lanes"] == LANES == (8 if FEATURES.get("avx512f") else 4)
     assert_vectorised(here["arithmetic"], LANES)
 
 
-@pytest.mark.long
 def test_lanes_fill_the_registers_of_a_narrower_processor(narrower):
     assert narrower["lanes"] == 4
     assert_vectorised(narrower["arithmetic"], 4)

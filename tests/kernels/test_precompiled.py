@@ -87,6 +87,7 @@ def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: 
     assert content(made) == before
 
 
+@pytest.mark.long
 @compiled
 @level_known
 def test_a_damaged_folder_is_left_alone_and_the_kernel_compiled_here(tmp_path: Path, made: Path) -> None:

@@ -39,6 +39,7 @@ def half_log_determinant(path, dive):
     return -float(np.linalg.slogdet(root)[1])
 
 
+@pytest.mark.long
 def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
     """The sum of the mean shifts along a direction of initial state and noise is the change of the log-determinant."""
     dive, rng = flown.dive, np.random.default_rng(1)

@@ -269,7 +269,15 @@ def test_a_disk_that_is_really_full(dips, undisturbed, small_disk):
 # Interrupted
 
 
-@pytest.mark.parametrize(("number", "seed"), [(signal.SIGINT, 11), (signal.SIGTERM, 12), (signal.SIGKILL, 13)], ids=str)
+@pytest.mark.parametrize(
+    ("number", "seed"),
+    [
+        pytest.param(signal.SIGINT, 11, marks=pytest.mark.long),
+        pytest.param(signal.SIGTERM, 12, marks=pytest.mark.long),
+        (signal.SIGKILL, 13),
+    ],
+    ids=str,
+)
 def test_interrupted_at_random_and_resumed(dips, undisturbed, tmp_path, number, seed):
     """Send Ctrl-C to the group, SIGTERM to the program, or SIGKILL, after a random number of commits.
 

@@ -592,6 +592,7 @@ def earlier(swift, tmp_path):
     return changed_observations(swift, tmp_path / "earlier.nc", first_two)
 
 
+@pytest.mark.long
 def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_path):
     store = tmp_path / "growing.zarr"
     assert program("run-mission", earlier, *WHOLE, "--store", store).status == 0

@@ -468,6 +468,7 @@ def own_copy(brief_store, tmp_path):
     return shutil.copytree(brief_store, tmp_path / "copy.zarr")
 
 
+@pytest.mark.long
 def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     """The files of both exist together; the group is replaced, and the command reports it."""
     adjoint = program("analyze", own_copy, "reconstruction", "--workers", 0, "--quick")

@@ -64,6 +64,7 @@ def kernels_called() -> set[tuple[str, str]]:
     return {one for one in found if isinstance(getattr(import_module(one[0]), one[1]), KernelDispatcher)}
 
 
+@pytest.mark.long
 def test_what_is_compiled_beforehand_is_all_that_the_program_calls() -> None:
     """From a wheel nothing need be compiled, whatever the water, the engine or the study."""
     called = kernels_called()

@@ -142,7 +142,6 @@ class _Fetched(HTMLParser):
             self.addresses.append(named.get("href") or "")
 
 
-@pytest.mark.long
 def test_no_page_fetches_anything_from_elsewhere(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40

@@ -58,6 +58,7 @@ def test_what_once_broke(path, program, specimens, tmp_path):
     assert case.faults == [], case.transcript
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", DRAWN)
 def test_drawn_inputs(kind, program, specimens, tmp_path):
     found = {}

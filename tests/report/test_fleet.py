@@ -68,6 +68,7 @@ def damage(archive):
 # The page
 
 
+@pytest.mark.long
 def test_every_mission_has_a_linked_page_of_its_own(fleet, archives):
     page = read(fleet / "index.html")
     links = [unquote(one) for one in page.references if one.endswith("/index.html")]
@@ -218,6 +219,7 @@ def test_a_mission_without_fixes_is_not_on_the_map(archives, swift_store, tmp_pa
 # From Python
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_python_takes_a_list_too(archives, tmp_path):
     written = gh.report(list(archives), tmp_path / "out")

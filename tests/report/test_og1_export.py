@@ -240,6 +240,7 @@ def test_currents_stand_on_every_row_of_their_dive(content, archive):
 # The way back
 
 
+@pytest.mark.long
 def test_vertical_velocities_of_the_study(content, changed, tmp_path):
     """Upward; the water's is the difference of the other two; the flag follows descent against ascent."""
     assert not any("VERT" in name for name in content.data_vars)
@@ -275,6 +276,7 @@ def test_vertical_velocities_of_the_study(content, changed, tmp_path):
         np.testing.assert_allclose(values, sent[rows], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_difference_between_descent_and_ascent_is_flagged(changed, tmp_path):
     assert program("analyze", changed, "vertical").status == 0
     put_table_rows(changed, {0: {"difference": 0.05, "difference_std": 0.01}}, "vertical")

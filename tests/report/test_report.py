@@ -194,6 +194,7 @@ def arrows(archive):
     )
 
 
+@pytest.mark.long
 def test_one_changed_value_changes_the_figures_data_and_the_table(report, own_copy, tmp_path):
     before = arrows(own_copy)
     with_north(own_copy, 0.75)
@@ -405,6 +406,7 @@ def test_the_twin_experiment_of_the_windows_is_shown_where_it_is_given(own_copy,
     assert "run it again" in program("report", own_copy, "--out", tmp_path / "out", "--twins", twins).line
 
 
+@pytest.mark.long
 def test_the_truth_of_a_synthetic_mission_is_drawn(brief, studied, tmp_path):
     answer = program("report", studied, "--out", tmp_path, "--profile", 1, "--truth", truth_path(brief))
     assert answer.status == 0, answer.err

@@ -76,7 +76,6 @@ def test_she_leveque_exponents():
     assert scaling_exponent(GAUSSIAN, 6.0) / scaling_exponent(GAUSSIAN, 3.0) == pytest.approx(2.0)
 
 
-@pytest.mark.long
 def test_cascade_has_the_exponents_asked_for(statistics):
     """ESS of 40 fields of 2 km, 1 to 16 m: 1.778 within three times the sampling error of 0.013, not the Gaussian 2."""
     assert relative_exponent(statistics["cascade"], 3) == pytest.approx(1.778, abs=0.04)

@@ -103,6 +103,7 @@ SPOT = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spoil", [truncate, empty, flip, delete])
 def test_check_names_what_was_spoilt_and_resume_mends_it(swift, swift_store, own_copy, spoil):
     """Each chunk alone is named; all at once are mended, to the byte of what was written."""

@@ -155,6 +155,7 @@ def test_a_record_too_slow_for_the_band_is_refused_before_anything_is_done(slow,
         assert study not in opened.children
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 @pytest.mark.usefixtures("undrawn_studies")
 def test_with_all_studies_a_slow_record_skips_those_of_the_band(slow, tmp_path):
@@ -321,6 +322,7 @@ def test_nulls_and_events_are_shown_from_the_archive_alone(studied, tmp_path):
     check_figure_follows(events, after, "events")
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 @pytest.mark.usefixtures("undrawn_studies")
 def test_the_smoothers_estimate_is_studied_on_its_records(studied, tmp_path):

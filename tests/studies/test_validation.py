@@ -216,6 +216,7 @@ def test_profiles_that_could_not_be_inverted_are_flown_and_drawn_without_records
     assert (tmp_path / "failed-studies" / "validation" / "figure_1.png").is_file()
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_workers_find_the_same(validated, brief, tmp_path):
     store = tmp_path / "brief.zarr"

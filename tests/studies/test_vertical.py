@@ -267,6 +267,7 @@ def test_velocities_stand_at_samples_in_undisturbed_flight_alone(waves, tmp_path
     assert velocity.attitude.depth[np.isfinite(velocity.water)].min() > 5.0
 
 
+@pytest.mark.long
 def test_each_numbers_effect_is_what_moving_it_does(waves, tmp_path):
     path, found = waves
     data, nominal = velocities(path, tmp_path / "a.zarr", found.platform, 9)

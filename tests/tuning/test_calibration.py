@@ -288,7 +288,6 @@ def twins():
     return [twin(seed) for seed in range(100, 104)]
 
 
-@pytest.mark.long
 def test_the_true_hull_is_found_again(twins):
     """Four twins that the page does not count: nine intervals in ten hold the truth, and estimates are near it."""
     inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is CalibrationVerdict.ESTIMATED]

@@ -106,7 +106,6 @@ def tuned(requests):
     return tune_prior(PETREL, requests, SETTINGS)
 
 
-@pytest.mark.long
 def test_the_prior_is_found_again(tuned, requests):
     """Sway and yaw lie within three of their stated errors, all numbers together within 99.9 %.
 

@@ -278,7 +278,6 @@ def findings():
     return study.run(plan, SerialExecutor(), lambda: None)
 
 
-@pytest.mark.long
 @pytest.mark.compiled
 def test_the_study_tells_coverage_scales_and_a_budget(findings, tmp_path):
     content = findings.content
