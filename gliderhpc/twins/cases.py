@@ -106,6 +106,12 @@ class TwinCase:
     initial_error: tuple[float, ...] | None = None
 
     @property
+    def assumes_true_hull(self) -> bool:
+        """Whether the estimator assumes the coefficients of the hull that flies."""
+        assumed = self.assumed or self.hull
+        return self.scenario.coefficients.spread == 0.0 and coefficients_of(assumed) == coefficients_of(self.hull)
+
+    @property
     def recorded_hull(self) -> Platform:
         """The hull with a recorder at least as fast as the record asked for, which is then thinned."""
         interval = self.changes.sample_interval

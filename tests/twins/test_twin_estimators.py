@@ -118,6 +118,20 @@ def test_every_kind_of_twin_differs_from_the_calm_one_in_its_own_way():
     assert wrong.hull == HULL
     assert wrong.assumed.viscous != HULL.viscous
     assert prior_case(HULL, 40.0, 3).scenario.sensors.attitude == "white"
+    assert [name for name, case in cases.items() if not case.assumes_true_hull] == ["harsh", "coefficients within 15%"]
+
+
+@pytest.mark.compiled
+def test_intervals_include_the_errors_of_a_hull_that_is_not_the_true_one():
+    case = standard_cases(HULL, SIZE, 1)["coefficients within 15%"]
+    found = SMOOTHER.estimate(TwinCache(case))
+    believed = SMOOTHER.estimate(TwinCache(replace(case, hull=case.assumed, assumed=None)))
+    steady = TwinCache(case).usual.steady
+    assert (found.deviations >= 0.0).all()
+    surge, pitch = (np.mean(found.deviations[steady, i]) / np.mean(believed.deviations[steady, i]) for i in (0, 4))
+    assert surge > 3.0
+    assert pitch > 3.0
+    assert np.trace(found.displacement_covariance) > 2.0 * np.trace(believed.displacement_covariance)
 
 
 @pytest.mark.compiled

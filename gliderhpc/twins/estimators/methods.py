@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from gliderhpc.estimation.profile import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.twins.cases import TwinCase
@@ -43,7 +45,8 @@ class EstimatorResult:
     outcome : str
         Worst outcome of the windows, or outcome of the dive; empty for the filter.
     deviations : (n, 6) array, optional
-        Standard deviations of the disturbances; None if the estimator gives none.
+        Standard deviations of the disturbances, with the hull's errors where it is not the true one; None if the
+        estimator gives none.
     displacement_covariance : (2, 2) array, optional
         Covariance of the displacement, m2; None if the estimator gives none.
     source : (n,) array, optional
@@ -114,17 +117,35 @@ def _smooth(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
     began = time.perf_counter()
     with threadpool_limits(limits=1):
         smoothed = smooth_dive(estimate.profile, estimate.filtered, settings)
-    usable = smoothed.outcome.usable
+        seconds = twin.filter_seconds + time.perf_counter() - began
+        uncertainty = _uncertainty(twin, settings, smoothed) if smoothed.outcome.usable else (None, None)
     return EstimatorResult(
         smoothed.disturbances,
         _displacement(smoothed.states),
-        twin.filter_seconds + time.perf_counter() - began,
+        seconds,
         smoothed.passes,
         float(smoothed.outcome is Outcome.CONVERGED),
         smoothed.outcome.name,
-        smoothed.disturbances_std if usable else None,
-        smoothed.displacement_covariance if usable else None,
+        *uncertainty,
     )
+
+
+def _uncertainty(twin: TwinCache, settings: EstimationSettings, smoothed: SmoothedEstimate) -> tuple[Array, Array]:
+    """Deviations ``(n, 6)`` of the disturbances and covariance ``(2, 2)`` of the displacement.
+
+    Where the estimator assumes another hull than the true one, they include the errors that the platform file states,
+    as those of a run do.
+    """
+    deviations, covariance = smoothed.disturbances_std, smoothed.displacement_covariance
+    if twin.case.assumes_true_hull:
+        return deviations, covariance
+    estimate, every = twin.usual.estimate, settings.steps_per_record
+    with_hull, _ = smooth_profile(estimate.profile, estimate.filtered, settings, smoothed)
+    assert with_hull is not None
+    of_hull = with_hull.disturbances_std**2 - deviations[::every] ** 2
+    steps = np.arange(len(deviations))
+    columns = [np.interp(steps, every * np.arange(len(of_hull)), column) for column in of_hull.T]
+    return np.sqrt(deviations**2 + np.column_stack(columns)), with_hull.displacement_covariance
 
 
 def _adjoint_from_prior(twin: TwinCache) -> EstimatorResult:
