@@ -126,9 +126,7 @@ def test_intervals_include_the_errors_of_a_hull_that_is_not_the_true_one():
     case = standard_cases(HULL, SIZE, 1)["coefficients within 15%"]
     found = SMOOTHER.estimate(TwinCache(case))
     believed = SMOOTHER.estimate(TwinCache(replace(case, hull=case.assumed, assumed=None)))
-    steady = TwinCache(case).usual.steady
-    assert (found.deviations >= 0.0).all()
-    surge, pitch = (np.mean(found.deviations[steady, i]) / np.mean(believed.deviations[steady, i]) for i in (0, 4))
+    surge, pitch = (np.median(found.deviations[:, i]) / np.median(believed.deviations[:, i]) for i in (0, 4))
     assert surge > 3.0
     assert pitch > 3.0
     assert np.trace(found.displacement_covariance) > 2.0 * np.trace(believed.displacement_covariance)
