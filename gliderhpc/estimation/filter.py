@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.innovations import contradict_prior, log_density
-from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, measurement_variance, steps_in
+from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, steps_in
 from gliderhpc.estimation.self_motion import flight_guesses
+from gliderhpc.estimation.sensor_noise import measurement_variance
 from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES

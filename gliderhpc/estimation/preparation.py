@@ -114,22 +114,10 @@ def steps_in(seconds: float, step: float) -> int:
     return max(1, round(seconds / step))
 
 
-def sample_variance(platform: Platform) -> Array:
-    """Variance ``(4,)`` of one sample: quantum squared over 12, depth noise squared (rad2, m2)."""
+def stated_variance(platform: Platform) -> Array:
+    """Variance ``(4,)`` of one sample by the platform file: quantum squared over 12, depth noise squared (rad2, m2)."""
     attitude = platform.sensors.attitude_resolution_rad**2 / 12.0
     return np.array([attitude, attitude, attitude, platform.sensors.depth_noise**2])
-
-
-def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
-    """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
-
-    A slow record is interpolated and fed at shorter intervals. Its variance is larger in proportion, which leaves the
-    total information unchanged (docs/theory/estimate.md).
-    """
-    variance = sample_variance(platform)
-    if series.sample_interval > settings.filter.slow_feed:
-        variance *= series.sample_interval / settings.filter.feed_interval
-    return variance
 
 
 def feed_interval(series: ProfileSeries, settings: EstimationSettings) -> float:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.sensor_noise import louder_than_stated
 from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
@@ -128,6 +129,9 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
+    if louder := louder_than_stated(platform, series):
+        found = ", ".join(f"{name} {value:.2g} {_unit(name)}" for name, value in louder.items())
+        lines.append(f"noise taken from the record, since it is larger than the platform file states: {found}")
     gliding = ~estimate.vibrating & ~stationary_points(series)
     run = longest_run(implausible_motion(estimate) & gliding, series.step)
     if run >= STEADY_MINUTE:
@@ -154,6 +158,10 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
         )
     return lines
+
+
+def _unit(name: str) -> str:
+    return "m" if name == "depth" else "degree"
 
 
 def first_stretch(usable: NDArray[np.bool_], steps: int) -> tuple[int, int] | None:

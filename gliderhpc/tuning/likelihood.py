@@ -20,10 +20,10 @@ from gliderhpc.estimation.preparation import (
     PreparedProfile,
     check_seawater,
     fed_samples,
-    measurement_variance,
     prepare_profile,
 )
 from gliderhpc.estimation.resample import on_steps
+from gliderhpc.estimation.sensor_noise import measurement_variance
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileSeries

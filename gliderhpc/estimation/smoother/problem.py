@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
 from gliderhpc.estimation.joining import flyable
-from gliderhpc.estimation.preparation import PreparedProfile, recorded_values, repetitions, sample_variance
+from gliderhpc.estimation.preparation import PreparedProfile, recorded_values, repetitions
 from gliderhpc.estimation.self_motion import first_guess
+from gliderhpc.estimation.sensor_noise import sample_variance
 from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_lateral_gusts
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
 from gliderhpc.flight.glider import SENSED
@@ -39,7 +40,7 @@ from gliderhpc.kernels.smoother_memory import (
     allocate_segments,
 )
 from gliderhpc.kernels.smoother_path import move_path
-from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.platform import DisturbancePrior
 from gliderhpc.vocabulary import CHANNELS
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ def pose_dive(
         prior = with_lateral_gusts(prior)
     measured = np.where(recorded_values(series), series.measurements, np.nan)
     measured[_rejected(filtered, settings)] = np.nan
-    variance = _variance(platform, measured) * (_GUST_FACTORS if gusts else 1.0)
+    variance = _variance(sample_variance(platform, series), measured) * (_GUST_FACTORS if gusts else 1.0)
     if profile.velocity is not None and not profile.velocity.is_empty:
         measured = np.hstack([measured, profile.velocity.values])
         variance = np.hstack([variance, profile.velocity.variance])
@@ -171,12 +172,12 @@ def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray
     return scipy.ndimage.maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
 
 
-def _variance(platform: Platform, measured: Array) -> Array:
+def _variance(of_sample: Array, measured: Array) -> Array:
     """Variances ``(n+1, 4)``; those of repeated angles are larger, because their rounding error is repeated as well.
 
     The rounding errors of a run are all the same if the angle does not move, and differ if it passes through.
     """
-    variance = np.tile(sample_variance(platform), (len(measured), 1))
+    variance = np.tile(of_sample, (len(measured), 1))
     rows = np.flatnonzero(np.isfinite(measured).any(axis=1))
     for channel in range(3):
         variance[rows, channel] *= 1.0 + _SHARED * (repetitions(measured[rows, channel]) - 1)

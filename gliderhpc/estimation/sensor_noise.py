@@ -1,0 +1,113 @@
+"""Noise of the sensors: as the platform file states it, or as the record shows it where it is clearly larger.
+
+References
+----------
+J. von Neumann, R. H. Kent, H. R. Bellinson, B. I. Hart (1941), The mean square successive difference, Annals of
+Mathematical Statistics 12, 153-162.
+"""
+
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.estimation.preparation import recorded_samples, stated_variance, vibration_set
+from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings
+from gliderhpc.observations.format import MEASURED
+from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.platform import Platform
+
+Array = NDArray[np.float64]
+
+_ORDER = 3
+"""Order of the differences: the motion of a glider is a polynomial of second degree over four samples."""
+_LEAST = 30
+"""Number of differences from which the noise is found."""
+_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+_SAME = 1e-9
+"""Largest difference of values (rad, m) that are considered equal."""
+_FEW = 0.05
+"""Share of the distances that may be smaller than the quantum, after corrections of the record."""
+_FEWEST = 3
+"""Number of distances from which a quantum is found."""
+_REPEATED = 0.5
+"""Largest ratio of the number of distinct values to that of samples in a rounded record."""
+_EVEN = 0.1
+"""Largest relative difference of intervals that are considered equal."""
+_CLEARLY = 1.5
+"""Ratio of the noise found to that stated, as standard deviations, from which on the former is used. On twins whose
+sensors are as stated it is at most 1.1 for pitch, heading and depth."""
+
+
+def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
+    """Variance ``(4,)`` of one sample of roll, pitch, heading (rad2) and depth (m2).
+
+    It is that of the platform's sensors (`stated_variance`), or the record's own (`noise_of_record`,
+    `rounding_of_record`) where its deviation is more than 1.5 times as large. With too small a variance, the noise
+    appears as motion: on twins with 0.1 degree of noise on a compass that resolves 0.1 degree, the speed was wrong by
+    0.02 m/s, and with 0.2 degree the filter refused the record.
+    """
+    stated = stated_variance(platform)
+    found = np.maximum(noise_of_record(platform, series), rounding_of_record(series))
+    return np.where(found > _CLEARLY**2 * stated, found, stated)
+
+
+def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
+    """Variance ``(4,)`` of the white noise in a record; zero where it cannot be told from motion.
+
+    Notes
+    -----
+    Third differences of white noise of variance ``s^2`` have the variance ``20 s^2``, and those of a smooth motion
+    nearly none. Their median outside the vibration set is not that of rare bursts of motion or of false samples. Gusts
+    from the side roll a glider from sample to sample, so the noise of the roll is taken to be at most that of pitch and
+    heading, which the same instrument measures. Records slower than 2 s do not separate noise and motion.
+    """
+    rows = np.flatnonzero(recorded_samples(series) & ~vibration_set(platform, series))
+    if series.sample_interval > SLOW_SENSORS_PRIOR or len(rows) <= _ORDER:
+        return np.zeros(4)
+    intervals = np.diff(rows)
+    usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EVEN
+    even = np.convolve(usual, np.ones(_ORDER), "valid") > _ORDER - 0.5
+    differences = np.diff(series.measurements[rows], _ORDER, axis=0)[even]
+    if len(differences) < _LEAST:
+        return np.zeros(4)
+    found = (np.median(np.abs(differences), axis=0) / _MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
+    found[0] = min(found[0], max(found[1], found[2]))
+    return np.asarray(found)
+
+
+def rounding_of_record(series: ProfileSeries) -> Array:
+    """Variance ``(4,)`` of the rounding in a record, from the quantum of each measurement (`_quantum`)."""
+    return np.array([_quantum(values) ** 2 / 12.0 for values in series.measurements[recorded_samples(series)].T])
+
+
+def _quantum(values: Array) -> float:
+    """Least distance of distinct values but for a few; zero where most values occur once, as where none is rounded."""
+    distinct = np.unique(values[np.isfinite(values)])
+    gaps = np.diff(distinct)
+    gaps = gaps[gaps > _SAME]
+    if len(gaps) < _FEWEST or len(gaps) + 1 > _REPEATED * len(values):
+        return 0.0
+    return float(np.quantile(gaps, _FEW))
+
+
+def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:
+    """Variance ``(4,)`` of one fed sample (rad2, m2): that of a sample of the record.
+
+    A slow record is interpolated and fed at shorter intervals. Its variance is larger in proportion, which leaves the
+    total information unchanged (docs/theory/estimate.md).
+    """
+    variance = sample_variance(platform, series)
+    if series.sample_interval > settings.filter.slow_feed:
+        variance *= series.sample_interval / settings.filter.feed_interval
+    return variance
+
+
+def louder_than_stated(platform: Platform, series: ProfileSeries) -> dict[str, float]:
+    """Standard deviation (degree, m) of the measurements whose noise is the record's own, not that stated."""
+    used, stated = sample_variance(platform, series), stated_variance(platform)
+    deviations = np.sqrt(used) * np.array([*np.degrees(np.ones(3)), 1.0])
+    return {
+        name: float(value) for name, value, louder in zip(MEASURED, deviations, used > stated, strict=True) if louder
+    }
