@@ -245,7 +245,7 @@ def _complete_samples(record: ProfileRecord) -> FloatArray:
 def _partial_samples(record: ProfileRecord, start: float, step: float, steps: int) -> npt.NDArray[np.int64] | None:
     """Find points and columns of the measurements in samples that lack another one; None if there are none."""
     known = _known(record)
-    partial = known & ~known.all(axis=1)[:, None]
+    partial = known & ~known.all(axis=1, keepdims=True)
     if not partial.any():
         return None
     columns = (

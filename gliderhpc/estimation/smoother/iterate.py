@@ -55,7 +55,7 @@ _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
 _SEGMENT = (0.15, 0.4)
 """Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
-_SIMPLER = {
+_SIMPLER: dict[str, dict[str, bool | str]] = {
     "the noise is the prior's, not fitted to the dive": {"adaptive": False},
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
 }
