@@ -129,6 +129,9 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
+    if series.false_samples:
+        plural = "s are" if series.false_samples > 1 else " is"
+        lines.append(f"{series.false_samples} isolated false sample{plural} left out")
     if louder := louder_than_stated(platform, series):
         found = ", ".join(f"{name} {value:.2g} {_unit(name)}" for name, value in louder.items())
         lines.append(f"noise taken from the record, since it is larger than the platform file states: {found}")

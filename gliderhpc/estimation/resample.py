@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.intervals import local_intervals, usual_interval
@@ -33,7 +34,8 @@ _ROUNDING = 1e-6
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
     """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    The errors of the platform's sensors are removed first, as in the estimation, and then those of the settings.
+    Isolated false samples are left out. The errors of the platform's sensors are removed first, as in the estimation,
+    and then those of the settings.
     Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
     since the sampling rate may change with depth.
 
@@ -44,8 +46,10 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
         density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
+    record, false_samples = without_false_samples(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
+    series = replace(series, false_samples=false_samples)
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)
@@ -160,6 +164,7 @@ def resample(
         sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),
+        control_interval=_control_interval(record, present, time[:-1] + 0.5 * step - actuator_lag),
         partial=_partial_samples(record, start, step, steps),
         velocity=velocity,
         velocity_std=velocity_std,
@@ -217,6 +222,15 @@ def _controls(record: ProfileRecord, present: dict[str, npt.NDArray[np.int64]], 
     columns = [_interpolate(record, name, present[name], at) for name in CONTROLS]
     columns.append(np.interp(at, record.time[rudder], record.rudder[rudder]) if len(rudder) else np.zeros(len(at)))
     return np.column_stack(columns)
+
+
+def _control_interval(record: ProfileRecord, present: dict[str, npt.NDArray[np.int64]], at: FloatArray) -> FloatArray:
+    """Longest interval (s) between the actuators' samples before and after each time; the rudder does not count."""
+    intervals = np.zeros((len(CONTROLS), len(at)))
+    for row, name in zip(intervals, CONTROLS, strict=True):
+        sampled = record.time[present[name]]
+        row[:] = np.diff(sampled)[np.clip(np.searchsorted(sampled, at) - 1, 0, len(sampled) - 2)]
+    return np.asarray(intervals.max(axis=0))
 
 
 def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: FloatArray) -> npt.NDArray[np.bool_]:

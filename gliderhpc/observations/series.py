@@ -34,6 +34,10 @@ class ProfileSeries:
         Time with zero weight (s).
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
+    control_interval : (n,) array or None
+        Time between the actuators' records before and after each step (s); None if it is the sample interval.
+    false_samples : int
+        Number of isolated false samples that were left out.
     partial : (k, 2) int array or None
         Grid point and column of each measurement in samples that lack another of the four; None if there are none.
     seawater : (n, 4) array or None
@@ -56,6 +60,8 @@ class ProfileSeries:
     sample_interval: float
     gap_seconds: float
     sample_index: npt.NDArray[np.int64]
+    control_interval: FloatArray | None = None
+    false_samples: int = 0
     partial: npt.NDArray[np.int64] | None = None
     seawater: FloatArray | None = None
     without_seawater: str = ""

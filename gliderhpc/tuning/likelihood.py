@@ -87,6 +87,7 @@ def _cut(series: ProfileSeries, longest: float) -> ProfileSeries:
         velocity=None,
         velocity_std=None,
         partial=None,
+        control_interval=None,
         sample_index=series.sample_index[series.sample_index <= n],
         gap_seconds=float(np.count_nonzero(series.weights[: n + 1] == 0.0)) * series.step,
     )

@@ -93,3 +93,20 @@ def test_a_gap_of_all_records_at_the_turn_is_smoothed_without_the_mean():
     assert diverging
     estimate = estimate_profile(prepared(diverging[0]), SETTINGS)
     assert any("simplified: the estimate is the most probable path" in line for line in remarks(PETREL, estimate))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_move_of_an_actuator_in_a_gap_of_its_record_may_be_anywhere_in_it(seed):
+    """Twenty seconds on, twenty off: the speed was wrong by 0.02 m/s, with moves taken as slow as interpolation has it."""
+    scenario = load_scenario("calm").replaced({"depth": 100.0, "depth_spread": 0.0})
+    record, truth = simulate_profile(PETREL, scenario, seed)
+    kept = np.floor(record.time / 20.0) % 2 == 0
+    columns = {
+        field.name: getattr(record, field.name)[kept]
+        for field in fields(record) if np.shape(getattr(record, field.name)) == kept.shape
+    }  # fmt: skip
+    profile = prepared(replace(record, **columns))
+    found, time = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS), profile.series.time
+    steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
+    error = found.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6])
+    assert np.sqrt(np.mean(error[steady] ** 2)) < 0.006

@@ -37,7 +37,7 @@ def test_a_run_of_equal_values_is_counted():
 
 def test_no_move_no_noise():
     bodies = PETREL.bodies(controls(50))
-    assert not actuation_noise(bodies, np.zeros((50, 2)), 1.0, 0.1).any()
+    assert not actuation_noise(bodies, np.zeros((50, 2)), np.full(50, 1.0), 0.1).any()
 
 
 def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
@@ -45,7 +45,7 @@ def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
     lag, step, speed, n = 1.0, 0.1, 1e-3, 200
     moving = np.tile(controls(1)[0], (n, 1))
     moving[:, 0] += speed * np.clip(np.arange(n) * step - 5.0, 0.0, 8.0)
-    noise = actuation_noise(PETREL.bodies(moving), np.zeros((n, 2)), lag, step)
+    noise = actuation_noise(PETREL.bodies(moving), np.zeros((n, 2)), np.full(n, lag), step)
     moment = 9.81 * PETREL.platform.mass.battery * speed * lag
     begun = noise[:100].sum(axis=0)
     assert begun[4] == pytest.approx(moment**2, rel=0.02)

@@ -25,7 +25,7 @@ from gliderhpc.kernels.smoother_path import sum_noise_values
 Array = NDArray[np.float64]
 
 
-def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> Array:
+def actuation_noise(bodies: Array, attitude: Array, lag: Array, step: float) -> Array:
     """Variance ``(n, 6)`` per step that lagging records of the actuators add to the disturbances, N2 and (N m)2.
 
     Parameters
@@ -34,8 +34,8 @@ def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> 
         Mass properties from `gliderhpc.flight.glider.Glider.bodies`.
     attitude : (n, 2)
         Roll and pitch, rad.
-    lag, step : float
-        Largest lag or lead of the records, and the step, s.
+    lag, step : (n,), float
+        Largest lag or lead of the records at each step, and the step, s.
 
     Notes
     -----
@@ -47,12 +47,12 @@ def actuation_noise(bodies: Array, attitude: Array, lag: float, step: float) -> 
 
     lets the disturbance follow this error, and is no wider.
     """
-    rows = max(1, round(lag / step))
+    rows = np.maximum(1, np.rint(lag / step).astype(np.int64))
     earlier = bodies[np.maximum(np.arange(len(bodies)) - rows, 0)]
     down = _down(attitude)
     moment, weight = (bodies - earlier)[:, :3], (bodies - earlier)[:, 9:10]
     error = np.hstack([weight * down, GRAVITY * np.cross(moment, down)])
-    return np.asarray((lag / step) * np.diff(error, axis=0, prepend=error[:1]) ** 2)
+    return np.asarray((lag / step)[:, None] * np.diff(error, axis=0, prepend=error[:1]) ** 2)
 
 
 def _down(attitude: Array) -> Array:

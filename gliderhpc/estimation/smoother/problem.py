@@ -46,7 +46,9 @@ from gliderhpc.vocabulary import CHANNELS
 Array = NDArray[np.float64]
 
 _INTERPOLATED = 0.5
-"""Fraction of a sample interval to which the time of an actuator's move is known."""
+"""Fraction of the interval between its records to which the time of an actuator's move is known."""
+_LONGEST_GAP = 40.0
+"""Longest gap (s) of the actuators' records in which their moves may be anywhere; with longer ones, dives diverge."""
 _SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
 _SEGMENTS_OF_MEAN_SHIFT = 3
@@ -149,7 +151,10 @@ def _noise_scale(
     # Accurate for long correlation times too, where 1 - decay**2 would suffer from cancellation.
     added = deviation**2 * -np.expm1(-2.0 * settings.step / time)
     factor = np.where(profile.vibrating[:-1], settings.filter.vibration_noise_factor, 1.0)
-    lag = max(settings.smoother.actuator_lag, _INTERPOLATED * profile.series.sample_interval)
+    interval = np.full(len(profile.bodies), profile.series.sample_interval)
+    if profile.series.control_interval is not None:
+        interval = np.maximum(interval, np.minimum(profile.series.control_interval, _LONGEST_GAP))
+    lag = np.maximum(settings.smoother.actuator_lag, _INTERPOLATED * interval)
     actuators = actuation_noise(profile.bodies, filtered.states[:-1, :2], lag, settings.step)
     usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()

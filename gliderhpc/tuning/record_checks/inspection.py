@@ -163,6 +163,7 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
         controls=series.controls[first:last],
         sample_index=index - first,
         partial=None,
+        control_interval=None,
         velocity=None,
         velocity_std=None,
     )

@@ -1,0 +1,89 @@
+"""Isolated false samples are left out of fast records, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gliderhpc.estimation.false_samples import without_false_samples
+from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.resample import on_steps
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.platform import read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
+
+PETREL = read_platform("petrel-l")
+SETTINGS = EstimationSettings(step=0.25)
+
+
+def turning(n=200, interval=1.0):
+    """Return a record that turns through north, with steps of a degree, and rolls for one sample in the middle."""
+    time, nothing = interval * np.arange(n, dtype=float), np.zeros(n)
+    heading = np.mod(np.radians(np.round(350.0 + 0.2 * time)), 2.0 * np.pi)
+    return ProfileRecord(
+        number=1, epoch=np.datetime64("2024-01-01", "ns"), time=time, roll=nothing.copy(), pitch=nothing - 0.4,
+        heading=heading, depth=0.15 * time, battery_position=nothing, battery_rotation=nothing,
+        ballast_volume=nothing, rudder=nothing,
+    )  # fmt: skip
+
+
+def spoilt(record, **changes):
+    columns = {}
+    for name, (rows, size) in changes.items():
+        columns[name] = getattr(record, name).copy()
+        columns[name][rows] += size
+    return replace(record, **columns)
+
+
+def test_an_isolated_sample_is_left_out_of_its_own_variable():
+    record = turning()
+    found, count = without_false_samples(
+        spoilt(record, pitch=([50, 90], 0.3), depth=([120], 20.0), heading=([30], 2.0))
+    )
+    assert count == 4
+    assert np.flatnonzero(np.isnan(found.pitch)).tolist() == [50, 90]
+    assert np.flatnonzero(np.isnan(found.depth)).tolist() == [120]
+    assert np.flatnonzero(np.isnan(found.heading)).tolist() == [30]
+    np.testing.assert_array_equal(found.roll, record.roll)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        turning(),
+        spoilt(turning(), roll=(slice(50, 53), 0.4)),
+        spoilt(turning(), roll=(slice(50, None), 0.4)),
+        spoilt(turning(), depth=([60], 2.0)),
+        spoilt(turning(interval=20.0), roll=([50], 0.3)),
+    ],
+    ids=["north", "three samples", "step", "small", "slow"],
+)
+def test_nothing_else_is(record):
+    """Neither the jump at north, nor what lasts, nor a roll of one sample of a slow record, which is steering."""
+    found, count = without_false_samples(record)
+    assert (found, count) == (record, 0)
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("name", ["calm", "impulses", "demo"])
+def test_motion_is_no_false_sample(name):
+    record, _ = simulate_profile(PETREL, load_scenario(name).replaced({"depth": 80.0, "depth_spread": 0.0}), 1)
+    assert without_false_samples(record)[1] == 0
+
+
+@pytest.mark.compiled
+def test_a_record_with_false_samples_is_estimated_and_says_so():
+    """Two in a hundred in every variable; before, the filter refused the profile."""
+    record, _ = simulate_profile(PETREL, load_scenario("impulses").replaced({"depth": 80.0, "depth_spread": 0.0}), 1)
+    rng, changes = np.random.default_rng(5), {}
+    for name, size in (("roll", 0.3), ("pitch", 0.3), ("heading", 0.3), ("depth", 8.0)):
+        rows = np.flatnonzero(rng.random(len(record.time)) < 0.02)
+        changes[name] = rows, size * rng.standard_normal(len(rows))
+    profile = prepare_profile(Glider(PETREL), on_steps(spoilt(record, **changes), SETTINGS, PETREL))
+    estimate = estimate_profile(profile, SETTINGS)
+    assert estimate.filtered.rejected_fraction < 0.03
+    assert any("isolated false samples are left out" in line for line in remarks(PETREL, estimate))
