@@ -97,7 +97,7 @@ def test_a_gap_of_all_records_at_the_turn_is_smoothed_without_the_mean():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_move_of_an_actuator_in_a_gap_of_its_record_may_be_anywhere_in_it(seed):
-    """Twenty seconds on, twenty off: the speed was wrong by 0.02 m/s, with moves taken as slow as interpolation has it."""
+    """Twenty seconds on, twenty off: the speed was wrong by 0.02 m/s with moves as slow as interpolation has them."""
     scenario = load_scenario("calm").replaced({"depth": 100.0, "depth_spread": 0.0})
     record, truth = simulate_profile(PETREL, scenario, seed)
     kept = np.floor(record.time / 20.0) % 2 == 0

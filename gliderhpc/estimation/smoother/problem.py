@@ -228,7 +228,8 @@ class Iterate:
 
         The merit is infinite for a trajectory that is not finite or cannot be flown.
         """
-        value = float(self.costs.sum() + share * self.log_determinant + weights @ self.defects)
+        with np.errstate(over="ignore", invalid="ignore"):
+            value = float(self.costs.sum() + share * self.log_determinant + np.sum(weights * self.defects))
         return value if np.isfinite(value) and flyable(self.trajectory.states[:, SENSED]) else np.inf
 
 
