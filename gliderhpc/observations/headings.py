@@ -112,11 +112,11 @@ def file_declination(columns: NamedColumns, names: Iterable[str]) -> FileDeclina
 
 MIN_FROZEN, MIN_PITCHES = 20, 10
 """Numbers of successive samples with one heading, and of different pitches among them, from which a compass may have
-failed. Rounded to a degree, the heading is the same for 16 samples at most in 290 dives of nine gliders."""
+failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real records."""
 
 FROZEN_TIME, FROZEN_SHARE, MIN_OVERLAP = 1800.0, 0.25, 5
 """Time (s), or share of a profile, from which a heading that stays the same to the last digit is not measured (at most
-505 s and 0.14 in the same dives), and least number of such samples in a profile."""
+505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
 
 
 def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, profile: IntArray) -> dict[int, str]:

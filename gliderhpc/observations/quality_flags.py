@@ -68,31 +68,34 @@ def find_rejected(columns: NamedColumns, names: Iterable[str], needed: Container
     """
     masks: dict[str, Mask] = {}
     counts: list[str] = []
-    for name in dict.fromkeys(names):
+    # A variable without flags is not read: it may be one that is not used.
+    pairs = [(each, flag) for each in dict.fromkeys(names) for flag in _flags_of(columns, each)]
+    for name, flag in pairs:
         known = columns.present(name)
-        for flag in _flags_of(columns, name):
-            mask = known & _is_rejected(columns, flag, known)
-            if not mask.any():
-                continue
-            if name in needed and (mask == known).all():
-                raise InputError(
-                    f"{columns.source}: every value of {name} is flagged bad or missing by {flag}; if the values are "
-                    "right, correct or remove the flags"
-                )
-            masks[name] = masks.get(name, np.zeros(len(known), dtype=bool)) | mask
-            counts.append(f"{np.count_nonzero(mask)} of {name} ({flag})")
+        if len(columns.flags(flag)) != len(known):
+            continue
+        mask = known & _is_rejected(columns, flag, known)
+        if not mask.any():
+            continue
+        if name in needed and (mask == known).all():
+            raise InputError(
+                f"{columns.source}: every value of {name} is flagged bad or missing by {flag}; if the values are "
+                "right, correct or remove the flags"
+            )
+        masks[name] = masks.get(name, np.zeros(len(known), dtype=bool)) | mask
+        counts.append(f"{np.count_nonzero(mask)} of {name} ({flag})")
     remark = f"values flagged bad or missing are not used: {', '.join(counts)}" if counts else ""
     return Rejected(masks, remark)
 
 
 def _flags_of(columns: NamedColumns, name: str) -> Iterator[str]:
     """Names of the variables with the flags of a variable, each once."""
-    count, there = len(columns.present(name)), columns.flag_names
+    there = columns.flag_names
     position = re.sub("latitude|longitude", "position", name.casefold())
     wanted = [*columns.attribute("ancillary_variables", name).split(), f"{name}_QC", f"{position}_qc"]
     found = (find_name(there, (each,)) for each in wanted)
     for flag in dict.fromkeys(flag for flag in found if flag is not None):
-        if _holds_flags(columns, flag) and len(columns.flags(flag)) == count:
+        if _holds_flags(columns, flag):
             yield flag
 
 
