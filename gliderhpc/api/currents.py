@@ -1,6 +1,6 @@
 """Depth-averaged currents from pitch, heading, depth and GPS fixes alone: no ballast, calibration or compilation."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -83,15 +83,16 @@ def estimate_currents(
     navigation = navigation_of(records, declination)
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
-    polar, remarks = with_measured_attack(_polar(navigation, platform), usable)
+    unusable = navigation.faults
+    sound = [record for record in usable if record.number not in unusable]
+    polar, remarks = with_measured_attack(_polar(navigation, platform), sound)
     navigation = replace(navigation, remarks=(*navigation.remarks, *remarks))
     tracks: list[GlideTrack | None] = []
     notes: list[str] = []
     faults: list[str] = []
     for record in usable:
         try:
-            check_pace_of(record)
-            track = glide_track(record, polar.hulls, chosen)
+            track = _track(record, unusable, polar, chosen)
         except ProfileError as error:
             tracks.append(None)
             faults.append(str(error))
@@ -105,6 +106,14 @@ def estimate_currents(
     doubt = check_speed(navigation.source, [track for track in tracks if track is not None])
     navigation = replace(navigation, remarks=(*navigation.remarks, *doubt))
     return _dataset(navigation, usable, tracks, notes, polar, chosen)
+
+
+def _track(record: ProfileRecord, faults: Mapping[int, str], polar: GlidePolar, errors: GlideErrors) -> GlideTrack:
+    """Reconstruct the flight of a profile; `ProfileError` if its records cannot be used."""
+    if record.number in faults:
+        raise ProfileError(faults[record.number])
+    check_pace_of(record)
+    return glide_track(record, polar.hulls, errors)
 
 
 _SUMMARY = (

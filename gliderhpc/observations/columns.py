@@ -5,10 +5,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import decode_times
+
+DEFAULT_UNITS = "seconds since 1970-01-01"
+"""Unit of times in a file that gives none."""
 
 
 def _scales(*groups: tuple[float, str]) -> dict[str, float]:
@@ -90,6 +94,19 @@ class NamedColumns(ABC):
     def numbers(self, name: str) -> FloatArray:
         """Values ``(n,)`` without conversion, NaN where missing; `InputError` if they are not numbers."""
 
+    @property
+    def flag_names(self) -> list[str]:
+        """Names of the variables that may hold quality flags; flags written as characters may have no dimension."""
+        return self.names
+
+    @abstractmethod
+    def flags(self, name: str) -> FloatArray:
+        """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
+
+    def present(self, name: str) -> npt.NDArray[np.bool_]:
+        """Mask ``(n,)`` of the values of a variable that are not missing."""
+        return np.isfinite(self.numbers(name))
+
     def converted(self, name: str, unit: str, *, undeclared: str | None = None) -> FloatArray:
         """Values ``(n,)`` in one of our units.
 
@@ -124,7 +141,7 @@ class NamedColumns(ABC):
         """
         values = self.numbers(name)
         units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
-        units = units or "seconds since 1970-01-01"
+        units = units or DEFAULT_UNITS
         return decode_times(values, units, calendar, f"{self.source}: {name}").time
 
 

@@ -197,6 +197,21 @@ class SurfaceFixes:
             self.reasons[begin:end],
         )
 
+    def without(self, first: np.datetime64, last: np.datetime64, reason: str) -> "SurfaceFixes":
+        """Leave out the usable fixes between two times, exclusive, for a reason."""
+        doubted = (self.time > first) & (self.time < last)
+        left_out = np.concatenate([self.left_out, self.time[doubted]])
+        texts = (f"GPS fix of {_clock(time)} left out: {reason}" for time in self.time[doubted])
+        reasons = (*self.reasons, *texts)
+        order, keep = np.argsort(left_out, kind="stable"), ~doubted
+        return SurfaceFixes(
+            self.time[keep],
+            self.latitude[keep],
+            self.longitude[keep],
+            left_out[order],
+            tuple(reasons[index] for index in order.tolist()),
+        )
+
     @staticmethod
     def _places(time: TimeArray, first: np.datetime64, last: np.datetime64) -> tuple[int, int]:
         return int(np.searchsorted(time, first, "left")), int(np.searchsorted(time, last, "right"))

@@ -1,7 +1,7 @@
 """Files of other programs and instruments: finding them, recognising their contents, converting units and names."""
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,6 +11,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray
 
 _HEADS = (
@@ -158,6 +159,7 @@ class ForeignFile(NamedColumns):
 
     def __init__(self, path: Path) -> None:
         self.path, self.source = path, str(path)
+        self._rejected = Rejected()
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is not a regular file")
         try:
@@ -218,7 +220,25 @@ class ForeignFile(NamedColumns):
             raise InputError(f"{self.path}: {name} has {values.ndim} dimensions; it must have one")
         numbers = np.atleast_1d(np.ma.filled(values.astype(np.float64), np.nan))
         # An infinite value was not measured.
-        return np.where(np.isfinite(numbers), numbers, np.nan)
+        return self._rejected.without(name, np.where(np.isfinite(numbers), numbers, np.nan))
+
+    def flags(self, name: str) -> FloatArray:
+        """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
+        values = np.ma.asarray(self._read(name))
+        if max(values.shape, default=1) != values.size:
+            return np.zeros(0)
+        values = values.ravel()
+        if values.dtype.kind in "fiu":
+            return np.ma.filled(values.astype(np.float64), np.nan)
+        return numeric_flags(np.ma.filled(values, b"" if values.dtype.kind == "S" else ""))
+
+    def reject_flagged(self, names: Iterable[str], needed: Container[str] = ()) -> str:
+        """Treat the values of some variables that are flagged bad or missing as missing from now on.
+
+        Return a remark that counts them, empty if there are none; for `needed` and errors see `find_rejected`.
+        """
+        self._rejected = find_rejected(self, names, needed)
+        return self._rejected.remark
 
     def unlimited(self, name: str) -> FloatArray:
         """Finite values of a variable as stored, including those outside the limits that the file declares."""

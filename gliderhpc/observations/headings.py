@@ -8,6 +8,8 @@ from enum import Enum
 import numpy as np
 
 from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.profiles import IntArray
+from gliderhpc.observations.records import FloatArray
 
 
 class North(Enum):
@@ -106,3 +108,41 @@ def file_declination(columns: NamedColumns, names: Iterable[str]) -> FileDeclina
     values = columns.converted(name, "degree", undeclared=_UNDECLARED.get(wanted))
     known = values[np.isfinite(values) & (np.abs(np.nan_to_num(values)) <= 180.0)]
     return FileDeclination(_SIGNS[wanted] * float(np.median(known)), name) if known.size else None
+
+
+MIN_FROZEN, MIN_PITCHES = 20, 10
+"""Numbers of successive samples with one heading, and of different pitches among them, from which a compass may have
+failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real records."""
+
+FROZEN_TIME, FROZEN_SHARE, MIN_OVERLAP = 1800.0, 0.25, 5
+"""Time (s), or share of a profile, from which a heading that stays the same to the last digit is not measured (at most
+505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
+
+
+def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, profile: IntArray) -> dict[int, str]:
+    """Profiles, by number, whose heading does not change to the last digit for long while the pitch does; the reasons.
+
+    Parameters
+    ----------
+    time, heading, pitch : (n,) arrays
+        Times (s), heading and pitch (rad) of all profiles, NaN where missing.
+    profile : (n,) int array
+        Number of the profile, 0 outside any.
+    """
+    known = np.flatnonzero(np.isfinite(heading))
+    time, pitch, profile = time[known], pitch[known], profile[known]
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(heading[known]) != 0.0) + 1, [len(known)]))
+    found: dict[int, str] = {}
+    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if stop - start < MIN_FROZEN or len(np.unique(pitch[start:stop][np.isfinite(pitch[start:stop])])) < MIN_PITCHES:
+            continue
+        lasts = float(time[stop - 1] - time[start])
+        for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):
+            share = count / np.count_nonzero(profile == number)
+            if number > 0 and count >= MIN_OVERLAP and (lasts >= FROZEN_TIME or share >= FROZEN_SHARE):
+                found[int(number)] = (
+                    f"profile {number}: the heading is the same to the last digit in {count} of its samples, and for "
+                    f"{lasts / 60.0:.0f} minutes altogether, while the pitch varies, so the compass did not measure "
+                    "it; mark the heading missing (NaN) there"
+                )
+    return found

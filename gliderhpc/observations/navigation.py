@@ -17,8 +17,9 @@ from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.depth_screening import noise_window
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, screen_fixes
-from gliderhpc.observations.format import VELOCITY
+from gliderhpc.observations.headings import frozen_profiles
 from gliderhpc.observations.navigation_checks import check_depth_unit, check_heading, check_pitch
+from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.navigation_fixes import (
     SURFACE,
@@ -27,10 +28,12 @@ from gliderhpc.observations.navigation_fixes import (
     time_order,
     with_neighbours,
 )
+from gliderhpc.observations.navigation_velocity import join_velocity, read_velocity
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.validation import describe_time, profile_spans
+from gliderhpc.wording import counted
 
 RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
@@ -77,6 +80,8 @@ class Navigation:
         Reasons why none of the fixes around a profile can be used, by number.
     velocity : (n, 3) array or None
         Measured velocity relative to the water in the body frame (m/s), NaN where missing; None without it.
+    clock_doubts : tuple of ClockDoubt
+        Intervals in which the samples have times by two clocks.
     """
 
     source: str
@@ -95,12 +100,19 @@ class Navigation:
     impossible: npt.NDArray[np.bool_]
     without_fixes: Mapping[int, str]
     velocity: FloatArray | None = None
+    clock_doubts: tuple[ClockDoubt, ...] = ()
 
     @property
     def numbers(self) -> list[int]:
         """Numbers of the profiles, in time order."""
         found, first = np.unique(self.profile[self.profile > 0], return_index=True)
         return [int(number) for number in found[np.argsort(first, kind="stable")]]
+
+    @property
+    def faults(self) -> dict[int, str]:
+        """Reasons why profiles cannot be used, by number: times by two clocks, or a compass that failed."""
+        frozen = frozen_profiles(_seconds(self.time), self.heading, self.pitch, self.profile)
+        return frozen | doubted_by_clock(self.clock_doubts, self.time, self.profile)
 
     def record(self, number: int) -> ProfileRecord:
         """Return one profile's record; the unknown controls of the glider are set to zero."""
@@ -189,18 +201,21 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
     """
     columns = NavigationColumns(dataset, source)
     columns.check_complete()
+    flagged = columns.reject_flagged()
     time = columns.times(columns.find("time"))
     order = time_order(time)
     if len(order) < MIN_SAMPLES:
         raise InputError(
             f"{source}: {len(order)} samples have a time between 2000 and 2099, which is too few for a current"
         )
-    time = time[order]
     positions = find_positions(columns)
-    depth = columns.depth(positions.fixes)[order]
+    depth = columns.depth(positions.fixes)
+    doubts, clock_remarks = find_clock_doubts(time, depth)
+    fixes = _without_doubted(positions.fixes, doubts)
+    time, depth = time[order], depth[order]
     impossible = impossible_rows(time, depth)
     added, remarks = columns.declination(declination)
-    remarks = [*positions.remarks, *remarks, *columns.undeclared(), *columns.out_of_range()]
+    remarks = [*flagged, *positions.remarks, *remarks, *columns.undeclared(), *columns.out_of_range(), *clock_remarks]
     measured = columns.quantity("heading")[order]
     pitch, heading = np.radians(columns.quantity("pitch")[order]), np.radians(measured + added)
     roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
@@ -220,13 +235,15 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
     if not profile.any():
         raise InputError(
             f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
-            "estimate"
+            f"estimate{''.join(f'; {remark}' for remark in flagged)}"
         )
+    remarks += [*_describe_short(time, depth, dives, profile)]
     remarks += check_heading(source, measured, profile, columns.find("heading"))
-    velocity = _velocity(columns, order, remarks)
+    velocity, unusable = read_velocity(columns, order)
+    remarks += unusable
     return Navigation(
-        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, dives, positions.fixes, positions.error,
-        tuple(remarks), added, impossible, _submerged(time, depth, profile, positions.fixes), velocity,
+        source, _vehicle(dataset), time, depth, pitch, heading, roll, profile, dives, fixes, positions.error,
+        tuple(remarks), added, impossible, _submerged(time, depth, profile, fixes), velocity, tuple(doubts),
     )  # fmt: skip
 
 
@@ -262,7 +279,9 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
         max(part.fix_error for part in parts),
         tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
         float(np.median([part.declination for part in parts])), impossible,
-        _submerged(time, depth, profile, fixes), _joined_velocity(parts, order),
+        _submerged(time, depth, profile, fixes),
+        join_velocity([part.velocity for part in parts], [len(part.time) for part in parts], order),
+        tuple(doubt for part in parts for doubt in part.clock_doubts),
     )  # fmt: skip
 
 
@@ -312,6 +331,27 @@ def _describe_dropouts(time: TimeArray, depth: FloatArray, impossible: npt.NDArr
     )
 
 
+def _without_doubted(fixes: SurfaceFixes, doubts: Sequence[ClockDoubt]) -> SurfaceFixes:
+    """Leave out the fixes in intervals with times by two clocks."""
+    for doubt in doubts:
+        fixes = fixes.without(doubt.begin, doubt.end, doubt.step)
+    return fixes
+
+
+def _describe_short(time: TimeArray, depth: FloatArray, dives: IntArray, profile: IntArray) -> Iterator[str]:
+    """Remark on the dives with too few complete samples to be profiles."""
+    short = dives[(dives > 0) & (profile == 0)]
+    numbers = np.unique(short)
+    if not len(numbers):
+        return
+    first = np.flatnonzero(dives == short[0])
+    yield (
+        f"{counted(len(numbers), 'dive')} with fewer than {MIN_SAMPLES} samples of depth, pitch and heading "
+        f"{'is' if len(numbers) == 1 else 'are'} left out, the first, to {np.nanmax(depth[first]):.0f} m, at "
+        f"{describe_time(time[first[0]])}"
+    )
+
+
 def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> Iterator[str]:
     """Notes on the depths of a profile that are left out or smoothed."""
     count = np.count_nonzero(impossible)
@@ -320,34 +360,6 @@ def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDAr
     window = noise_window(seconds, depth)
     if window > 0.0:
         yield f"the depth is noisy and is smoothed over {window:.0f} s"
-
-
-def _velocity(columns: NavigationColumns, order: IntArray, remarks: list[str]) -> FloatArray | None:
-    """Measured velocity relative to the water ``(n, 3)``, NaN for components that cannot be used; None if none can.
-
-    The reasons are added to the remarks: a current needs no measured velocity.
-    """
-    found: dict[str, FloatArray] = {}
-    for name in (name for name in VELOCITY if columns.find(name)):
-        if not columns.lies_along_samples(name):
-            remarks.append(
-                f"{name} is not used: it does not lie along {columns.dimension}, the dimension of the samples"
-            )
-            continue
-        try:
-            found[name] = columns.quantity(name)[order]
-        except InputError as error:
-            remarks.append(f"{name} is not used: {error}")
-    missing = np.full(len(order), np.nan)
-    return np.column_stack([found.get(name, missing) for name in VELOCITY]) if found else None
-
-
-def _joined_velocity(parts: Sequence[Navigation], order: IntArray) -> FloatArray | None:
-    """Velocities of several files in an order; NaN for the files that have none."""
-    if all(part.velocity is None for part in parts):
-        return None
-    found = [np.full((len(part.time), 3), np.nan) if part.velocity is None else part.velocity for part in parts]
-    return np.concatenate(found)[order]
 
 
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:

@@ -2,18 +2,22 @@
 
 import gsw
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import NamedColumns
+from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
 from gliderhpc.observations.headings import VEHICLE_COLUMNS, North, file_declination, north_of
+from gliderhpc.observations.og1_variables import HEADINGS
+from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
+from gliderhpc.observations.validation import check_time_resolution
 
 _LIMITS = {
-    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": (-360.0, 720.0),
+    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": HEADINGS,
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
     **dict.fromkeys(VELOCITY, (-MAX_VELOCITY, MAX_VELOCITY)),
@@ -37,12 +41,18 @@ class NavigationColumns(NamedColumns):
     """
 
     def __init__(self, dataset: xr.Dataset, source: str) -> None:
-        self._dataset, self.source = dataset, source
+        self._dataset, self.source = _without_single_dimensions(dataset), source
+        self._rejected = Rejected()
 
     @property
     def names(self) -> list[str]:
         """Names of the one-dimensional variables."""
         return [str(name) for name, variable in self._dataset.variables.items() if variable.ndim == 1]
+
+    @property
+    def flag_names(self) -> list[str]:
+        """Names of the variables that may hold quality flags."""
+        return [str(name) for name, variable in self._dataset.variables.items() if variable.ndim <= 1]
 
     def attribute(self, name: str, variable: str | None = None) -> str:
         """Text of an attribute, of the Dataset or of a variable; empty where absent."""
@@ -54,13 +64,39 @@ class NavigationColumns(NamedColumns):
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
             raise InputError(f"{self.source}: {name} does not contain numbers")
-        return np.asarray(array.values, dtype=np.float64)
+        return self._rejected.without(name, np.asarray(array.values, dtype=np.float64))
+
+    def present(self, name: str) -> npt.NDArray[np.bool_]:
+        """Mask ``(n,)`` of the values that are not missing."""
+        array = self._dataset[name]
+        if np.issubdtype(array.dtype, np.datetime64):
+            return np.asarray(~np.isnat(array.values))
+        return super().present(name)
+
+    def flags(self, name: str) -> FloatArray:
+        """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
+        return numeric_flags(self._dataset[name].values)
+
+    def reject_flagged(self) -> list[str]:
+        """Treat values that are flagged bad or missing as missing from now on; return a remark that counts them.
+
+        Raises
+        ------
+        InputError
+            Every value of time, depth, pitch or heading is flagged.
+        """
+        found = {quantity: self.find(quantity) for quantity in CURRENT_TERMS if quantity != "profile"}
+        needed = {found[quantity] for quantity in ("time", "depth", "pitch", "heading")}
+        self._rejected = find_rejected(self, filter(None, found.values()), needed)
+        return [self._rejected.remark] if self._rejected.remark else []
 
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
         array = self._dataset[name]
         if np.issubdtype(array.dtype, np.datetime64):
-            return np.asarray(array.values, dtype="datetime64[ns]")
+            time = np.asarray(array.values, dtype="datetime64[ns]")
+            return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+        check_time_resolution(array, self.attribute("units", name) or DEFAULT_UNITS, self.source)
         return super().times(name)
 
     def find(self, quantity: str) -> str:
@@ -89,13 +125,21 @@ class NavigationColumns(NamedColumns):
         if lacking:
             raise InputError(
                 f"{self.source}: has no {', '.join(lacking)}; a depth-averaged current needs time, depth, pitch, "
-                f"heading and GPS fixes; {needs_of_inversion(self)}"
+                f"heading and GPS fixes; {needs_of_inversion(self)}{self._of_several_dimensions()}"
             )
         samples = self.dimension
         found = [self.find(name) for name in ("depth", "pitch", "heading")]
         odd = [name for name in found if name and self._dataset[name].dims != (samples,)]
         if odd:
             raise InputError(f"{self.source}: {odd[0]} does not lie along {samples}, the dimension of the samples")
+
+    def _of_several_dimensions(self) -> str:
+        """Clause that names the needed variables that are not series because of their dimensions; empty without any."""
+        variables = self._dataset.variables
+        many = {str(name): variable for name, variable in variables.items() if variable.ndim > 1}
+        wanted = [name for term in CURRENT_TERMS.values() if (name := find_name(many, term.names)) is not None]
+        found = [f"{name} ({', '.join(f'{dim} = {n}' for dim, n in many[name].sizes.items())})" for name in wanted]
+        return f"; give files in which each has one dimension, that of the samples: {', '.join(found)}" if found else ""
 
     def declination(self, given: float | None) -> tuple[float, list[str]]:
         """Declination (degree) to add to the heading, and remarks on it.
@@ -143,25 +187,29 @@ class NavigationColumns(NamedColumns):
         return [f"no units are declared for {', '.join(taken)}"] if taken else []
 
     def out_of_range(self) -> list[str]:
-        """Remarks on pitch and heading where a tenth or more of their values are impossible, other than fill values.
+        """Remarks on impossible values of pitch and heading, which are treated as missing.
 
         Raises
         ------
         InputError
-            Most of the values are impossible.
+            Most of the values are impossible, and they are no fill values.
         """
         remarks = []
         for quantity in ("pitch", "heading"):
             name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
             values, (low, high) = self.converted(name, unit), _LIMITS[quantity]
-            known = values[np.isfinite(values)]
-            lost = known[(known < low) | (known > high)]
-            if len(lost) < 0.1 * len(known) or len(np.unique(lost)) < MIN_DISTINCT:
+            with np.errstate(invalid="ignore"):
+                lost = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
+            if not len(lost):
                 continue
-            text = f"{name} is outside {low:g} to {high:g} {unit} in {len(lost)} of {len(known)} samples"
-            if len(lost) > 0.5 * len(known):
+            count = int(np.count_nonzero(np.isfinite(values)))
+            text = (
+                f"{name} is outside {low:g} to {high:g} {unit} in {len(lost)} of {count} samples, the first "
+                f"{values[lost[0]]:g} at sample {lost[0]}"
+            )
+            if len(lost) > 0.5 * count and len(np.unique(values[lost])) >= MIN_DISTINCT:
                 raise InputError(f"{self.source}: {text}; convert it, or set its units to those that it is in")
-            remarks.append(f"{text}, which are treated as missing: check its unit")
+            remarks.append(f"{text}; these are treated as missing: check its unit, or declare its fill value")
         return remarks
 
     def depth(self, fixes: SurfaceFixes) -> FloatArray:
@@ -199,3 +247,13 @@ class NavigationColumns(NamedColumns):
             f"{self.source}: {name} is typically {typical:.3g} {unit}, but the ocean is at most {high:g} {unit} deep; "
             "convert it, or set its units to those that it is in (such as 'cm' or 'Pa')"
         )
+
+
+def _without_single_dimensions(dataset: xr.Dataset) -> xr.Dataset:
+    """Drop the dimensions of length 1, such as that of a trajectory, of variables with several dimensions."""
+    squeezed = {
+        name: variable.isel({dim: 0 for dim, size in variable.sizes.items() if size == 1})
+        for name, variable in dataset.variables.items()
+        if variable.ndim > 1 and 1 in variable.shape
+    }
+    return dataset.drop_vars(squeezed).assign(squeezed) if squeezed else dataset

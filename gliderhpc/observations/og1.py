@@ -31,8 +31,10 @@ from gliderhpc.observations.og1_variables import (
     read_depth,
     read_flight_model,
     read_gps,
+    read_heading,
     read_seawater,
     read_speeds,
+    reject_flagged,
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.records import FloatArray
@@ -259,6 +261,7 @@ def _describe_processing(found: list[Record]) -> dict[str, str]:
         "3 m",
         "fix_comment": "the file's GPS positions without repetitions; those that no drift below "
         f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
+        "quality_comment": "times, depth, attitude, controls and fixes flagged bad or missing are left out",
         "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged 3, 4 or 9",
         "reference_comment": "the producer's own current and speed through the water, for comparison; no estimate uses "
         "them",
@@ -282,7 +285,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     """
     vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
     check_complete(file)
-    samples, turned, absent = _read_samples(file, declination)
+    flagged = reject_flagged(file)
+    samples, turned, absent, impossible = _read_samples(file, declination)
     doubt = _check_heading(file)
     depth = _floats(samples["depth"])
     numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
@@ -316,12 +320,14 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         without_dive=found.without,
         lost=lost,
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*own_remarks, *describe_fixes(file, fixes), *remarks),
+        remarks=(*flagged, *impossible, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )
 
 
-def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns, Declination, tuple[str, ...]]:
-    """Read all rows of a file; return them with the declination of their heading and the absent controls."""
+def _read_samples(
+    file: ForeignFile, declination: float | None
+) -> tuple[Columns, Declination, tuple[str, ...], tuple[str, ...]]:
+    """Read all rows of a file, with their heading's declination, the absent controls, and remarks on the heading."""
     names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -329,11 +335,12 @@ def _read_samples(file: ForeignFile, declination: float | None) -> tuple[Columns
         "depth": read_depth(file),
         **{what: file.converted(name, "degree") for what, name in names.items()},
     }
-    samples["heading"] = np.mod(_floats(samples["heading"]) + turned.angle, 360.0)
+    heading, remarks = read_heading(file, names["heading"])
+    samples["heading"] = np.mod(heading + turned.angle, 360.0)
     controls, absent = read_controls(file, len(samples["time"]))
     samples |= controls | read_seawater(file)
     check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
-    return samples, turned, absent
+    return samples, turned, absent, remarks
 
 
 def _check_heading(file: ForeignFile) -> str | None:

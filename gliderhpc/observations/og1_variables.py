@@ -18,6 +18,7 @@ from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
 from gliderhpc.observations.headings import North, file_declination, north_of
 from gliderhpc.observations.profiles import MIN_DEPTH
+from gliderhpc.observations.quality_flags import REJECTED
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.validation import Span
@@ -150,10 +151,6 @@ def read_depth(file: ForeignFile) -> FloatArray:
     return depth
 
 
-REJECTED = (3.0, 4.0, 9.0)
-"""Quality flags of bad or missing samples."""
-
-
 def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ...]]:
     """Controls in the units and signs of the observation format, and the absent battery controls, which are zero."""
     ballast = BALLAST.require(file, "ballast volume")
@@ -172,6 +169,39 @@ def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ..
     # The position of a Seaglider's battery decreases forward.
     controls["battery_position"] = 0.0 - controls["battery_position"].astype(np.float64)
     return controls, tuple(absent)
+
+
+def reject_flagged(file: ForeignFile) -> tuple[str, ...]:
+    """Treat times, depth, attitude, controls and fixes that the file flags as bad as missing; return a remark on them.
+
+    Raises
+    ------
+    InputError
+        Every value of time, depth or attitude is flagged.
+    """
+    needed = [term.find(file) for term in (TIME, DEPTH, *ATTITUDE.values())]
+    others = [term.find(file) for term in (BALLAST, *BATTERY.values(), RUDDER, FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)]
+    remark = file.reject_flagged([name for name in (*needed, *others) if name is not None], set(filter(None, needed)))
+    return (f"{file.path.name}: {remark}",) if remark else ()
+
+
+HEADINGS = (-181.0, 361.0)
+"""Range of headings (degree); those outside are undeclared fill values."""
+
+
+def read_heading(file: ForeignFile, name: str) -> tuple[FloatArray, tuple[str, ...]]:
+    """Heading (degree) as measured, NaN where missing or impossible, and a remark that counts the impossible ones."""
+    heading = file.converted(name, "degree")
+    with np.errstate(invalid="ignore"):
+        lost = np.flatnonzero((heading < HEADINGS[0]) | (heading > HEADINGS[1]))
+    if not len(lost):
+        return heading, ()
+    remark = (
+        f"{file.path.name}: {name} is outside {HEADINGS[0]:g} to {HEADINGS[1]:g} degree in {len(lost)} samples, the "
+        f"first {heading[lost[0]]:g} at sample {lost[0]}; these are treated as missing: declare its fill value"
+    )
+    heading[lost] = np.nan
+    return heading, (remark,)
 
 
 def read_seawater(file: ForeignFile) -> Columns:

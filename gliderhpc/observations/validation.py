@@ -212,13 +212,25 @@ def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
         )
     units, calendar = (str(array.attrs.get(key, "")) for key in ("units", "calendar"))
     check_time_unit(units, calendar, f"{path}: {array.name}")
-    if array.dtype.itemsize < 8:
-        step = time_resolution(array.values, units, f"{path}: {array.name}")
-        if step > MAX_TIME_RESOLUTION:
-            raise InputError(
-                f"{path}: {array.name} is stored as {array.dtype}, which resolves '{units}' to {step:.3g} s only; "
-                "store it as float64"
-            )
+    check_time_resolution(array, units, path)
+
+
+def check_time_resolution(array: xr.DataArray, units: str, path: str) -> None:
+    """Refuse times whose type does not resolve them.
+
+    Raises
+    ------
+    InputError
+        Neighbouring numbers of the type are more than `MAX_TIME_RESOLUTION` apart.
+    """
+    if array.dtype.itemsize >= 8:
+        return
+    step = time_resolution(array.values, units, f"{path}: {array.name}")
+    if step > MAX_TIME_RESOLUTION:
+        raise InputError(
+            f"{path}: {array.name} is stored as {array.dtype}, which resolves '{units}' to {step:.3g} s only; "
+            "store it as float64"
+        )
 
 
 def _check_dimension(array: xr.DataArray, dimension: str, path: str) -> None:

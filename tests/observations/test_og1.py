@@ -335,3 +335,30 @@ def test_foreign_files(shared_data, tmp_path, path, found):
     assert found in str(refused.value)
     with pytest.raises(InputError, match=r"ballast_volume is missing, and so are .*import the glider's own files"):
         open_observations(shared_data / path)
+
+
+def test_samples_and_fixes_flagged_bad_are_missing_with_a_remark(tmp_path):
+    path = made.write_og1(tmp_path / "sg099_delayed.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        fixes = np.flatnonzero(np.isfinite(np.ma.filled(file["LATITUDE_GPS"][:], np.nan)))
+        for name, bad in (("LATITUDE_GPS", fixes[:1]), ("DEPTH", slice(60, 65)), ("HEADING", slice(70, 73))):
+            flags = file.createVariable(f"{name}_QC", "i1", ("N_MEASUREMENTS",))
+            flags[:] = 1
+            flags[bad] = 4
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert summary.fixes == 5
+    assert "values flagged bad or missing are not used: 5 of DEPTH (DEPTH_QC)" in summary.remarks[0]
+    assert "3 of HEADING (HEADING_QC), 1 of LATITUDE_GPS (LATITUDE_GPS_QC)" in summary.remarks[0]
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert int(np.isnan(found["depth"]).sum()) == 5
+        assert int(np.isnan(found["heading"]).sum()) == 3
+
+
+def test_impossible_headings_are_missing_with_a_remark(tmp_path):
+    path = made.write_og1(tmp_path / "sg099_delayed.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["HEADING"][60:64] = 655.35
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert "HEADING is outside -181 to 361 degree in 4 samples, the first 655.35 at sample 60" in summary.remarks[0]
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert int(np.isnan(found["heading"]).sum()) == 4

@@ -1,0 +1,193 @@
+"""`gliderhpc.currents` on records with flagged values, clocks set back, a compass that failed, or another layout."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.glides import Glide, mission
+
+from gliderhpc.api.currents import currents, navigation_of
+from gliderhpc.errors import InputError
+from gliderhpc.observations.headings import frozen_profiles
+
+GLIDE = Glide()
+FILE = "pyglider-l0/dfo-eva035-20190718.nc"
+
+
+def _known(found: xr.Dataset) -> list[int]:
+    return found["profile"].values[np.isfinite(found["dac_north"].values)].tolist()
+
+
+def _largest_change(found: xr.Dataset, reference: xr.Dataset) -> float:
+    parts = (found[name].values - reference[name].values for name in ("dac_north", "dac_east"))
+    return float(np.nanmax(np.hypot(*parts)))
+
+
+def _messages(found: xr.Dataset) -> list[str]:
+    return [str(message) for message in found["message"].values]
+
+
+# Quality flags
+
+
+def test_fixes_flagged_bad_are_not_used():
+    """The second surfacing is off by 10 km, which had given currents wrong by metres per second."""
+    records = mission(GLIDE)
+    records["fix_latitude"][2:4] += 0.1
+    flags = np.ones(records.sizes["fix"], dtype=np.int8)
+    flags[2:4] = 4
+    found = currents(records.assign(fix_latitude_QC=("fix", flags)))
+    assert _known(found) == [3]
+    assert "values flagged bad or missing are not used: 2 of fix_latitude (fix_latitude_QC)" in found.attrs["comment"]
+    good = currents(mission(GLIDE).assign(fix_latitude_QC=("fix", np.zeros(len(flags), dtype=np.int8))))
+    assert _known(good) == [1, 2, 3]
+    assert good.attrs["comment"] == "none"
+
+
+@pytest.mark.parametrize(("name", "off"), [("depth", 50.0), ("heading", 90.0), ("pitch", 20.0)])
+def test_samples_flagged_bad_are_missing(name, off):
+    records = mission(GLIDE)
+    clean = currents(records)
+    bad = slice(300, 340)
+    flags = np.ones(records.sizes["time"], dtype=np.int8)
+    flags[bad] = 3
+    records[name][bad] += off
+    records[name].attrs["ancillary_variables"] = "checked"
+    records["checked"] = ("time", flags, {"standard_name": "status_flag"})
+    found = currents(records)
+    assert _largest_change(found, clean) < 5e-3
+    assert f"40 of {name} (checked)" in found.attrs["comment"]
+
+
+def test_samples_whose_time_is_flagged_are_left_out():
+    records = mission(GLIDE)
+    flags = np.ones(records.sizes["time"], dtype=np.int8)
+    flags[300:310] = 4
+    found = currents(records.assign(time_qc=("time", flags)))
+    assert "10 samples without a valid time" in found.attrs["comment"]
+    np.testing.assert_allclose(found["dac_north"], GLIDE.current[0], atol=5e-3)
+
+
+# Clocks
+
+
+def _with_times(path, first: int, stop: int, seconds: float) -> xr.Dataset:
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        time = dataset["time"].values.astype(float)
+        time[first:stop] += seconds
+        return dataset.load().assign_coords(time=("time", time, dataset["time"].attrs))
+
+
+@pytest.mark.parametrize(
+    ("first", "stop", "seconds"), [(2000, 2200, 3600.0), (2000, 2200, -3600.0), (2500, 5521, -7200.0)]
+)
+def test_profiles_with_times_by_two_clocks_have_no_current(shared_data, first, stop, seconds):
+    reference = currents(shared_data / FILE, declination=15.0)
+    found = currents(_with_times(shared_data / FILE, first, stop, seconds), declination=15.0)
+    assert len(_known(found)) == len(_known(reference)) - 2
+    assert _largest_change(found, reference) < 1e-6
+    assert "the clock was set back by" in found.attrs["comment"]
+    assert f"(sample {stop if seconds > 0.0 else first})" in found.attrs["comment"]
+    lost = set(reference["profile"].values.tolist()) - set(_known(found))
+    assert all("the clock was set back by" in str(found["message"].sel(profile=number).values) for number in lost)
+
+
+def test_samples_in_another_order_are_sorted_with_a_remark():
+    records = mission(Glide(dives=2))
+    half = records.sizes["time"] // 2
+    pieces = records.isel(time=np.roll(np.arange(records.sizes["time"]), half))
+    found = currents(pieces)
+    xr.testing.assert_allclose(found["dac_north"], currents(records)["dac_north"])
+    assert "1 sample is earlier than the one before in the file" in found.attrs["comment"]
+    assert "are sorted by time" in found.attrs["comment"]
+
+
+def test_a_clock_set_back_in_one_of_several_files(tmp_path):
+    records = mission(GLIDE)
+    time = records["time"].values.copy()
+    time[900:1000] += np.timedelta64(3600, "s")
+    records.assign_coords(time=time).isel(time=slice(0, 2000)).to_netcdf(tmp_path / "a.nc")
+    records.isel(time=slice(2000, None)).to_netcdf(tmp_path / "b.nc")
+    found = currents([tmp_path / "a.nc", tmp_path / "b.nc"])
+    assert "the clock was set back by 3596 s" in found.attrs["comment"]
+    doubted = ["the clock was set back" in message for message in _messages(found)]
+    assert any(doubted)
+    for known, doubt, north in zip(np.isfinite(found["dac_north"].values), doubted, found["dac_north"], strict=True):
+        assert known != doubt
+        assert doubt or abs(float(north) - GLIDE.current[0]) < 5e-3
+
+
+def test_times_that_their_type_does_not_resolve_are_refused(tmp_path):
+    records = mission(Glide(dives=1))
+    seconds = (records["time"].values - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+    attributes = {"units": "seconds since 1970-01-01"}
+    coarse = records.assign_coords(time=("time", seconds.astype(np.float32), attributes))
+    with pytest.raises(InputError, match=r"time is stored as float32, which resolves .* to 128 s only"):
+        currents(coarse)
+    days = {"units": f"seconds since {records['time'].values[0].astype('datetime64[D]')}"}
+    fine = records.assign_coords(time=("time", (seconds % 86_400.0).astype(np.float32), days))
+    np.testing.assert_allclose(currents(fine)["dac_north"], GLIDE.current[0], atol=5e-3)
+
+
+def test_a_dive_with_too_few_samples_is_named():
+    shallow = mission(Glide(dives=1, depth=30.0))
+    later = mission(GLIDE)
+    after = shallow["time"].values[-1] - later["time"].values[0] + np.timedelta64(3600, "s")
+    later = later.assign_coords(time=later["time"] + after, fix_time=later["fix_time"] + after)
+    joined = xr.concat([shallow.drop_dims("fix"), later.drop_dims("fix")], "time").merge(later[["fix_latitude"]])
+    joined = joined.assign(fix_longitude=later["fix_longitude"]).isel(time=slice(None, None, 15))
+    found = currents(joined)
+    assert found.sizes["profile"] == 3
+    assert "1 dive with fewer than 10 samples of depth, pitch and heading is left out" in found.attrs["comment"]
+
+
+# Heading
+
+
+def test_profiles_with_a_frozen_compass_have_no_current(shared_data):
+    reference = currents(shared_data / FILE, declination=15.0)
+    with xr.open_dataset(shared_data / FILE, decode_times=False) as dataset:
+        records = dataset.load()
+    records["heading"].values[1500:2500] = records["heading"].values[1500]
+    found = currents(records, declination=15.0)
+    assert sorted(set(reference["profile"].values.tolist()) - set(_known(found))) == [6, 7, 8, 9]
+    assert _largest_change(found, reference) < 1e-6
+    assert "the heading is the same to the last digit" in str(found["message"].sel(profile=7).values)
+
+
+@pytest.mark.parametrize(
+    "folder", ["pyglider-l0/dfo-eva035-20190718.nc", "seaexplorer-sea035-M012", "seaglider-sg561-lofoten-2016"]
+)
+def test_a_compass_with_steps_of_a_degree_is_not_taken_for_a_frozen_one(shared_data, folder):
+    navigation = navigation_of(shared_data / folder)
+    seconds = (navigation.time - navigation.time[0]) / np.timedelta64(1, "s")
+    coarse = np.radians(np.round(np.degrees(navigation.heading)))
+    assert navigation.faults == {}
+    assert frozen_profiles(seconds, coarse, navigation.pitch, navigation.profile) == {}
+
+
+def test_impossible_headings_are_missing_and_counted():
+    """An undeclared fill value of 65535 hundredths had been taken as 295.35 degrees."""
+    records = mission(GLIDE)
+    clean = currents(records)
+    records["heading"][::20] = 655.35
+    found = currents(records)
+    assert _largest_change(found, clean) < 2e-3
+    count = len(records["heading"][::20])
+    assert (
+        f"heading is outside -181 to 361 degree in {count} of {records.sizes['time']} samples"
+        in (found.attrs["comment"])
+    )
+    assert "the first 655.35 at sample 0" in found.attrs["comment"]
+
+
+# Layout
+
+
+def test_dimensions_of_length_one_are_dropped_and_others_named():
+    records = mission(GLIDE)
+    clean = currents(records)
+    found = currents(records.assign({name: records[name].expand_dims("trajectory") for name in ("pitch", "depth")}))
+    xr.testing.assert_equal(found["dac_north"], clean["dac_north"])
+    twice = records.assign(pitch=records["pitch"].expand_dims(trajectory=2))
+    with pytest.raises(InputError, match=r"has no pitch.*pitch \(trajectory = 2, time = \d+\)"):
+        currents(twice)
