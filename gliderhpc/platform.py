@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
+from gliderhpc.platform_checks import check_together
 from gliderhpc.platform_sections import (
     CalibrationErrors,
     Negative,
@@ -32,7 +33,6 @@ from gliderhpc.platform_sections import (
     Text,
     Uncertainty,
     Vector,
-    has_number,
 )  # fmt: skip
 from gliderhpc.shipped import ShippedFiles, nearest
 from gliderhpc.yaml_text import parse_value, parse_yaml, read_yaml_text, shown
@@ -184,15 +184,14 @@ class Platform(Section):
         if former is None:
             return content
         if not isinstance(section, dict) or section.get("covariance") is not None:
-            raise ValueError("has both a calibration and an uncertainty.covariance; remove the section calibration")
+            raise ValueError(
+                "there are both a calibration and an uncertainty.covariance; remove the section calibration"
+            )
         return content | {"uncertainty": section | {"covariance": former}}
 
     @model_validator(mode="after")
-    def _uncertainty_is_of_numbers(self) -> Self:
-        for entry, keys in ({} if self.uncertainty is None else self.uncertainty.keys).items():
-            for key in keys:
-                if not has_number(self, key):
-                    raise ValueError(f"has no number '{key}', which uncertainty.{entry} names; correct the key")
+    def _belong_together(self) -> Self:
+        check_together(self)
         return self
 
     @property
@@ -354,6 +353,9 @@ def _explanation(error: ValidationError) -> str:
 
 
 def _fault_line(kind: str, key: str, fault: Mapping[str, Any]) -> str:
+    if kind == "value_error" and not key:
+        # The fault is of several keys, which the message names; the value would be the whole file.
+        return str(fault["ctx"]["error"])
     meaning = _descriptions().get(key, "")
     of = f" ({meaning})" if meaning else ""
     if kind == "extra_forbidden":

@@ -1,7 +1,8 @@
 """Wording of messages: numbers of things, and arguments in place of the commands' options for callers from Python."""
 
 import re
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -43,6 +44,29 @@ def counted(count: int, one: str, several: str = "") -> str:
         Name of the things in the singular and in the plural; by default the plural has an ``s`` at its end.
     """
     return f"{count} {one if count == 1 else several or f'{one}s'}"
+
+
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+
+
+def most_frequent_reason(reasons: Iterable[str]) -> str:
+    """Return the most frequent of several reasons as it was given first, with its count if there are several.
+
+    Parameters
+    ----------
+    reasons : iterable of str
+        At least one reason, such as those why profiles cannot be used; those that differ in numbers alone are the same.
+
+    Returns
+    -------
+    str
+        Such as ``11 of 12: profile 37: pitch is +18 degree while the glider sinks``.
+    """
+    given = list(reasons)
+    kinds = [_NUMBER.sub("", reason) for reason in given]
+    ((kind, count),) = Counter(kinds).most_common(1)
+    first = given[kinds.index(kind)]
+    return first if len(given) == 1 else f"{count} of {len(given)}: {first}"
 
 
 def speaks_python(function: Callable[Given, Returned]) -> Callable[Given, Returned]:

@@ -23,7 +23,7 @@ from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
 from gliderhpc.version import __version__
-from gliderhpc.wording import speaks_python
+from gliderhpc.wording import most_frequent_reason, speaks_python
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def estimate_currents(
         doubts = [] if track.current is None else describe_doubt(track.current.velocity)
         notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
-        raise InputError(f"{navigation.source}: no profile can be used; {faults[0]}")
+        raise InputError(f"{navigation.source}: no profile can be used; {most_frequent_reason(faults)}")
     doubt = check_speed(navigation.source, [track for track in tracks if track is not None])
     navigation = replace(navigation, remarks=(*navigation.remarks, *doubt))
     return _dataset(navigation, usable, tracks, notes, polar, chosen)

@@ -32,7 +32,7 @@ from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.tuning.record_checks import inspect_records
-from gliderhpc.wording import python_words, speaks_python
+from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -259,7 +259,8 @@ def prepare_mission(
     for warning in observations.warnings:
         warn(warning)
     if not set(chosen) - set(observations.faults):
-        raise InputError(f"{observations.path}: no usable profile; {observations.faults[chosen[0]]}")
+        reason = most_frequent_reason(observations.faults[number] for number in chosen)
+        raise InputError(f"{observations.path}: no usable profile; {reason}")
     check_seawater(platform, settings)
     plan = plan_mission(observations, settings, chosen)
     count = default_workers() if workers is None else workers

@@ -12,6 +12,7 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, settings_of
+from gliderhpc.api.import_options import check_option_values
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
@@ -31,7 +32,7 @@ from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform
 from gliderhpc.report.tuning import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records
-from gliderhpc.wording import python_words, speaks_python
+from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.import")
 
@@ -131,10 +132,11 @@ def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[st
     Raises
     ------
     InputError
-        There is no such kind or option, or the files cannot be used.
+        There is no such kind or option, an option's value cannot be used, or the files cannot be used.
     """
     if kind not in IMPORTERS:
         raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
+    check_option_values(options)
     given = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
     try:
         return IMPORTERS[kind](sources, out, **given)
@@ -313,5 +315,7 @@ def inspect_open(
         numbers = select_profiles(observations.profile_numbers, profiles)
         found = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
     if not found.profiles:
-        raise InputError(f"{observations.path}: no profile can be inspected; {next(iter(found.left_out.values()))}")
+        raise InputError(
+            f"{observations.path}: no profile can be inspected; {most_frequent_reason(found.left_out.values())}"
+        )
     return found

@@ -36,6 +36,7 @@ from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema import is_archive, read_profiles
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.watch")
 
@@ -255,7 +256,7 @@ class Watch:
         """
         with open_observations(path, in_memory=True) as observations:
             if not set(observations.profile_numbers) - set(observations.faults):
-                reason = next(iter(observations.faults.values()), "no dive yet")
+                reason = most_frequent_reason(observations.faults.values() or ["no dive yet"])
                 log.warning("%s: no usable profile; %s", path, reason)
                 return
             # The samples include their times, so no two dives have the same digest.

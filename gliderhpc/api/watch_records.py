@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
 from gliderhpc.errors import InputError
 from gliderhpc.observations import Observations, open_observations
@@ -56,6 +57,8 @@ class FileImport:
         for name in _OWN_OPTIONS:
             if name in self.options:
                 raise InputError(f"{name!r} cannot be set as an option of the importer, because a watch sets it")
+        check_option_names(self.kind, self.options)
+        check_option_values(self.options)
 
     def digest(self, files: Mapping[str, str]) -> str:
         """Return a digest of the options and of `files`, a mapping from names to digests of content."""

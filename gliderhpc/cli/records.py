@@ -8,6 +8,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from gliderhpc.api.import_options import NUMBERS
 from gliderhpc.api.records import IMPORTERS, inspect_open, kind_of
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, results, table
@@ -66,14 +67,14 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
     "--linear-scale",
-    type=options.Finite(-1.0, 1.0),
+    type=options.Finite(*NUMBERS["linear_scale"].limits),
     default=0.5e-3,
     show_default=True,
     help="Battery travel per unit of LinPos (m).",
 )
 @click.option(
     "--linear-zero",
-    type=options.Finite(-1e6, 1e6),
+    type=options.Finite(*NUMBERS["linear_zero"].limits),
     default=60.0,
     show_default=True,
     help="LinPos at which battery_position is zero.",
@@ -81,7 +82,7 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
 @click.option(
     "--declination",
-    type=options.Finite(-180.0, 180.0),
+    type=options.Finite(*NUMBERS["declination"].limits),
     metavar="DEGREE",
     help="Magnetic declination, east positive, instead of that in the files.",
 )
@@ -127,20 +128,20 @@ def seaexplorer(
 )
 @click.option(
     "--declination",
-    type=options.Finite(-180.0, 180.0),
+    type=options.Finite(*NUMBERS["declination"].limits),
     metavar="DEGREE",
     help="Magnetic declination, east positive.  [default: what the GPS receiver reports, m_gps_mag_var]",
 )
 @click.option(
     "--battery-scale",
-    type=options.Finite(-100.0, 100.0),
+    type=options.Finite(*NUMBERS["battery_scale"].limits),
     default=1.0,
     show_default=True,
     help="Battery travel per metre of reported m_battpos.",
 )
 @click.option(
     "--battery-zero",
-    type=options.Finite(-10.0, 10.0),
+    type=options.Finite(*NUMBERS["battery_zero"].limits),
     default=0.0,
     show_default=True,
     help="m_battpos (m) where battery_position is zero.",
@@ -197,7 +198,7 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
     "--declination",
-    type=options.Finite(-180.0, 180.0),
+    type=options.Finite(*NUMBERS["declination"].limits),
     help="Magnetic declination (degree), instead of that in the files.",
 )
 @options.overwrite

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.innovations import contradict_prior, log_density
+from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, steps_in
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.sensor_noise import measurement_variance
@@ -129,16 +130,18 @@ def run_filters(
         Estimate of each profile, or the error with the reason of its refusal.
     """
     found: dict[int, FilterEstimate | ProfileError] = {}
+    doubts: dict[int, str | None] = {}
 
     def tasks() -> Iterator[_Task]:
         for i, profile in enumerate(profiles):
+            doubts[i] = doubt_of_water(profile.glider.platform, profile.series)
             try:
                 yield _Task(i, _inputs(profile, settings), tuple(candidate_priors(profile.glider.platform).items()))
             except ProfileError as error:
                 found[i] = error
 
     for i, estimate in _side_by_side(tasks(), settings):
-        found[i] = refusal(estimate, settings) if _is_refused(estimate, settings) else estimate
+        found[i] = refusal(estimate, settings, doubts[i]) if _is_refused(estimate, settings) else estimate
     return [found[i] for i in range(len(found))]
 
 
@@ -194,12 +197,12 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
     return estimate.rejected_fraction > settings.filter.max_rejected_fraction
 
 
-def refusal(estimate: FilterEstimate, settings: EstimationSettings) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of samples."""
+def refusal(estimate: FilterEstimate, settings: EstimationSettings, doubt: str | None = None) -> ProfileError:
+    """Error for an estimate that rejected more than the allowed share of samples, with a doubt of the water if any."""
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         "follow this record; check the platform (neutral volume, battery zero) and the signs of the battery, or raise "
-        "filter.max_rejected_fraction"
+        "filter.max_rejected_fraction" + (f"; {doubt}" if doubt else "")
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.sensor_noise import louder_than_stated
@@ -142,6 +143,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
             f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
         )
+        lines += filter(None, [doubt_of_water(platform, series)])
     for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
         count = sum(window.outcome == outcome for window in estimate.solution.windows)
         if count:

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import number_samples
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, decimal_degrees, drop_outliers
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
@@ -28,7 +29,7 @@ from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.records import TimeArray
 from gliderhpc.observations.rows import ClockStep, Columns, Rows
 from gliderhpc.observations.seaexplorer_ctd import read_water
-from gliderhpc.observations.seaexplorer_files import find_files, is_seaexplorer_file, read_rows
+from gliderhpc.observations.seaexplorer_files import MissionFiles, find_files, is_seaexplorer_file, read_rows
 from gliderhpc.observations.seaexplorer_legs import TRANSMITTING, find_legs
 from gliderhpc.observations.stored_reads import Reads, read_directly
 
@@ -115,10 +116,12 @@ def _read_mission(
     unreadable: dict[int, str] = {}
     steps: list[ClockStep] = []
     rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps, reads=reads)
+    legs, without = find_legs(rows, include_surfacing=include_surfacing)
+    if not legs:
+        _check_depth_sign(files, sources[0], reads)
     if len(rows) == 0:
         nothing = f"{sources[0]}: no usable navigation row ({describe_reasons(dropped)})"
         raise InputError(next(iter(unreadable.values()), nothing))
-    legs, without = find_legs(rows, include_surfacing=include_surfacing)
     spans = {leg.number: (leg.start, leg.stop) for leg in legs}
     heading_note, heading_remarks = _describe_heading(rows, declination)
     doubts = [
@@ -149,6 +152,19 @@ def _read_mission(
         clock_steps=steps,
         water=partial(read_water, files, dropped, reads=reads),
     )
+
+
+def _check_depth_sign(files: MissionFiles, source: Path, reads: Reads) -> None:
+    """Refuse depths that are negative under water; read again, since their rows are dropped as out of range.
+
+    Raises
+    ------
+    InputError
+        The depths are positive up.
+    """
+    any_sign = {"Depth": (-_NAVIGATION["Depth"][1], _NAVIGATION["Depth"][1])}
+    rows = read_rows(files.navigation, "Timestamp", any_sign, Counter(), {}, reads=reads)
+    refuse_negative_depth(rows["Depth"], str(source), "Depth")
 
 
 def _check_positions(rows: Rows, source: Path) -> str | None:

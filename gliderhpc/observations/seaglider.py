@@ -12,7 +12,7 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.dive_files import FileRecords, join_files, number_samples, reference_speeds
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.foreign import ForeignFile, files_of
-from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
+from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.seaglider_dive import (
@@ -28,6 +28,7 @@ from gliderhpc.observations.seaglider_dive import (
 )
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import profile_spans
+from gliderhpc.wording import most_frequent_reason
 
 _NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
 
@@ -125,7 +126,8 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
         except InputError as error:
             rejected[f"dive {number}"] = str(error)
     if not found:
-        raise InputError(f"{sources[0]}: no dive can be used; {describe_reasons(rejected | without)}")
+        reason = most_frequent_reason(f"{dive}: {why}" for dive, why in (rejected | without).items())
+        raise InputError(f"{sources[0]}: no dive can be used; {reason}")
     dives = list(found.values())
     variables, fixes, steps, rows_dropped = join_files([dive.records for dive in dives])
     spans, _ = profile_spans(variables["profile"].astype(np.int64))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
@@ -199,7 +200,8 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     Raises
     ------
     InputError
-        The file lacks attitude, depth, a control or the declination, its clock was set back, or it is truncated.
+        The file lacks attitude, depth, a control or the declination, its depth is negative, its clock was set back, or
+        it is truncated.
     ProfileError
         The file holds no dive, or one that is too shallow.
     """
@@ -226,7 +228,9 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}
     samples |= _ctd(file, samples["time"].astype("datetime64[ns]"))
-    start, stop = _submerged(file, samples["depth"].astype(np.float64))
+    depth = samples["depth"].astype(np.float64)
+    refuse_negative_depth(depth, str(file.path), depth_name)
+    start, stop = _submerged(file, depth)
     return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from gliderhpc.observations.ctd_checks import fault_of_water, plausible_water
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 
@@ -33,10 +34,6 @@ GAP_SHARE = 1.0 / 3.0
 
 MIN_TURN = 10.0
 """Change of pressure (dbar) on both sides of a turning point between legs."""
-
-PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
-PLAUSIBLE_SALINITY = (0.0, 42.0)
-"""Plausible ranges (degC; practical salinity); samples outside are treated as missing."""
 
 MAX_PRESSURE_OFFSET = 10.0
 """Greatest deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
@@ -102,7 +99,7 @@ def seawater_on_steps(series: ProfileSeries, record: ProfileRecord) -> FloatArra
     Raises
     ------
     SeawaterMissingError
-        The record has no temperature or salinity, neither pressure nor a position, or a gap that is too wide.
+        The record has no plausible temperature or salinity, neither pressure nor a position, or too wide a gap.
 
     Notes
     -----
@@ -130,11 +127,10 @@ def _sampled(record: ProfileRecord) -> tuple[FloatArray, FloatArray]:
         if getattr(record, name) is None or not np.isfinite(getattr(record, name)).any():
             raise SeawaterMissingError(f"no {name}")
     temperature, salinity = (np.asarray(v, dtype=np.float64) for v in (record.temperature, record.practical_salinity))
-    good = np.isfinite(temperature) & np.isfinite(salinity)
-    for values, (low, high) in ((temperature, PLAUSIBLE_TEMPERATURE), (salinity, PLAUSIBLE_SALINITY)):
-        good &= (values >= low) & (values <= high)
-    if not good.any():
-        raise SeawaterMissingError("no sample with both temperature and practical_salinity in their plausible range")
+    fault = fault_of_water(temperature, salinity)
+    if fault:
+        raise SeawaterMissingError(fault)
+    good = plausible_water(temperature, salinity)
     return np.where(good, temperature, np.nan), np.where(good, salinity, np.nan)
 
 

@@ -28,6 +28,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileSeries
 from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.tune")
 
@@ -52,14 +53,15 @@ def tuning_requests(
         No profile can be used, or density is requested with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
-    requests, reason = [], "it has no profile"
+    requests, reasons = [], []
     for number in numbers:
         try:
             requests.append(_request(observations, platform, number, longest, settings))
         except ProfileError as error:
-            reason = str(error)
-            log.warning("profile %d is left out: %s", number, reason)
+            reasons.append(str(error))
+            log.warning("profile %d is left out: %s", number, error)
     if not requests:
+        reason = most_frequent_reason(reasons or ["it has no profile"])
         raise InputError(f"{observations.path}: no profile to tune on can be used; {reason}")
     return requests
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.other_water import is_other_water, surface_density
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
@@ -19,7 +20,6 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS_BY_DENSITY,
     ROLL_OFFSET,
     TREND,
-    TYPICAL_COMPRESSIBILITY,
     HullParameter,
     compressible,
     with_values,
@@ -28,7 +28,7 @@ from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angl
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, Sensors
 from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.tuning.steady_segments import SteadySegments
-from gliderhpc.wording import counted
+from gliderhpc.wording import counted, most_frequent_reason
 
 Array = NDArray[np.float64]
 
@@ -40,10 +40,6 @@ FLATTEST_MARGIN = 1.25
 
 MIN_PROFILES = 3
 """Minimum number of profiles from which the uncertainty of an estimate can be determined."""
-
-OTHER_WATER = 5.0
-"""Difference of density, kg/m3, from which the water is not that of the platform file: a plausible deviation of the
-neutral volume."""
 
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
@@ -251,13 +247,16 @@ def choose_buoyancy(
     enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE
     if choice == "density" or (choice == "auto" and enough):
         for number in np.unique(segments.profile[~known]):
-            report(f"profile {number} is left out: the density of its water is not known")
+            why = _without_seawater(segments.of(segments.profile == number))
+            report(f"profile {number} is left out: the density of its water is not known" + (why and f" ({why})"))
         usable = segments.of(known)
         return _in_its_water(platform, usable, report), usable, held_out.of(held_out.in_known_water)
-    if choice == "auto" and known.any():
+    if choice == "auto":
+        share = f"only {known.mean():.0%} of the steady flight, in {counted(profiles, 'profile')}, has"
+        why = _without_seawater(segments.of(~known))
         report(
-            f"buoyancy from the depth slope: only {known.mean():.0%} of the steady flight, in "
-            f"{counted(profiles, 'profile')}, has a known density"
+            f"buoyancy from the depth slope: {share if known.any() else 'no steady flight has'} a known density"
+            + (why and f" ({why})")
         )
     if platform.buoyancy.compressibility is not None:
         platform = with_values(platform, {"buoyancy.compressibility": None})
@@ -269,15 +268,21 @@ def _in_its_water(platform: Platform, segments: SteadySegments, report: Callable
     hull = compressible(platform)
     if platform.buoyancy.compressibility is not None:
         return hull
-    _, density, _, pressure = segments.seawater.T
-    surface = float(np.median(density * (1.0 - TYPICAL_COMPRESSIBILITY * pressure)))
-    if abs(surface - hull.buoyancy.water_density) < OTHER_WATER:
+    surface = surface_density(segments.seawater)
+    if not is_other_water(hull, surface):
         return hull
     report(
         f"the water has {surface:.1f} kg/m3 (median of the steady flight, at surface pressure), and the platform file "
         f"{hull.buoyancy.water_density:g}: its neutral volume is taken as that in this water (buoyancy.water_density)"
     )
     return with_values(hull, {"buoyancy.water_density": round(surface, 1)})
+
+
+def _without_seawater(segments: SteadySegments) -> str:
+    """Reason why the density is not known, the most frequent one of the profiles; empty if none is recorded."""
+    numbers, first = np.unique(segments.profile, return_index=True)
+    reasons = [str(reason) for reason in segments.without_seawater[first] if reason]
+    return most_frequent_reason(reasons) if len(numbers) and reasons else ""
 
 
 def _in_unknown_water(segments: SteadySegments) -> SteadySegments:

@@ -21,6 +21,7 @@ from gliderhpc.observations import Observations, ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.steady_balance import SteadyMotion
+from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -71,6 +72,8 @@ class SteadySegments:
         Depth (m), in-situ density (kg/m3) and temperature (degC) and pressure (dbar); NaN where they are not known.
     velocity : (n, 3)
         Measured velocity relative to the water in the body frame (m/s); NaN where it is not known.
+    without_seawater : (n,) array of str
+        Reason why the seawater is not known; empty where it is, and where the settings do not use it.
     """
 
     profile: NDArray[np.int64]
@@ -84,6 +87,7 @@ class SteadySegments:
     straight: Mask
     seawater: Array
     velocity: Array
+    without_seawater: NDArray[np.str_]
 
     def __len__(self) -> int:
         return len(self.profile)
@@ -150,8 +154,8 @@ def steady_segments(
     if allow_flatter and found and (missing := _phases_without(found)):
         log.warning("no steady flight on %s: a hull fitted to the rest may be far off there", missing[0])
     if not found:
-        last = next(reversed(reasons.values()), "no profile was selected")
-        raise InputError(f"{observations.path}: no steady flight to calibrate on; {last}")
+        reason = most_frequent_reason(reasons.values() or ["no profile was selected"])
+        raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
     return join_segments(found)
 
 
@@ -259,6 +263,7 @@ def _average(
         straight=np.abs(slopes[:, 2]) < np.radians(steady.straight),
         seawater=_mean_seawater(series, bounds),
         velocity=_mean_velocity(velocity, bounds),
+        without_seawater=np.full(len(bounds), series.without_seawater),
     )
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from support.slocum_files import flight, write_binary
 
 from gliderhpc.api import watch, watch_state
 from gliderhpc.api.alerts import Box, Rules
+from gliderhpc.api.import_options import BY_KIND, FLAGS, FOLDERS, NUMBERS, check_option_values
 from gliderhpc.api.records import IMPORTERS
 from gliderhpc.api.watch import Listener, WatchInputs, open_watch
 from gliderhpc.api.watch_records import FileImport, is_candidate
@@ -522,6 +524,41 @@ def test_an_unknown_kind_or_option_is_refused(importing, words, tmp_path):
     path = write_dive(tmp_path / "sg", 1, columns=True)
     with pytest.raises(InputError, match=words):
         FileImport(*importing).import_files([path], tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("declination=x", "declination='x': it must be a number from -180 to 180 degree"),
+        ("declination=400", "declination=400: it must be a number from -180 to 180"),
+        ("declination=.nan", "declination=nan: it must be a number"),
+        ("declination=yes", "declination=True: it must be a number"),
+        ("linear-scale=3", "linear_scale=3: it must be a number from -1 to 1 m per unit of LinPos"),
+        ("linear_zero=", "linear_zero=None: it must be a number from -1000000 to 1000000"),
+        ("battery_zero=[1]", "it must be a number from -10 to 10 m"),
+        ("include_surfacing=1", "include_surfacing=1: it must be true or false"),
+        ("cache=5", "cache=5: it must be the name of a folder"),
+        ("colour=red", "no importer has an option 'colour'; the options are linear_scale"),
+    ],
+)
+def test_an_import_option_that_cannot_be_used_is_refused_in_one_line(option, words, tmp_path):
+    (tmp_path / "land").mkdir()
+    arguments = ("--platform", "petrel-l", "--store", tmp_path / "w.zarr", "--once", "--settle", 0, "--import", option)
+    answer = program("watch", tmp_path / "land", *arguments)
+    assert answer.status == 2
+    assert words in answer.line
+    assert [path.name for path in tmp_path.iterdir()] == ["land"]
+
+
+def test_options_are_those_of_the_importers():
+    for kind, importer in IMPORTERS.items():
+        own = set(signature(importer).parameters) - {"sources", "out", "overwrite", "reads"}
+        assert set(BY_KIND[kind]) == own <= {*NUMBERS, *FLAGS, *FOLDERS}
+    check_option_values(
+        {"declination": None, "cache": None, "linear_zero": np.float32(60.0), "include_surfacing": True}
+    )
+    with pytest.raises(InputError, match="the import of seaglider has no option 'declination'; it has none"):
+        FileImport("seaglider", {"declination": 3.0})
 
 
 def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypatch):

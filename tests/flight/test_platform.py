@@ -113,6 +113,32 @@ def test_path_is_read_like_a_name(tmp_path):
         ("depth_slope: 0.005", "depth_slope: 0.005, thermal_expansion: -1e-5", r"thermal_expansion .*at least 0"),
         ("sensors: {attitude_resolution: 0.1, depth_noise: 0.03, sample_interval: 1.0}", "sensors: 1", r"sensors is 1"),
         ("name: petrel-l\n", "", r"missing key 'name'"),
+        (
+            "total: 88.09",
+            "total: 1.0",
+            r"hull\.yaml: mass\.total is 1 .*at least that of mass\.hull and mass\.battery .*87\.29",
+        ),
+        (
+            "inertia: [0.84, 26.8, 26.7]",
+            "inertia: [1, 1, 1000]",
+            r"hull\.yaml: inertia is \[1, 1, 1000\] .*1000 is more than 2",
+        ),
+        ("inertia: [0.84, 26.8, 26.7]", "inertia: [0.84, 31, 26.7]", r"each must be at most the sum of the other two"),
+        (
+            "name: petrel-l\n",
+            "name: petrel-l\nuncertainty: {deviation: {viscous.K_XX: 0.1}}\n",
+            r"hull\.yaml: there is no number 'viscous\.K_XX', which uncertainty\.deviation names, did you mean",
+        ),
+        (
+            "name: petrel-l\n",
+            "name: petrel-l\nuncertainty: {walk: {position.hul.2: 0.1}}\n",
+            r"which uncertainty\.walk names, did you mean 'position\.hull\.2'\?; correct the key$",
+        ),
+        (
+            "name: petrel-l\n",
+            "name: petrel-l\ncalibration: {parameters: []}\nuncertainty: {covariance: {parameters: []}}\n",
+            r"hull\.yaml: there are both a calibration and an uncertainty\.covariance",
+        ),
     ],
 )
 def test_refusals_name_file_key_and_remedy_on_one_line(altered, old, new, message):
@@ -120,6 +146,16 @@ def test_refusals_name_file_key_and_remedy_on_one_line(altered, old, new, messag
         read_platform(altered(old, new))
     assert str(caught.value).count("\n") == 0
     assert "hull.yaml: " in str(caught.value)
+    assert len(str(caught.value).partition("hull.yaml: ")[2]) < 250
+
+
+def test_moments_of_inertia_may_be_rounded(altered):
+    """Slender hulls have nearly equal moments in pitch and yaw, written with two digits."""
+    assert read_platform(altered("inertia: [0.84, 26.8, 26.7]", "inertia: [0.84, 28, 26]")).inertia == (
+        0.84,
+        28.0,
+        26.0,
+    )
 
 
 def test_several_faults_are_counted(altered):

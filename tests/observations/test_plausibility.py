@@ -19,6 +19,7 @@ from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profile_checks import check_pace
 from gliderhpc.observations.sign_checks import check_signs
 from gliderhpc.observations.times import decode_times
+from gliderhpc.wording import most_frequent_reason
 
 PER_SURFACING = 2
 """Fixes of each surface interval of `mission`, but for the last."""
@@ -387,13 +388,38 @@ def test_five_thousand_profiles_are_planned_in_seconds(tmp_path):
 # Through the program
 
 
+def test_the_most_frequent_reason_is_given_if_no_profile_is_usable(tmp_path):
+    """The first profile is too short; the pitch is in radians."""
+    whole = mission()
+    numbers = whole["profile"].copy()
+    numbers[np.flatnonzero(numbers == 1)[20:]] = 0
+    path = write(tmp_path, profile=numbers, pitch=np.radians(whole["pitch"]))
+    answer = program("run-mission", path, "--platform", "petrel-l", "--workers", 0, "--store", tmp_path / "m.zarr")
+    assert answer.status == 2
+    assert "no usable profile; 2 of 3: profile 2: pitch lies between" in answer.line
+    answer = program("inspect", path, "--platform", "petrel-l")
+    assert "no profile can be inspected; 2 of 3: profile 2: pitch lies between" in answer.line
+
+
+@pytest.mark.parametrize(
+    ("reasons", "given"),
+    [
+        (["profile 3: too short"], "profile 3: too short"),
+        (["a", "b", "b"], "2 of 3: b"),
+        (["lasts 3 s", "pitch is +18.2", "pitch is -2e-05"], "2 of 3: pitch is +18.2"),
+    ],
+)
+def test_reasons_that_differ_in_numbers_are_the_same(reasons, given):
+    assert most_frequent_reason(reasons) == given
+
+
 @pytest.mark.parametrize("dry", [(), ("--dry-run",)], ids=["run", "dry"])
 def test_a_dry_run_refuses_what_the_run_refuses(tmp_path, dry):
     path = write(tmp_path, pitch=np.radians(mission()["pitch"]))
     store = tmp_path / "m.zarr"
     answer = program("run-mission", path, "--platform", "petrel-l", "--workers", 0, "--store", store, *dry)
     assert answer.status == 2
-    assert "no usable profile; profile 1: pitch lies between" in answer.err.splitlines()[-1]
+    assert "no usable profile; 3 of 3: profile 1: pitch lies between" in answer.err.splitlines()[-1]
     store.mkdir()
     (store / "notes.txt").write_text("mine")
     good = write(tmp_path)

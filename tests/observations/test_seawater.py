@@ -12,6 +12,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
+from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import check_seawater, controls_of, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.resample import on_steps, resample
@@ -199,7 +200,15 @@ def punctured(record, low, high):
     [
         (lambda r: replace(r, temperature=None), "no temperature"),
         (lambda r: replace(r, practical_salinity=np.full_like(r.pressure, np.nan)), "no practical_salinity"),
-        (lambda r: replace(r, practical_salinity=np.full_like(r.pressure, 99.0)), "plausible range"),
+        (
+            lambda r: replace(r, practical_salinity=np.full_like(r.pressure, 99.0)),
+            "salinity is 99, outside its plausible",
+        ),
+        (lambda r: replace(r, practical_salinity=np.zeros_like(r.pressure)), "salinity is 0 in all samples"),
+        (lambda r: replace(r, practical_salinity=1e-3 * r.practical_salinity), "kg/kg; multiply it by 1000"),
+        (lambda r: replace(r, temperature=r.temperature + 273.15), "degC; if it is in kelvin, convert it to degC"),
+        (lambda r: replace(r, practical_salinity=spiked(1e-3 * r.practical_salinity, 35.0)), "in kg/kg"),
+        (lambda r: alternating(r), "no sample with both temperature and practical_salinity in their plausible range"),
         (lambda r: replace(r, pressure=None, entry_fix=None), "neither pressure nor a GPS fix"),
         (lambda r: punctured(r, 40.0, 90.0), "no usable temperature and practical_salinity near 39 dbar"),
         (lambda r: punctured(r, 20.0, 1000.0), "no usable temperature and practical_salinity"),
@@ -208,6 +217,61 @@ def punctured(record, low, high):
 def test_a_ctd_that_cannot_be_used_says_why(change, fragment):
     pressure = dive_and_climb()
     assert fragment in reason_of(change(cast(pressure, thermocline(pressure), 35.0)))
+
+
+def spiked(values, spike):
+    values = values.copy()
+    values[::200] = spike
+    return values
+
+
+def alternating(record):
+    """Temperature and salinity are never measured in the same sample; the other one is zero, or a fill value."""
+    even = np.arange(len(record.pressure)) % 2 == 0
+    return replace(
+        record,
+        temperature=np.where(even, record.temperature, 999.0),
+        practical_salinity=np.where(even, 0.0, record.practical_salinity),
+    )
+
+
+def test_salinities_of_zero_are_missing():
+    pressure = dive_and_climb()
+    record = cast(pressure, thermocline(pressure), 35.0)
+    off = replace(record, practical_salinity=np.where((pressure > 250.0) & (pressure < 320.0), 0.0, 35.0))
+    np.testing.assert_allclose(water_of(off), water_of(record), atol=0.05)
+
+
+@pytest.mark.parametrize(("salinity", "density"), [(0.1, 999.8), (0.06, 999.8), (5.0, 1003.6)])
+def test_lakes_and_brackish_water_are_measured(salinity, density):
+    pressure = dive_and_climb()
+    assert water_of(cast(pressure, 8.0, salinity))[0, DENSITY] == pytest.approx(density, abs=0.3)
+
+
+def test_water_far_from_the_platform_s_is_doubted():
+    """Only if the buoyancy uses it: then the hull is not the only suspect."""
+    pressure = dive_and_climb()
+    sea, half = (on_steps(cast(pressure, thermocline(pressure), s), EstimationSettings()) for s in (35.0, 17.5))
+    doubt = doubt_of_water(SOFT, half)
+    assert "kg/m3 (median, at surface pressure) and the platform file 1025" in doubt
+    assert doubt.endswith("check the record's practical_salinity and temperature")
+    assert doubt_of_water(SOFT, sea) is None
+    assert doubt_of_water(PETREL, half) is None
+    assert doubt_of_water(with_overrides(SOFT, {"buoyancy.water_density": "1012.5"}), half) is None
+
+
+def test_a_filter_that_cannot_follow_names_the_water_too():
+    """The hull is too heavy everywhere in water that is too light by the record."""
+    settings = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 1e-6}})
+    record, _ = simulate_profile(SOFT, STRATIFIED, 5)
+    with pytest.raises(ProfileError) as refused:
+        run_filter(prepare_profile(Glider(SOFT), on_steps(freshened(record), settings)), settings)
+    assert "check the platform (neutral volume, battery zero)" in str(refused.value)
+    assert "check the record's practical_salinity and temperature" in str(refused.value)
+
+
+def freshened(record):
+    return replace(record, practical_salinity=record.practical_salinity - 25.0)
 
 
 def test_gaps_that_are_narrow_for_their_depth_are_bridged():
@@ -480,6 +544,11 @@ def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
         hull, usable, _ = choose_buoyancy(SOFT, segments, none, way)
         assert hull.buoyancy.compressibility is None
         assert not usable.in_known_water.any()
+    rejected = replace(partly, without_seawater=np.where(partly.in_known_water, "", "no temperature"))
+    choose_buoyancy(SOFT, rejected, none, "density", reported.append)
+    assert reported.pop() == "profile 2 is left out: the density of its water is not known (no temperature)"
+    choose_buoyancy(SOFT, rejected.of(rejected.profile == 2), none, "auto", reported.append)
+    assert reported.pop() == "buoyancy from the depth slope: no steady flight has a known density (no temperature)"
     with pytest.raises(InputError, match="no steady flight of the chosen profiles has a known density"):
         choose_buoyancy(PETREL, partly.of(partly.profile == 2), none, "density")
 

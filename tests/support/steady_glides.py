@@ -31,5 +31,5 @@ def glides(truth, platform, masses=(0.3, 0.4), pitches=(20.0, 24.0, 28.0), profi
         np.column_stack([[g.battery_position for g in found], none, volumes, none]), none,
         np.array([g.pitch for g in found]), none, np.array([g.depth for g in found]),
         np.array([g.depth_rate for g in found]), np.ones(len(rows), dtype=bool), np.full((len(rows), 4), np.nan),
-        np.full((len(rows), 3), np.nan),
+        np.full((len(rows), 3), np.nan), np.full(len(rows), ""),
     )  # fmt: skip

@@ -716,7 +716,7 @@ def test_a_mission_without_steady_flight_is_refused(mission, tmp_path):
     still = changed_observations(mission, tmp_path / "still.nc", afloat)
     answer = program("calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 2
-    assert "still.nc: no steady flight to calibrate on; profile 4: no undisturbed stretch" in answer.err
+    assert "still.nc: no steady flight to calibrate on; 4 of 4: profile 1: no undisturbed stretch" in answer.err
     assert not (tmp_path / "one.yaml").exists()
 
 

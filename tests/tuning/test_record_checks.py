@@ -221,6 +221,7 @@ def segments(
         here = SteadySegments(
             np.full(COUNT, number), np.zeros(COUNT, "datetime64[ns]"), actuators, zero, pitch, zero, depth,
             np.where(diving, 1.0, -1.0), np.ones(COUNT, dtype=bool), seawater, np.full((COUNT, 3), np.nan),
+            np.full(COUNT, ""),
         )  # fmt: skip
         rate = steady_depth_rate(hull, here, errors or {}, by_density=water is not None)
         rate = rate * (1.0 + rng.normal(0.0, scatter)) + rng.normal(0.0, 0.003, COUNT)
