@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.excursions import find_lost, in_excursion
 from gliderhpc.observations.foreign import files_of
 from gliderhpc.observations.rows import (
     NOT_INCREASING,
@@ -170,7 +171,8 @@ def read_rows(
     dropped : Counter
         Counter to which the number of dropped rows is added, by reason.
     rejected : dict of int to str
-        Mapping to which the reason is added for every cycle whose file cannot be read or lacks a column.
+        Mapping to which the reason is added for every cycle whose file cannot be read, lacks a column, or has times
+        that contradict those of the other files; no row of such a cycle is used.
     label : str
         Prefix of the reasons of dropped rows.
     steps : list of ClockStep, optional
@@ -193,13 +195,21 @@ def read_rows(
     for name, (low, high) in ranges.items():
         # An empty field (NaN) compares false: it is missing, and not out of range.
         plausible &= ~((rows[name] <= low) | (rows[name] >= high))
-    rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
+    rows = _drop_contradicting(keep_rows(rows, plausible, OUT_OF_RANGE, found), files, clock, rejected)
     keep = increasing(rows.time)
     if steps is not None:
         steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
     rows = keep_rows(rows, keep, NOT_INCREASING, found)
     dropped.update({label + reason: count for reason, count in found.items()})
     return rows
+
+
+def _drop_contradicting(rows: Rows, files: Mapping[int, Path], clock: str, rejected: dict[int, str]) -> Rows:
+    """Drop the cycles whose times contradict those before and after them, and add the reasons to `rejected`."""
+    depth = rows.columns.get("Depth", np.full(len(rows), np.inf))
+    lost = find_lost(rows.time, rows.part, depth, increasing(rows.time))
+    rejected.update({cycle: f"{files[cycle]}: {why} ({clock})" for cycle, why in lost.items()})
+    return rows.where(~np.isin(rows.part, list(lost)))
 
 
 def read_columns(path: Path) -> list[str]:
@@ -292,7 +302,8 @@ def _unreadable_value(parts: Sequence[str], clock: str, fields: Sequence[str], n
 
 
 def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
-    """Select the longest part of a file without a clock step."""
+    """Select the longest part of a file without a clock step; single rows with a damaged time do not divide it."""
+    rows = keep_rows(rows, ~in_excursion(rows.time, brief=True), NOT_INCREASING, dropped)
     steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
     if len(steps) == 0:
         return rows
