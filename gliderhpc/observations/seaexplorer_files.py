@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.excursions import find_lost, in_excursion
+from gliderhpc.observations.excursions import SUBMERGED, find_lost, in_excursion
 from gliderhpc.observations.foreign import files_of
 from gliderhpc.observations.rows import (
     NOT_INCREASING,
@@ -29,6 +29,7 @@ from gliderhpc.observations.rows import (
 )
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
+from gliderhpc.observations.validation import describe_time
 
 _NAME = re.compile(
     r"(?P<vehicle>\w+)\.(?P<mission>\d{1,9})\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d{1,6})(?:\.gz)?",
@@ -187,15 +188,11 @@ def read_rows(
             rows, left_out = reads(_read_file, path, cycle, clock, tuple(ranges))
             found.update(left_out)
             rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, found)
-            parts.append(_drop_unset_clock(rows, found))
+            rows = _drop_implausible(rows, ranges, found)
+            parts.append(_drop_unset_clock(rows, f"{path}: {clock}", found))
         except InputError as error:
             rejected[cycle] = str(error)
-    rows = join_rows(parts, ranges)
-    plausible = np.ones(len(rows), dtype=bool)
-    for name, (low, high) in ranges.items():
-        # An empty field (NaN) compares false: it is missing, and not out of range.
-        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
-    rows = _drop_contradicting(keep_rows(rows, plausible, OUT_OF_RANGE, found), files, clock, rejected)
+    rows = _drop_contradicting(join_rows(parts, ranges), files, clock, rejected)
     keep = increasing(rows.time)
     if steps is not None:
         steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
@@ -301,11 +298,30 @@ def _unreadable_value(parts: Sequence[str], clock: str, fields: Sequence[str], n
     return ""
 
 
-def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
-    """Select the longest part of a file without a clock step; single rows with a damaged time do not divide it."""
+def _drop_implausible(rows: Rows, ranges: Mapping[str, tuple[float, float]], dropped: Counter[str]) -> Rows:
+    """Drop the rows with a value outside the open range of its column."""
+    plausible = np.ones(len(rows), dtype=bool)
+    for name, (low, high) in ranges.items():
+        # An empty field (NaN) compares false: it is missing, and not out of range.
+        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
+    return keep_rows(rows, plausible, OUT_OF_RANGE, dropped)
+
+
+def _drop_unset_clock(rows: Rows, where: str, dropped: Counter[str]) -> Rows:
+    """Select the longest part of a file without a clock step; single rows with a damaged time do not divide it.
+
+    Raises
+    ------
+    InputError
+        The other rows belong to a dive, which would be cut short; the message begins with `where`.
+    """
     rows = keep_rows(rows, ~in_excursion(rows.time, brief=True), NOT_INCREASING, dropped)
     steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
     if len(steps) == 0:
         return rows
     stretch = np.searchsorted(steps, np.arange(len(rows)), side="right")
-    return keep_rows(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)
+    longest = stretch == np.bincount(stretch).argmax()
+    if "Depth" in rows.columns and np.any(rows["Depth"][~longest] > SUBMERGED):
+        before, after = (describe_time(rows.time[row]) for row in (steps[0] - 1, steps[0]))
+        raise InputError(f"{where} goes from {before} to {after} during a dive; correct these times")
+    return keep_rows(rows, longest, CLOCK_NOT_SET, dropped)

@@ -107,9 +107,10 @@ def test_a_seaexplorer_file_with_wrong_times_costs_its_cycle(tmp_path, hours):
     assert summary.without_profile == {"cycle 8": "only a surface record"}
 
 
-@pytest.mark.parametrize("span", [(60, None), (1, 60), (60, 90)])
-@pytest.mark.parametrize("hours", [24, 5])
+@pytest.mark.parametrize("span", [(60, None), (1, 60), (60, 90), (110, None)])
+@pytest.mark.parametrize("hours", [24, 48, 5, -48])
 def test_wrong_times_within_a_seaexplorer_dive_cost_its_cycle(tmp_path, span, hours):
+    """If most of the file was right, the dive was cut short without a line."""
     folder = write_mission(tmp_path / "m")
     shift_rows(folder, 6, span[0], hours, span[1])
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
