@@ -1,16 +1,17 @@
 """Files of one or more dives: samples, fixes and the source's own solution, and joining of the files to a mission."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.excursions import find_lost
 from gliderhpc.observations.fixes import Fixes, merge_fixes
 from gliderhpc.observations.foreign import ForeignFile
-from gliderhpc.observations.rows import NOT_INCREASING, ClockStep, Columns, in_time_order, join_columns
+from gliderhpc.observations.rows import NOT_INCREASING, ClockStep, Columns, in_time_order, increasing, join_columns
 from gliderhpc.observations.validation import Span
 
 
@@ -34,6 +35,42 @@ class FileRecords:
     solution: Columns
     fixes: Fixes
     rows_dropped: int = 0
+
+
+def contradicting_dives(files: Sequence[FileRecords]) -> dict[int, str]:
+    """Find the profiles whose times contradict those of the files before and after.
+
+    Parameters
+    ----------
+    files : sequence of FileRecords
+        Content of the files, in the order of the mission.
+
+    Returns
+    -------
+    dict of int to str
+        Reasons by number of the profile.
+    """
+    if not files:
+        return {}
+    time, profile, depth = (
+        np.concatenate([file.samples[name] for file in files]) for name in ("time", "profile", "depth")
+    )
+    clock = time.astype("datetime64[ns]")
+    lost = find_lost(clock, profile.astype(np.int64), depth.astype(np.float64), increasing(clock))
+    return {number: why for number, why in lost.items() if number}
+
+
+def without_dives(files: Sequence[FileRecords], numbers: Iterable[int]) -> list[FileRecords]:
+    """Leave out some profiles: their samples are in no profile, and a file without other profiles is left out."""
+    rest: list[FileRecords] = []
+    for file in files:
+        profile = file.samples["profile"]
+        lost = np.isin(profile, list(numbers))
+        if not lost.any():
+            rest.append(file)
+        elif np.any(profile[~lost] != 0):
+            rest.append(replace(file, samples=file.samples | {"profile": np.where(lost, 0, profile)}))
+    return rest
 
 
 def join_files(files: Sequence[FileRecords]) -> tuple[Columns, Fixes, list[ClockStep], Counter[str]]:

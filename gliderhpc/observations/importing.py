@@ -231,7 +231,9 @@ def import_mission(
     interval = median_interval(time, list(spans.values()))
     water = mission.water(time, depth, interval)
     piece = mission.pieces.removesuffix("s")
-    rejected = mission.rejected | {f"{piece} {number}": why for number, why in lost.items()}
+    rejected = mission.rejected | {
+        f"{piece} {part}": why for number, why in lost.items() for part in mission.parts.get(number) or (number,)
+    }
     without = {name: why for name, why in (mission.without_profile or {}).items() if name not in rejected}
     variables: Columns = {
         **mission.variables,

@@ -12,13 +12,15 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.dive_files import (
     FileRecords,
     check_samples,
+    contradicting_dives,
     join_files,
     number_samples,
+    without_dives,
 )
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
-from gliderhpc.observations.og1_dives import dive_numbers, find_dives
+from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
     TIME,
@@ -161,10 +163,14 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
     vehicle = _only_vehicle(found)
     numbers = _profile_numbers(found)
     files = [_numbered(record, part) for record, part in zip(found, numbers, strict=True)]
+    dives = [(dive, record.path) for record in found for dive in record.dives]
+    of_number = dict(zip([number for part in numbers for number in part], dives, strict=True))
+    lost = {number: f"{of_number[number][1]}: {why} (TIME)" for number, why in contradicting_dives(files).items()}
+    files = without_dives(files, lost)
+    if not files:
+        raise InputError(next(iter(lost.values())))
     variables, fixes, steps, rows_dropped = join_files(files)
     spans, _ = profile_spans(variables["profile"].astype(np.int64))
-    dives = [dive for record in found for dive in record.dives]
-    of_number = dict(zip([number for part in numbers for number in part], dives, strict=True))
     return MissionRecords(
         platform=_platform(found[0].model),
         vehicle=vehicle,
@@ -173,10 +179,12 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         pieces="dives",
         variables=variables,
         spans=spans,
-        parts={number: (of_number[number],) for number in spans},
+        parts={number: (of_number[number][0],) for number in spans},
         fixes=fixes,
         comments=_describe_processing(found),
-        rejected=rejected | {f"dive {n}": why for record in found for n, why in record.lost.items()},
+        rejected=rejected
+        | {f"dive {n}": why for record in found for n, why in record.lost.items()}
+        | {f"dive {n}": why for n, why in lost.items()},
         without_profile={_name(record, n): why for record in found for n, why in record.without_dive.items()},
         rows_dropped=rows_dropped,
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
@@ -298,7 +306,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = {name: values[ordered] for name, values in samples.items()}
-    found = find_dives(numbers[ordered], time[in_order], depth[ordered])
+    own, contradicting = drop_contradicting(numbers[rows], time, depth[rows], in_order)
+    found = find_dives(own[in_order], time[in_order], depth[ordered])
     profile = number_samples(found.spans, len(ordered))
     _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
     dives = {number: span for number, span in found.spans.items() if number not in lost}
@@ -318,7 +327,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         absent=absent,
         renumbered=bool(found.remark),
         without_dive=found.without,
-        lost=lost,
+        lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in contradicting.items()},
         rows_dropped=int(np.count_nonzero(~in_order)),
         remarks=(*flagged, *impossible, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.observations.excursions import find_lost
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.og1_variables import DIVE, TIME
 from gliderhpc.observations.profiles import detect_profiles, dive_span
@@ -59,6 +60,34 @@ def _detected(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
         detected = detect_profiles(seconds, depth[known])
         numbers[known] = np.where(detected > 0, detected, _NO_DIVE)
     return numbers
+
+
+def drop_contradicting(
+    numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray, keep: npt.NDArray[np.bool_]
+) -> tuple[IntArray, dict[int, str]]:
+    """Drop the dives whose times contradict those before and after.
+
+    Parameters
+    ----------
+    numbers : (n,) int array
+        Dive number of every sample, -1 where there is none.
+    time : (n,) array
+        Times in the order of the file.
+    depth : (n,) array
+        Depth (m), NaN where missing.
+    keep : (n,) array of bool
+        Mask of the samples that remain.
+
+    Returns
+    -------
+    numbers : (n,) int array
+        Dive numbers, -1 for the samples of these dives.
+    lost : dict of int to str
+        Reasons by number of these dives.
+    """
+    # Zero usually means no dive.
+    lost = {number: why for number, why in find_lost(time, numbers, depth, keep).items() if number > 0}
+    return np.where(np.isin(numbers, list(lost)), _NO_DIVE, numbers), lost
 
 
 def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> Dives:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.excursions import SUBMERGED, in_excursion
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import EARLIEST, LATEST
@@ -53,8 +54,8 @@ class Rows:
 
 
 def increasing(time: TimeArray) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the times that are present and later than all preceding ones."""
-    there = ~np.isnat(time)
+    """Mask ``(n,)`` of the times that are present, in no excursion of the clock, and later than all preceding ones."""
+    there = ~np.isnat(time) & ~in_excursion(time)
     since = np.where(there, time.astype("datetime64[ns]").astype(np.int64), np.iinfo(np.int64).min)
     there[1:] &= since[1:] > np.maximum.accumulate(since)[:-1]
     return there
@@ -140,9 +141,6 @@ def onto_nearest(
     return placed
 
 
-SUBMERGED = 5.0
-"""Depth (m) below which a row belongs to a dive."""
-
 _SECOND = np.timedelta64(1, "s")
 
 
@@ -173,7 +171,7 @@ class ClockStep:
 
 
 def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatArray) -> list[ClockStep]:
-    """Find the backward steps of a clock.
+    """Find the backward steps of a clock, without those at the beginning or end of an excursion.
 
     Parameters
     ----------
@@ -184,7 +182,7 @@ def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatA
     depth : (n,) array
         Depths of the rows (m); NaN where missing.
     """
-    there = np.flatnonzero(~np.isnat(time))
+    there = np.flatnonzero(~np.isnat(time) & ~in_excursion(time))
     steps: dict[int, ClockStep] = {}
     for index in np.flatnonzero((time[there[:-1]] - time[there[1:]]) / _SECOND > CLOCK_SET_BACK).tolist():
         before, after = int(there[index]), int(there[index + 1])
@@ -279,7 +277,7 @@ def times_by_two_clocks(time: TimeArray) -> list[tuple[np.datetime64, np.datetim
     list of (numpy.datetime64, numpy.datetime64)
         Begin and end of each interval.
     """
-    known = time[~np.isnat(time)]
+    known = time[~np.isnat(time) & ~in_excursion(time, brief=True)]
     if not len(known):
         return []
     edges = [0, *(np.flatnonzero((known[:-1] - known[1:]) / _SECOND > CLOCK_SET_BACK) + 1).tolist(), len(known)]

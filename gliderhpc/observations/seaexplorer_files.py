@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.excursions import SUBMERGED, find_lost, in_excursion
 from gliderhpc.observations.foreign import files_of
 from gliderhpc.observations.rows import (
     NOT_INCREASING,
@@ -28,6 +29,7 @@ from gliderhpc.observations.rows import (
 )
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
+from gliderhpc.observations.validation import describe_time
 
 _NAME = re.compile(
     r"(?P<vehicle>\w+)\.(?P<mission>\d{1,9})\.(?P<kind>gli|pld1)\.(?P<rate>sub|raw)\.(?P<cycle>\d{1,6})(?:\.gz)?",
@@ -170,7 +172,8 @@ def read_rows(
     dropped : Counter
         Counter to which the number of dropped rows is added, by reason.
     rejected : dict of int to str
-        Mapping to which the reason is added for every cycle whose file cannot be read or lacks a column.
+        Mapping to which the reason is added for every cycle whose file cannot be read, lacks a column, or has times
+        that contradict those of the other files; no row of such a cycle is used.
     label : str
         Prefix of the reasons of dropped rows.
     steps : list of ClockStep, optional
@@ -185,21 +188,25 @@ def read_rows(
             rows, left_out = reads(_read_file, path, cycle, clock, tuple(ranges))
             found.update(left_out)
             rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, found)
-            parts.append(_drop_unset_clock(rows, found))
+            rows = _drop_implausible(rows, ranges, found)
+            parts.append(_drop_unset_clock(rows, f"{path}: {clock}", found))
         except InputError as error:
             rejected[cycle] = str(error)
-    rows = join_rows(parts, ranges)
-    plausible = np.ones(len(rows), dtype=bool)
-    for name, (low, high) in ranges.items():
-        # An empty field (NaN) compares false: it is missing, and not out of range.
-        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
-    rows = keep_rows(rows, plausible, OUT_OF_RANGE, found)
+    rows = _drop_contradicting(join_rows(parts, ranges), files, clock, rejected)
     keep = increasing(rows.time)
     if steps is not None:
         steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
     rows = keep_rows(rows, keep, NOT_INCREASING, found)
     dropped.update({label + reason: count for reason, count in found.items()})
     return rows
+
+
+def _drop_contradicting(rows: Rows, files: Mapping[int, Path], clock: str, rejected: dict[int, str]) -> Rows:
+    """Drop the cycles whose times contradict those before and after them, and add the reasons to `rejected`."""
+    depth = rows.columns.get("Depth", np.full(len(rows), np.inf))
+    lost = find_lost(rows.time, rows.part, depth, increasing(rows.time))
+    rejected.update({cycle: f"{files[cycle]}: {why} ({clock})" for cycle, why in lost.items()})
+    return rows.where(~np.isin(rows.part, list(lost)))
 
 
 def read_columns(path: Path) -> list[str]:
@@ -291,10 +298,30 @@ def _unreadable_value(parts: Sequence[str], clock: str, fields: Sequence[str], n
     return ""
 
 
-def _drop_unset_clock(rows: Rows, dropped: Counter[str]) -> Rows:
-    """Select the longest part of a file without a clock step."""
+def _drop_implausible(rows: Rows, ranges: Mapping[str, tuple[float, float]], dropped: Counter[str]) -> Rows:
+    """Drop the rows with a value outside the open range of its column."""
+    plausible = np.ones(len(rows), dtype=bool)
+    for name, (low, high) in ranges.items():
+        # An empty field (NaN) compares false: it is missing, and not out of range.
+        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
+    return keep_rows(rows, plausible, OUT_OF_RANGE, dropped)
+
+
+def _drop_unset_clock(rows: Rows, where: str, dropped: Counter[str]) -> Rows:
+    """Select the longest part of a file without a clock step; single rows with a damaged time do not divide it.
+
+    Raises
+    ------
+    InputError
+        The other rows belong to a dive, which would be cut short; the message begins with `where`.
+    """
+    rows = keep_rows(rows, ~in_excursion(rows.time, brief=True), NOT_INCREASING, dropped)
     steps = np.flatnonzero(np.abs(np.diff(rows.time)) > CLOCK_STEP) + 1
     if len(steps) == 0:
         return rows
     stretch = np.searchsorted(steps, np.arange(len(rows)), side="right")
-    return keep_rows(rows, stretch == np.bincount(stretch).argmax(), CLOCK_NOT_SET, dropped)
+    longest = stretch == np.bincount(stretch).argmax()
+    if "Depth" in rows.columns and np.any(rows["Depth"][~longest] > SUBMERGED):
+        before, after = (describe_time(rows.time[row]) for row in (steps[0] - 1, steps[0]))
+        raise InputError(f"{where} goes from {before} to {after} during a dive; correct these times")
+    return keep_rows(rows, longest, CLOCK_NOT_SET, dropped)

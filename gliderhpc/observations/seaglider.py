@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.observations.dive_files import FileRecords, join_files, number_samples, reference_speeds
+from gliderhpc.observations.dive_files import (
+    FileRecords,
+    contradicting_dives,
+    join_files,
+    number_samples,
+    reference_speeds,
+)
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
@@ -125,6 +131,9 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
             without[f"dive {number}"] = str(error)
         except InputError as error:
             rejected[f"dive {number}"] = str(error)
+    for number, why in contradicting_dives([dive.records for dive in found.values()]).items():
+        rejected[f"dive {number}"] = f"{files[number]}: {why} (time)"
+        del found[number]
     if not found:
         reason = most_frequent_reason(f"{dive}: {why}" for dive, why in (rejected | without).items())
         raise InputError(f"{sources[0]}: no dive can be used; {reason}")

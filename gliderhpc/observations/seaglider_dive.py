@@ -19,6 +19,7 @@ import numpy as np
 from gliderhpc.errors import InputError
 from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import check_samples, read_fixes
+from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.intervals import local_intervals
@@ -235,8 +236,8 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
 
 
 def _check_clock(file: ForeignFile, time: TimeArray) -> None:
-    """Refuse a dive in which the clock was set back; the order of its rows is unknown."""
-    step = clock_set_back(time)
+    """Refuse a dive in which the clock was set back, for more than a few rows; the order of its rows is unknown."""
+    step = clock_set_back(time[~in_excursion(time, brief=True)])
     if step is not None:
         raise InputError(f"{file.path}: the clock was set back by {step:.0f} s during the dive")
 

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
 from gliderhpc.observations.slocum_binary import BinaryReader
@@ -173,7 +174,8 @@ def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
 
 
 def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
-    """Join the rows, sort them by time and remove junk."""
+    """Join the rows, sort them by time and remove junk, which includes single rows with a damaged time."""
+    parts = [keep_rows(part, ~in_excursion(part.time, brief=True), NOT_INCREASING, dropped) for part in parts]
     rows = join_rows(parts, [sensor.name for sensor in sensors])
     rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
     order = np.argsort(rows.time, kind="stable")

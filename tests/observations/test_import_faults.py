@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from support import seaglider_files as made
 from support.missions import program
-from support.seaexplorer_files import edit, write_mission
+from support.seaexplorer_files import edit, shift_rows, write_mission
 from support.slocum_files import AFLOAT, DIVE, INTERVAL, binary, flight, joined, write_binary, write_netcdf
 
 from gliderhpc.cli.records import profile_table, summary_lines
@@ -23,8 +23,6 @@ from gliderhpc.observations.rows import find_clock_steps, increasing, times_by_t
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
-
-HOUR = np.timedelta64(3600, "s")
 
 
 def minutes(*values):
@@ -45,22 +43,6 @@ def test_a_clock_set_back_is_found_with_what_it_costs():
 def test_pieces_in_another_order_are_no_clock_set_back():
     assert times_by_two_clocks(minutes(10, 11, 12, 0, 1, 2)) == []
     assert times_by_two_clocks(minutes(0, 10, 20, 5, 15, 25)) == [(minutes(5)[0], minutes(20)[0])]
-
-
-def shift_rows(folder: Path, cycle: int, first: int, hours: int) -> None:
-    """Set the clock of a SeaExplorer's file from a row on."""
-
-    def change(lines):
-        shifted = []
-        for line in lines[first:]:
-            stamp, rest = line.split(";", 1)
-            day, clock = stamp.split(" ")
-            iso = np.datetime64("-".join(reversed(day.split("/"))) + "T" + clock) + hours * HOUR
-            date, hour = str(iso).split("T")
-            shifted.append(f"{'/'.join(reversed(date.split('-')))} {hour};{rest}")
-        return lines[:first] + shifted
-
-    edit(folder, cycle, change)
 
 
 def test_a_seaexplorer_clock_set_back_within_a_dive_costs_that_dive(tmp_path):

@@ -61,3 +61,18 @@ def edit(folder: Path, cycle: int, change) -> None:
     path = folder / f"sea099.3.gli.sub.{cycle}"
     lines = path.read_text().splitlines()
     path.write_text("\n".join(change(lines) or lines) + "\n")
+
+
+def shift_rows(folder: Path, cycle: int, first: int, hours: int, last: int | None = None) -> None:
+    """Shift the times of a file from a row on, up to before another one."""
+
+    def change(lines):
+        shifted = []
+        for line in lines[first:last]:
+            written, rest = line.split(";", 1)
+            day, clock = written.split(" ")
+            time = np.datetime64("-".join(reversed(day.split("/"))) + "T" + clock)
+            shifted.append(f"{stamp(time + np.timedelta64(hours, 'h'))};{rest}")
+        return [*lines[:first], *shifted, *([] if last is None else lines[last:])]
+
+    edit(folder, cycle, change)
