@@ -1,6 +1,7 @@
 """Isolated false samples of a fast record: single values far from both neighbours, which agree with each other."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ def without_false_samples(record: ProfileRecord) -> tuple[ProfileRecord, int]:
     In slower records, single samples differ where the glider is steered.
     """
     cleaned = {name: _screened(record, name) for name in MEASURED}
-    lost = {name: values for name, (values, count) in cleaned.items() if count}
+    lost: dict[str, Any] = {name: values for name, (values, count) in cleaned.items() if count}
     return (replace(record, **lost) if lost else record), sum(count for _, count in cleaned.values())
 
 
