@@ -25,6 +25,8 @@ _LEAST = 30
 """Number of differences from which the noise is found."""
 _MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
+_LARGEST = np.array([*np.radians([3.0, 3.0, 3.0]), 3.0])
+"""Noise (rad, m) from which on a measurement is not one: the filter then refuses the record."""
 _SAME = 1e-9
 """Largest difference of values (rad, m) that are considered equal."""
 _FEW = 0.05
@@ -50,7 +52,7 @@ def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
     """
     stated = stated_variance(platform)
     found = np.maximum(noise_of_record(platform, series), rounding_of_record(series))
-    return np.where(found > _CLEARLY**2 * stated, found, stated)
+    return np.where((found > _CLEARLY**2 * stated) & (found < _LARGEST**2), found, stated)
 
 
 def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:

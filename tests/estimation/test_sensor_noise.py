@@ -54,6 +54,12 @@ def test_louder_noise_is_found(name, degrees):
     assert found["depth"] == pytest.approx(0.2, rel=0.15)
 
 
+def test_values_that_are_all_noise_are_no_measurement():
+    record, _ = twin("calm")
+    junk = series(with_noise(record, 20.0))
+    np.testing.assert_array_equal(sample_variance(PETREL, junk), stated_variance(PETREL))
+
+
 @pytest.mark.parametrize("name", ["calm", "impulses"])
 def test_coarser_angles_have_the_variance_of_their_rounding(name):
     record, _ = twin(name)
