@@ -19,17 +19,21 @@ _LOCKING = ("xarray.backends.locks", "xarray.backends.file_manager")
 """Modules that take locks of files in Python code. An exception between taking a lock and entering the block that
 releases it leaves the lock held, and the process hangs when it closes the file."""
 
+_IGNORABLE = [signal.SIGINT, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+"""Signals that stay ignored if they were when the process started: Ctrl-C, and the end of the terminal (`nohup`)."""
+
 _SEARCHED_FRAMES = 4
 """Number of innermost frames searched for those modules: their context managers are called through `contextlib`."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt on Ctrl-C, and on SIGTERM, which batch systems send before they kill a job.
+    """Raise KeyboardInterrupt on Ctrl-C, on the end of the terminal, and on SIGTERM, which batch systems send.
 
     An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
     releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
-    Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs. The context has no effect
+    Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs, and the end of the
+    terminal as under `nohup`. The context has no effect
     outside the main thread, the only one that receives signals.
     """
     if threading.current_thread() is not threading.main_thread():
@@ -53,7 +57,7 @@ def interruptible() -> Iterator[None]:
         else:
             usual_hook(unraisable)
 
-    numbers = [signal.SIGTERM] if signal.getsignal(signal.SIGINT) is signal.SIG_IGN else [signal.SIGTERM, signal.SIGINT]
+    numbers = [signal.SIGTERM, *(number for number in _IGNORABLE if signal.getsignal(number) is not signal.SIG_IGN)]
     usual_hook = sys.unraisablehook
     usual_handlers = {number: signal.signal(number, interrupt) for number in numbers}
     sys.unraisablehook = raise_again

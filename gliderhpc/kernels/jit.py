@@ -61,6 +61,15 @@ class _FolderCache(FunctionCache):
             self.discard()
             return None
 
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            log.warning(
+                "compiled kernels cannot be stored in %s (%s): the next run compiles again", self.cache_path, error
+            )
+            self.disable()
+
     def discard(self) -> None:
         """Discard the damaged code."""
         self.flush()

@@ -197,12 +197,13 @@ class ObjectLock:
 
 @dataclass(frozen=True)
 class Holder:
-    """Holder of a lock: host, process, start time and a unique token."""
+    """Holder of a lock: host, process, start time, unique token, and the namespace of the process's number."""
 
     host: str
     process: int
     since: str
     token: str
+    namespace: str = ""
 
     def describe(self) -> str:
         """Describe the holder."""
@@ -228,7 +229,7 @@ def locked(archive: Place) -> Iterator[str]:
         Another run holds the lock, or it cannot be written.
     """
     place = lock_place_of(lock_name(archive))
-    holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8))
+    holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8), _namespace())
     try:
         _acquire(place, holder, archive)
     except OSError as error:
@@ -281,9 +282,19 @@ def _acquire(place: LockPlace, holder: Holder, archive: Place) -> None:
 
 
 def _is_dead(place: LockPlace, other: Holder) -> bool:
-    if other.host == socket.gethostname() and not _is_alive(other.process):
+    # A container may share its host's name, but not the numbers of its processes.
+    same = (other.host, other.namespace) == (socket.gethostname(), _namespace())
+    if same and not _is_alive(other.process):
         return True
     return place.age() > STALE_AGE
+
+
+def _namespace() -> str:
+    """Name of the namespace of this system's process numbers; empty where a system has none."""
+    try:
+        return str(Path("/proc/self/ns/pid").readlink())
+    except OSError:
+        return ""
 
 
 def _is_alive(process: int) -> bool:
@@ -307,7 +318,7 @@ def _parse_holder(content: bytes) -> Holder:
         holder = Holder(**json.loads(content))
     except (ValueError, TypeError, RecursionError):
         return _UNKNOWN_HOLDER
-    texts = (holder.host, holder.since, holder.token)
+    texts = (holder.host, holder.since, holder.token, holder.namespace)
     is_process = type(holder.process) is int and 0 < holder.process < 1 << 31
     return holder if is_process and all(isinstance(text, str) for text in texts) else _UNKNOWN_HOLDER
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import dask
 import numpy as np
 import xarray as xr
 
@@ -294,6 +295,7 @@ def invert_profile(
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
         write_mission_table(place, {0: result.row})
-        with open_mission(place) as archive:
+        # Without the threads of dask, which a forked process inherits dead.
+        with open_mission(place) as archive, dask.config.set(scheduler="synchronous"):
             tree = archive.load()
     return tree.drop_nodes(COMMITS)

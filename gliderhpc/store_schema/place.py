@@ -13,6 +13,7 @@ import re
 import secrets
 import shutil
 import stat
+import sys
 from collections.abc import Coroutine, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -168,7 +169,15 @@ class FolderStore(LocalStore):
 
 
 def group_at(place: Place, path: str = "", *, writable: bool = False) -> zarr.Group:
-    """Open an archive, or one of its groups by its path, without the consolidated metadata, which may be damaged."""
+    """Open an archive, or one of its groups by its path, without the consolidated metadata, which may be damaged.
+
+    Raises
+    ------
+    InputError
+        Python runs without assertions, on which zarr depends for reading.
+    """
+    if sys.flags.optimize:
+        raise InputError(f"{place}: zarr cannot read archives under python -O; unset PYTHONOPTIMIZE")
     store = store_at(place, read_only=not writable)
     own = None if path else own_metadata(root_content(store))
     if own is not None and own.get("node_type") == "group":

@@ -2,12 +2,15 @@
 
 import hashlib
 import json
+import multiprocessing
 import os
 import shutil
 import subprocess
 import sys
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -26,6 +29,7 @@ from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.observations.profiles import evenly_spaced
 from gliderhpc.platform import read_platform
+from gliderhpc.store_schema.place import group_at
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
 from gliderhpc.wording import counted, python_words
 
@@ -700,6 +704,26 @@ def test_a_gap_of_no_weight_may_hold_anything():
 def test_an_object_of_another_kind_is_named(use):
     with pytest.raises(gh.GliderhpcError, match="DataTree"):
         use(xr.DataTree())
+
+
+def test_a_forked_process_inverts_too(records):
+    """The threads of the parent's libraries, which do not exist in the child, are not waited for."""
+    gh.invert(records, "petrel-l", profile=1)
+    process = multiprocessing.get_context("fork").Process(
+        target=lambda: gh.invert(records, "petrel-l", profile=2), daemon=True
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of a fork beside threads.
+        process.start()
+    process.join(120.0)
+    assert process.exitcode == 0
+
+
+def test_archives_are_refused_without_assertions(swift_store, monkeypatch):
+    """Under ``python -O``, zarr reads no archive, and each would seem to be damaged."""
+    monkeypatch.setattr("sys.flags", SimpleNamespace(optimize=1))
+    with pytest.raises(gh.GliderhpcError, match="unset PYTHONOPTIMIZE"):
+        group_at(swift_store)
 
 
 def test_times_with_a_zone_are_refused():

@@ -32,11 +32,20 @@ def interrupted_by(action):
     return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_either_signal_interrupts(number):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_each_signal_interrupts(number):
     before = signal.getsignal(number)
     assert interrupted_by(lambda: os.kill(os.getpid(), number))
     assert signal.getsignal(number) == before
+
+
+def test_the_end_of_the_terminal_stays_ignored_under_nohup():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_an_interruption_that_python_would_drop_is_raised_again():

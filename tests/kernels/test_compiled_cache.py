@@ -129,6 +129,22 @@ def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
 
 
 @compiled
+def test_a_full_folder_stops_nothing(tmp_path: Path) -> None:
+    """The kernel runs; that it could not be stored is said once."""
+    full = (
+        "import errno\n"
+        "from numba.core import caching\n"
+        "def save(*_):\n"
+        "    raise OSError(errno.ENOSPC, 'No space left on device')\n"
+        "caching.IndexDataCacheFile.save = save\n"
+    )
+    done = python(full + USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)
+    assert done.returncode == 0
+    assert "compiled kernels cannot be stored" in done.stderr
+    assert "the next run compiles again" in done.stderr
+
+
+@compiled
 def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
     """A kernel is used by processes in turn: the first fills its cache, the others find it damaged or repaired."""
     done = python(USED_BY_PROCESSES_IN_TURN, USE_ONE_KERNEL, GLIDERHPC_CACHE=tmp_path)

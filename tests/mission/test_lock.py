@@ -1,0 +1,58 @@
+"""Whose lock may be taken over: that of a process that is known to be dead, and of no other."""
+
+import json
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+from gliderhpc.errors import InputError
+from gliderhpc.mission import lock
+from gliderhpc.mission.lock import Holder, lock_name, locked
+
+DEAD = 2**22 + 1
+"""Number beyond the largest that Linux gives to a process."""
+
+
+def left_by(archive, holder):
+    Path(lock_name(archive)).write_text(json.dumps(asdict(holder)), "utf-8")
+
+
+@pytest.fixture
+def here(tmp_path):
+    """Holder of a lock as this process writes it."""
+    with locked(tmp_path / "own.zarr"):
+        return Holder(**json.loads((tmp_path / "own.zarr.lock").read_text("utf-8")))
+
+
+def test_the_lock_of_a_dead_process_is_taken_over(here, tmp_path):
+    archive = tmp_path / "a.zarr"
+    left_by(archive, replace(here, process=DEAD, token="other"))
+    with locked(archive) as token:
+        assert token != "other"
+    assert not Path(lock_name(archive)).exists()
+
+
+@pytest.mark.parametrize("change", [{"namespace": "pid:[1]"}, {"namespace": ""}, {"host": "elsewhere"}])
+def test_a_process_that_cannot_be_seen_from_here_is_not_taken_for_dead(here, tmp_path, change):
+    """A container may share its host's name; a process of the other has no number here. Its lock counts by its age."""
+    if here.namespace == "" and "namespace" in change:
+        pytest.skip("this system does not name the namespaces of its processes")
+    archive = tmp_path / "a.zarr"
+    left_by(archive, replace(here, process=DEAD, token="other", **change))
+    with pytest.raises(InputError, match="another run is writing it"), locked(archive):
+        raise AssertionError
+    os.utime(lock_name(archive), (1.0, 1.0))
+    with locked(archive) as token:
+        assert token != "other"
+
+
+def test_a_lock_of_an_earlier_version_is_read(here, tmp_path, monkeypatch):
+    """Without a namespace in the lock and on this system, the process alone decides, as before."""
+    archive, earlier = tmp_path / "a.zarr", asdict(replace(here, process=DEAD))
+    del earlier["namespace"]
+    (tmp_path / "a.zarr.lock").write_text(json.dumps(earlier), "utf-8")
+    monkeypatch.setattr(lock, "_namespace", lambda: "")
+    with locked(archive):
+        assert Path(lock_name(archive)).exists()
