@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-import dask
 import numpy as np
 import xarray as xr
 
@@ -284,6 +283,8 @@ def invert_profile(
     InputError
         Same reasons as in `run_mission`.
     """
+    import dask
+
     check_engine(settings)
     check_seawater(platform, settings)
     plan = plan_mission(observations, settings, (number,))
