@@ -18,6 +18,7 @@ from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.vocabulary import QUALITY
+from gliderhpc.wording import counted
 
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
 SPEED_RANGE = (0.05, 1.5)
@@ -131,8 +132,8 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
     if series.false_samples:
-        plural = "s are" if series.false_samples > 1 else " is"
-        lines.append(f"{series.false_samples} isolated false sample{plural} left out")
+        samples = counted(series.false_samples, "isolated false sample is", "isolated false samples are")
+        lines.append(f"{samples} left out")
     if louder := louder_than_stated(platform, series):
         found = ", ".join(f"{name} {value:.2g} {_unit(name)}" for name, value in louder.items())
         lines.append(f"noise taken from the record, since it is larger than the platform file states: {found}")

@@ -262,11 +262,8 @@ def _partial_samples(record: ProfileRecord, start: float, step: float, steps: in
     partial = known & ~known.all(axis=1, keepdims=True)
     if not partial.any():
         return None
-    columns = (
-        [(point, column) for point in _nearest_points(record.time[partial[:, column]], start, step, steps)]
-        for column in range(len(MEASURED))
-    )
-    return np.array([pair for pairs in columns for pair in pairs], dtype=np.int64).reshape(-1, 2)
+    points = [_nearest_points(record.time[column], start, step, steps) for column in partial.T]
+    return np.column_stack([np.concatenate(points), np.repeat(np.arange(len(points)), list(map(len, points)))])
 
 
 def _known(record: ProfileRecord) -> npt.NDArray[np.bool_]:

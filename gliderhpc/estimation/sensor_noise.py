@@ -65,8 +65,10 @@ def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
     from the side roll a glider from sample to sample, so the noise of the roll is taken to be at most that of pitch and
     heading, which the same instrument measures. Records slower than 2 s do not separate noise and motion.
     """
+    if series.sample_interval > SLOW_SENSORS_PRIOR:
+        return np.zeros(4)
     rows = np.flatnonzero(recorded_samples(series) & ~vibration_set(platform, series))
-    if series.sample_interval > SLOW_SENSORS_PRIOR or len(rows) <= _ORDER:
+    if len(rows) <= _ORDER:
         return np.zeros(4)
     intervals = np.diff(rows)
     usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EVEN
