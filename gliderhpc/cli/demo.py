@@ -12,7 +12,7 @@ from rich.table import Table
 
 from gliderhpc.api.currents import currents
 from gliderhpc.api.studies import analyze_archive, validate_archive
-from gliderhpc.archive.mission import open_mission
+from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import echo
 from gliderhpc.cli.run_mission import closing_line, summary_table
@@ -144,7 +144,7 @@ def run_demo(out: Path, announce: Announce, show: ShowTable, *, full: bool = Fal
         tour = _DemoRun(out, platform, observations, out / "mission.zarr", executor, announce)
         mission = _invert(tour)
         show(summary_table(mission))
-        show(render(accuracy_table(open_mission(tour.store), truth_path(observations))))
+        show(render(accuracy_table(open_for_reading(tour.store), truth_path(observations))))
         _validate(tour)
         _study(tour)
         twins = _twins(tour) if full else None

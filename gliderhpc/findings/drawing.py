@@ -145,7 +145,8 @@ def footnote(figure: Figure, text: str) -> None:
 
 def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
     """Write a panel's title and the names of its axes."""
-    axes.set_title(title, fontsize=TEXT, loc="left")
+    # With a height given, Matplotlib does not search for labels above the panel, of which there are none.
+    axes.set_title(title, fontsize=TEXT, loc="left", y=1.0)
     axes.set_xlabel(x, fontsize=SMALL + 0.5)
     axes.set_ylabel(y, fontsize=SMALL + 0.5)
 

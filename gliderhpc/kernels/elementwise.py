@@ -10,6 +10,7 @@ from numba.core import cgutils, types
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
+from gliderhpc.kernels.array_sizes import declared_sizes, with_last_axes
 from gliderhpc.kernels.lane_type import LANES, VECTOR, Lanes, as_vector, lane_mask, lanes, vector_intrinsic
 
 
@@ -93,20 +94,12 @@ def copy(source, target):
     target[...] = source
 
 
-_SIZES: dict[type, dict[str, tuple[int, ...]]] = {}
-
-
-def declare_sizes(memory, **sizes):
-    """Declare the sizes of the last axes of a named tuple's arrays, for `with_sizes`."""
-    _SIZES[memory] = sizes
-
-
 def with_sizes(memory):
-    """Return a named tuple of contiguous arrays with its declared sizes, and with those of the named tuples in it.
+    """Return a named tuple of contiguous arrays; without compilation, check its sizes and those of the tuples in it.
 
-    In a kernel they become constants of the compiler, which then addresses elements at constant distances.
+    The compiler takes the declared sizes for granted.
     """
-    declared = _SIZES.get(type(memory), {})
+    declared = declared_sizes(type(memory))
     for name, part in zip(memory._fields, memory, strict=True):
         if isinstance(part, tuple):
             with_sizes(part)
@@ -116,7 +109,7 @@ def with_sizes(memory):
 
 
 def with_columns(array, columns):
-    """Return a contiguous array whose last axis has ``columns`` elements, for the compiler as in `with_sizes`."""
+    """Return a contiguous array whose last axis has ``columns`` elements: a constant of the compiler."""
     if array.shape[-1] != columns:
         raise ValueError(f"an array of shape {array.shape} does not have {columns} columns")
     return array
@@ -268,41 +261,11 @@ def _address(context, builder, sig, args, lane=None):
 
 
 def _lower_with_columns(context, builder, sig, args):
-    return _with_last_axes(context, builder, sig.args[0], args[0], (sig.args[1].literal_value,))
+    return with_last_axes(context, builder, sig.args[0], args[0], (sig.args[1].literal_value,))
 
 
 def _lower_with_sizes(context, builder, sig, args):
-    return _with_declared(context, builder, sig.return_type, args[0])
-
-
-def _with_declared(context, builder, kind, value):
-    """Return the value of a named tuple with constants for declared sizes, and for those of the tuples in it."""
-    declared = _SIZES.get(kind.instance_class, {})
-    for position, (name, own) in enumerate(zip(kind.fields, kind.types, strict=True)):
-        part = builder.extract_value(value, position)
-        if isinstance(own, types.BaseNamedTuple):
-            part = _with_declared(context, builder, own, part)
-        elif name in declared:
-            part = _with_last_axes(context, builder, own, part, declared[name])
-        value = builder.insert_value(value, part, position)
-    return value
-
-
-def _with_last_axes(context, builder, kind, array, sizes):
-    """Return an array with constants for the sizes of its last axes, and for the strides that follow from them."""
-    if kind.layout != "C":
-        return array
-    model = context.data_model_manager[kind]
-    shape, strides = (model.get_field_position(name) for name in ("shape", "strides"))
-    stride = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    for axis in range(kind.ndim - 1, -1, -1):
-        array = builder.insert_value(array, context.get_constant(types.intp, stride), (strides, axis))
-        position = axis - kind.ndim + len(sizes)
-        if position < 0:
-            break
-        array = builder.insert_value(array, context.get_constant(types.intp, sizes[position]), (shape, axis))
-        stride *= sizes[position]
-    return array
+    return args[0]
 
 
 def lane_array(*shape: int):

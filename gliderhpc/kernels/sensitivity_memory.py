@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gliderhpc.kernels.array_sizes import declare_sizes
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS
-from gliderhpc.kernels.elementwise import LANES, declare_sizes, lane_array
+from gliderhpc.kernels.elementwise import LANES, lane_array
 from gliderhpc.kernels.smoother_memory import (
     BLOCK,
     LOG_DETERMINANT,

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gliderhpc.kernels.elementwise import LANES, copy, declare_sizes, lane_array
+from gliderhpc.kernels.array_sizes import declare_sizes
+from gliderhpc.kernels.elementwise import LANES, copy, lane_array
 from gliderhpc.kernels.jacobian import ENTRIES
 from gliderhpc.kernels.jit import inner_kernel
 

@@ -1,5 +1,6 @@
 """Reader of a synthetic mission's truth, which is stored in a file next to its observations."""
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -37,13 +38,22 @@ def read_profile_truth(path: str | Path, number: int) -> xr.Dataset:
     InputError
         The file cannot be read, or does not contain the profile.
     """
+    (truth,) = read_profile_truths(path, [number])
+    return truth
+
+
+def read_profile_truths(path: str | Path, numbers: Iterable[int]) -> Iterator[xr.Dataset]:
+    """Yield the truth of some profiles of a file; content and errors as those of `read_profile_truth`."""
     with _opened(path) as dataset:
-        rows = {axis: np.flatnonzero(dataset[of].values == number) for axis, of in OF_PROFILE.items()}
-        if len(rows["dive"]) != 1:
-            raise InputError(
-                f"{path}: has no truth for profile {number}; give the truth file that was written with the observations"
-            )
-        return dataset.isel(rows).isel(dive=0).load()
+        profiles = {axis: dataset[of].values for axis, of in OF_PROFILE.items()}
+        for number in numbers:
+            rows = {axis: np.flatnonzero(profile == number) for axis, profile in profiles.items()}
+            if len(rows["dive"]) != 1:
+                raise InputError(
+                    f"{path}: has no truth for profile {number}; give the truth file that was written with the "
+                    "observations"
+                )
+            yield dataset.isel(rows).isel(dive=0).load()
 
 
 def read_currents(path: str | Path) -> xr.Dataset:

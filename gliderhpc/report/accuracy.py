@@ -12,7 +12,7 @@ from gliderhpc.archive.profile import TRACKED, ProfileData, done_profiles, read_
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import markdown
-from gliderhpc.observations.truth import read_profile_truth
+from gliderhpc.observations.truth import read_profile_truths
 from gliderhpc.studies.library.scores import Score, rms, score_columns
 from gliderhpc.vocabulary import CHANNELS
 
@@ -84,7 +84,7 @@ def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow
     Parameters
     ----------
     archive : Archive
-        Archive, as :func:`gliderhpc.archive.mission.open_mission` returns it.
+        Archive, as :func:`gliderhpc.archive.mission.open_mission` or `open_for_reading` returns it.
     truth_path : str or Path
         The mission's truth file.
 
@@ -98,9 +98,10 @@ def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow
     InputError
         No profile of the archive is done, or the truth cannot be read or belongs to another mission.
     """
+    done = done_profiles(archive)
     profiles = [
-        profile_accuracy(read_profile_data(archive, number), read_profile_truth(truth_path, number))
-        for number in done_profiles(archive)
+        profile_accuracy(read_profile_data(archive, number), truth)
+        for number, truth in zip(done, read_profile_truths(truth_path, done), strict=True)
     ]
     if not profiles:
         raise InputError("no profile of the archive is done, so there is nothing to compare with the truth")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from functools import lru_cache
 from typing import Any
 
 from zarr.abc.store import Store
@@ -53,11 +54,16 @@ def stored_metadata(store: Store) -> dict[str, Metadata]:
         Some of it is damaged.
     """
     content = _in_folder(store) if isinstance(store, FolderStore) else wait_for(_in_store(store))
-    return {path: _parsed(path, text) for path, text in content.items()}
+    return {path: _checked(path, _parsed(text)) for path, text in content.items()}
 
 
-def _parsed(path: str, text: bytes) -> Metadata:
-    metadata = json.loads(text)
+@lru_cache(maxsize=4096)
+def _parsed(text: bytes) -> Any:
+    # A study changes a few of the several hundred texts, and consolidates three times.
+    return json.loads(text)
+
+
+def _checked(path: str, metadata: Any) -> Metadata:
     if not isinstance(metadata, dict) or metadata.get("node_type") not in ("group", "array"):
         raise ValueError(f"{path}/{ROOT}: neither a group's metadata nor an array's")
     return metadata
