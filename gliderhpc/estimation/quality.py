@@ -125,12 +125,17 @@ def _why_unconverged(window: WindowRecord, platform: Platform, estimate: Profile
 
 
 def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
-    """List remarks for the profile's message: implausible self-motion, failures, gaps, rejected samples."""
+    """List remarks for the profile's message, on its record and on its estimate."""
     series = estimate.series
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
+    if series.filled:
+        lines.append(
+            f"values of {', '.join(series.filled)} are repeated or interpolated between measurements; only the "
+            f"measurements are used, every {series.sample_interval:.2g} s"
+        )
     if series.false_samples:
         samples = counted(series.false_samples, "isolated false sample is", "isolated false samples are")
         lines.append(f"{samples} left out")

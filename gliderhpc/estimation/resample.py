@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.false_samples import without_false_samples
+from gliderhpc.estimation.filled_values import without_filled_values
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.intervals import local_intervals, usual_interval
@@ -34,8 +35,8 @@ _ROUNDING = 1e-6
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
     """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    Isolated false samples are left out. The errors of the platform's sensors are removed first, as in the estimation,
-    and then those of the settings.
+    Values that were filled in and isolated false samples are left out. The errors of the platform's sensors are removed
+    first, as in the estimation, and then those of the settings.
     Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
     since the sampling rate may change with depth.
 
@@ -46,10 +47,11 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
         density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
+    record, filled = without_filled_values(record)
     record, false_samples = without_false_samples(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
-    series = replace(series, false_samples=false_samples)
+    series = replace(series, false_samples=false_samples, filled=filled)
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)

@@ -38,6 +38,8 @@ class ProfileSeries:
         Time between the actuators' records before and after each step (s); None if it is the sample interval.
     false_samples : int
         Number of isolated false samples that were left out.
+    filled : tuple of str
+        Names of the measurements whose repeated or interpolated values were left out.
     partial : (k, 2) int array or None
         Grid point and column of each measurement in samples that lack another of the four; None if there are none.
     seawater : (n, 4) array or None
@@ -62,6 +64,7 @@ class ProfileSeries:
     sample_index: npt.NDArray[np.int64]
     control_interval: FloatArray | None = None
     false_samples: int = 0
+    filled: tuple[str, ...] = ()
     partial: npt.NDArray[np.int64] | None = None
     seawater: FloatArray | None = None
     without_seawater: str = ""

@@ -1,0 +1,165 @@
+"""Values that were not measured but filled in: repeated from the last measurement, or interpolated between two.
+
+Tools that bring the sensors of a glider to common times do one or the other. Taken for measurements, such values are
+far too smooth, and their errors last for as long as the true interval: on twins interpolated from 4 s to 1 s the speed
+was wrong by five times its stated deviation.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.observations.format import MEASURED
+from gliderhpc.observations.records import FloatArray, ProfileRecord
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_INSTRUMENTS = (("roll", "pitch", "heading"), ("depth",))
+"""Measurements of one instrument, whose values have the same times."""
+_FEWEST = 15
+"""Least number of changes from which a pattern is recognised."""
+_FEW = 5
+"""Least number of changes from which they are compared with the times of the other instrument."""
+_LONGEST = 60
+"""Largest number of rows from one measured value to the next."""
+_REGULAR = 0.95
+"""Least share of the changes that occur at the same place of every period, or at the other instrument's times."""
+_OFTEN = 0.3
+"""Least share of filled values, if the times of the measured ones are irregular."""
+_ADJACENT = 0.1
+"""Largest share of changes in neighbouring rows, which a manoeuvre has."""
+_SIZES, _OF_ALL = 6, 0.8
+"""Least number of distinct sizes that most changes have; a record is rounded in which many changes have few sizes."""
+_UNEVEN = 20.0
+"""Ratio to the median time without a change from which on a time is a gap, or a glide without noise."""
+_ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
+"""Relative rounding of values in single precision, as most files have them."""
+
+
+def without_filled_values(record: ProfileRecord) -> tuple[ProfileRecord, tuple[str, ...]]:
+    """Return a record with its filled values missing, and the names of the variables that had any.
+
+    Notes
+    -----
+    Repeated values are equal to the one before; interpolated ones lie on the line between their neighbours. Both also
+    occur in rounded records of a steady glide, but then neither at one place of every period, nor with many different
+    changes from one to the next. Nothing is left out where attitude and depth would have no times in common.
+    """
+    rows = np.flatnonzero(np.isfinite(np.column_stack([getattr(record, name) for name in MEASURED])).all(axis=1))
+    if len(rows) <= _FEWEST:
+        return record, ()
+    measured = _measured_rows(record, rows)
+    if not measured or 2 * np.count_nonzero(np.all(list(measured.values()), axis=0)) < min(map(sum, measured.values())):
+        return record, ()
+    filled = {name: rows[~mask] for names, mask in measured.items() for name in names}
+    lost = {name: _without(getattr(record, name), missing) for name, missing in filled.items()}
+    return replace(record, **lost), tuple(lost)  # type: ignore[arg-type]
+
+
+def _without(values: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
+    values = values.copy()
+    values[rows] = np.nan
+    return values
+
+
+def _measured_rows(record: ProfileRecord, rows: NDArray[np.int64]) -> dict[tuple[str, ...], Mask]:
+    """Return the mask of the measured values among some rows, for each instrument with filled values."""
+    time = record.time[rows]
+    values = {names: np.array([_continuous(record, name)[rows] for name in names]) for names in _INSTRUMENTS}
+    found = {names: mask for names in _INSTRUMENTS if (mask := _measured(values[names], time)) is not None}
+    if len(found) == 1:
+        (known,) = found.values()
+        (other,) = set(_INSTRUMENTS) - set(found)
+        steps, bends = _steps(values[other]), _bends(values[other], time)
+        if _happens_at(steps > 1.0, known) or _happens_at((bends > 1.0) & _highest(bends), known):
+            found[other] = known
+    return found
+
+
+def _continuous(record: ProfileRecord, name: str) -> FloatArray:
+    values: FloatArray = getattr(record, name)
+    known = np.isfinite(values)
+    if name == "heading":
+        values = values.copy()
+        values[known] = np.unwrap(values[known])
+    return values
+
+
+def _measured(values: Array, time: FloatArray) -> Mask | None:
+    """Return the mask of an instrument's measured values; None if no filled ones are recognised."""
+    steps, bends = _steps(values), _bends(values, time)
+    moving = np.append(steps[1:], np.inf) > 1.0
+    any_row = np.full(len(time), True)
+    for sizes, possible, nearest in ((steps, any_row, any_row), (bends, moving, _highest(bends))):
+        mask = _in_periods(sizes > 1.0, time)
+        if mask is None and _are_irregular(sizes, possible, nearest):
+            mask = (sizes > 1.0) & nearest
+        if mask is not None:
+            return mask
+    return None
+
+
+def _steps(values: Array) -> FloatArray:
+    """Return the change of the values since the row before, the largest of them, in units of their rounding."""
+    return np.append(np.inf, np.abs(np.diff(values)).max(axis=0) / _rounding(values))
+
+
+def _bends(values: Array, time: FloatArray) -> FloatArray:
+    """Return the distance of the values from the line between their neighbours, as `_steps`."""
+    part = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    distances = np.abs(values[:, 1:-1] - values[:, :-2] - part * (values[:, 2:] - values[:, :-2]))
+    return np.concatenate([[np.inf], distances.max(axis=0) / _rounding(values), [np.inf]])
+
+
+def _highest(bends: FloatArray) -> Mask:
+    """Return whether bends are larger than both neighbours: a value between two rows bends the line at both."""
+    return np.asarray((bends >= np.append(0.0, bends[:-1])) & (bends >= np.append(bends[1:], 0.0)))
+
+
+def _rounding(values: Array) -> float:
+    return _ROUNDING * max(1.0, float(np.abs(values).max()))
+
+
+def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
+    """Return the mask of one row in every period, if those with changes are at such places; else None."""
+    place = np.rint((time - time[0]) / float(np.median(np.diff(time)))).astype(np.int64)
+    # Whether the first and the last row were measured is unknown.
+    at = place[1:-1][changed[1:-1]]
+    apart = np.diff(at)
+    if len(apart) < _FEWEST:
+        return None
+    regular = [n for n in range(2, _LONGEST + 1) if np.mean(apart % n == 0) >= _REGULAR]
+    if not regular:
+        return None
+    last = at[np.clip(np.searchsorted(at, place, side="right") - 1, 0, None)]
+    return np.asarray((place - last) % regular[-1] == 0)
+
+
+def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:
+    """Return whether the rows without a change were filled in between others at irregular times.
+
+    Parameters
+    ----------
+    sizes : (m,) array
+        Size of the change at each row.
+    possible : (m,) array of bool
+        Whether a row without a change may be a filled one.
+    nearest : (m,) array of bool
+        Whether a row with a change is the one nearest to a measured value.
+    """
+    changed = sizes > 1.0
+    apart = np.diff(np.flatnonzero(changed & nearest))
+    if len(apart) < 2 * _FEWEST or np.mean(~changed[possible]) < _OFTEN or np.mean(apart == 1) > _ADJACENT:
+        return False
+    if apart[apart > _UNEVEN * np.median(apart)].sum() > 0.5 * apart.sum():
+        return False
+    _, counts = np.unique(np.rint(0.25 * sizes[changed & np.isfinite(sizes)]), return_counts=True)
+    most = np.cumsum(np.sort(counts)[::-1]) < _OF_ALL * counts.sum()
+    return np.count_nonzero(most) + 1 >= _SIZES
+
+
+def _happens_at(changed: Mask, known: Mask) -> bool:
+    """Return whether an instrument's changes, be they few, occur at the measured values of the other one."""
+    return np.count_nonzero(changed) >= _FEW and float(np.mean(known[changed])) >= _REGULAR
