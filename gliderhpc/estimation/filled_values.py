@@ -16,7 +16,7 @@ from gliderhpc.observations.records import FloatArray, ProfileRecord
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_INSTRUMENTS = (("roll", "pitch", "heading"), ("depth",))
+_INSTRUMENTS: tuple[tuple[str, ...], ...] = (("roll", "pitch", "heading"), ("depth",))
 """Measurements of one instrument, whose values have the same times."""
 _FEWEST = 15
 """Least number of changes from which a pattern is recognised."""
@@ -55,7 +55,7 @@ def without_filled_values(record: ProfileRecord) -> tuple[ProfileRecord, tuple[s
         return record, ()
     filled = {name: rows[~mask] for names, mask in measured.items() for name in names}
     lost = {name: _without(getattr(record, name), missing) for name, missing in filled.items()}
-    return replace(record, **lost), tuple(lost)  # type: ignore[arg-type]
+    return replace(record, **lost), tuple(name for name in MEASURED if name in lost)  # type: ignore[arg-type]
 
 
 def _without(values: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
@@ -157,9 +157,9 @@ def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:
         return False
     _, counts = np.unique(np.rint(0.25 * sizes[changed & np.isfinite(sizes)]), return_counts=True)
     most = np.cumsum(np.sort(counts)[::-1]) < _OF_ALL * counts.sum()
-    return np.count_nonzero(most) + 1 >= _SIZES
+    return int(np.count_nonzero(most)) + 1 >= _SIZES
 
 
 def _happens_at(changed: Mask, known: Mask) -> bool:
     """Return whether an instrument's changes, be they few, occur at the measured values of the other one."""
-    return np.count_nonzero(changed) >= _FEW and float(np.mean(known[changed])) >= _REGULAR
+    return int(np.count_nonzero(changed)) >= _FEW and float(np.mean(known[changed])) >= _REGULAR
