@@ -136,7 +136,11 @@ def run_filters(
         for i, profile in enumerate(profiles):
             doubts[i] = doubt_of_water(profile.glider.platform, profile.series)
             try:
-                yield _Task(i, _inputs(profile, settings), tuple(candidate_priors(profile.glider.platform).items()))
+                yield _Task(
+                    i,
+                    _inputs(profile, settings),
+                    tuple(candidate_priors(profile.glider.platform, profile.series.attitude_interval).items()),
+                )
             except ProfileError as error:
                 found[i] = error
 

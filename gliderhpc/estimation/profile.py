@@ -114,7 +114,7 @@ def estimate_profile(
 
 
 def _from_smoothed(profile: PreparedProfile, settings: EstimationSettings) -> bool:
-    return settings.starts_from(profile.glider.platform) == "smoothed"
+    return settings.starts_from(profile.glider.platform, profile.series.attitude_interval) == "smoothed"
 
 
 def _start(

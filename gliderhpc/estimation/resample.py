@@ -15,7 +15,7 @@ from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.filled_values import without_filled_values
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
-from gliderhpc.observations.intervals import local_intervals, usual_interval
+from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.observations.seawater import with_seawater
@@ -166,6 +166,7 @@ def resample(
         sample_interval=usual_interval(_bridged(intervals, limits)),
         gap_seconds=float(np.count_nonzero(weights == 0.0)) * step,
         sample_index=_nearest_points(complete, start, step, steps),
+        attitude_interval=_attitude_interval(record),
         control_interval=_control_interval(record, present, time[:-1] + 0.5 * step - actuator_lag),
         partial=_partial_samples(record, start, step, steps),
         velocity=velocity,
@@ -251,6 +252,11 @@ def _bridged(intervals: FloatArray, limits: FloatArray) -> FloatArray:
     """Select the intervals that are not gaps; all intervals if every one is a gap."""
     bridged = intervals[intervals <= limits[: len(intervals)] + _ROUNDING]
     return bridged if len(bridged) else intervals
+
+
+def _attitude_interval(record: ProfileRecord) -> float:
+    """Usual interval (s) between samples that hold roll, pitch and heading, without gaps."""
+    return usual_interval(without_gaps(np.diff(record.time[_known(record)[:, :3].all(axis=1)])))
 
 
 def _complete_samples(record: ProfileRecord) -> FloatArray:

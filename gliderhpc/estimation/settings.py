@@ -200,15 +200,15 @@ class EstimationSettings(Settings):
             return self.optimizer.tolerance
         return 5e-4 if self.transformed else 1e-3
 
-    def starts_from(self, platform: Platform) -> Literal["prior", "smoothed"]:
-        """Path from which the windows of a platform's records start: the setting, else by preset and sensors.
+    def starts_from(self, platform: Platform, interval: float = 0.0) -> Literal["prior", "smoothed"]:
+        """Path from which a record's windows start: the setting, else by preset and interval (`default_prior`).
 
         Hulls with slow sensors usually have not been tuned. Their errors then affect the smoothed path so much that it
         is no better a start than the filter's estimate (docs/estimators.md).
         """
         if self.start is not None:
             return self.start
-        return "smoothed" if self.transformed and not _slow_and_untuned(platform) else "prior"
+        return "smoothed" if self.transformed and not _slow_and_untuned(platform, interval) else "prior"
 
     def window_length(self, sample_interval: float) -> float:
         """Window length T_seg in s: the setting, else 30 s, or six sample intervals where those exceed 5 s."""
@@ -231,15 +231,15 @@ class EstimationSettings(Settings):
         return longest_bridged(sample_interval)[()] if self.max_gap is None else self.max_gap
 
 
-def smoother_passes(platform: Platform, settings: SmootherSettings) -> int:
-    """Largest number of passes of the smoother (docs/smoother.md).
+def smoother_passes(platform: Platform, settings: SmootherSettings, interval: float = 0.0) -> int:
+    """Largest number of passes of the smoother for the interval of a record's attitude, s (docs/smoother.md).
 
     Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There one pass about
     the filter's path is sound. With more passes the errors of the hull's coefficients would determine the speed.
     """
     if settings.max_passes is not None:
         return settings.max_passes
-    return 1 if _slow_and_untuned(platform) else 20
+    return 1 if _slow_and_untuned(platform, interval) else 20
 
 
 ROUGH_WATER = DisturbancePrior(
@@ -264,8 +264,8 @@ def with_lateral_gusts(prior: DisturbancePrior) -> DisturbancePrior:
     )
 
 
-def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
-    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
+def candidate_priors(platform: Platform, interval: float = 0.0) -> dict[str, DisturbancePrior]:
+    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`); parameters as for `default_prior`.
 
     They are the platform's own prior alone, or `default_prior` and a freer one. The calmer prior is better wherever it
     can follow the record (docs/accuracy.md). In gusts it cannot, and the filter rejects samples
@@ -273,10 +273,10 @@ def candidate_priors(platform: Platform) -> dict[str, DisturbancePrior]:
     `ROUGH_WATER`. For slow ones it is the usual one with only the yawing moment of `SLOW_RECORD`, since their buoyancy
     and trim are free already.
     """
-    usual = default_prior(platform)
+    usual = default_prior(platform, interval)
     if platform.prior is not None:
         return {"usual": usual}
-    rough = _with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform) else ROUGH_WATER
+    rough = _with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform, interval) else ROUGH_WATER
     return {"usual": usual, "rough_water": rough}
 
 
@@ -293,8 +293,8 @@ SLOW_RECORD = DisturbancePrior(
 """Prior of the smoother for slow records of a hull that has not been tuned (docs/smoother.md)."""
 
 
-def smoother_prior(platform: Platform, prior: DisturbancePrior) -> DisturbancePrior:
-    """Disturbance prior of the smoother, given that of the filter.
+def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float = 0.0) -> DisturbancePrior:
+    """Disturbance prior of the smoother, given that of the filter and the interval of the record's attitude, s.
 
     It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
     pitching moment are wrong by amounts that change with depth. With a correlation time of an hour the smoother would
@@ -303,16 +303,27 @@ def smoother_prior(platform: Platform, prior: DisturbancePrior) -> DisturbancePr
     hardly determine these. With a tight prior of the yawing moment, the speed of a calibrated Seaglider was a quarter
     too slow.
     """
-    return SLOW_RECORD if _slow_and_untuned(platform) else prior
+    return SLOW_RECORD if _slow_and_untuned(platform, interval) else prior
 
 
-def _slow_and_untuned(platform: Platform) -> bool:
-    return platform.prior is None and platform.sensors.sample_interval > SLOW_SENSORS_PRIOR
+def _slow_and_untuned(platform: Platform, interval: float) -> bool:
+    return platform.prior is None and max(platform.sensors.sample_interval, interval) > SLOW_SENSORS_PRIOR
 
 
-def default_prior(platform: Platform) -> DisturbancePrior:
-    """The platform's disturbance prior, or a usual one for hulls with similar sensors.
+def default_prior(platform: Platform, interval: float = 0.0) -> DisturbancePrior:
+    """The platform's disturbance prior, or a usual one for its sensors.
 
+    Parameters
+    ----------
+    platform : Platform
+        The hull.
+    interval : float
+        Interval (s) of the record's attitude, which may be longer than the platform file's: decimated records, or those
+        whose values were filled in. With the prior for fast records, gusts that such a record does not resolve had made
+        the true hull's speed wrong by 0.1 m/s.
+
+    Notes
+    -----
     Yaw represents the water's action within a minute, the other channels the hull's errors over an hour. Hulls with
     slow sensors are usually uncalibrated. Their pitch trim may be wrong by newton metres but hardly changes during a
     dive. Their surge has a tight prior because a slow record cannot separate it from heave, and impulses in yaw cannot
@@ -320,7 +331,7 @@ def default_prior(platform: Platform) -> DisturbancePrior:
     """
     if platform.prior is not None:
         return platform.prior
-    if platform.sensors.sample_interval > SLOW_SENSORS_PRIOR:
+    if _slow_and_untuned(platform, interval):
         return DisturbancePrior(
             deviation=(0.1, 0.4, 0.3, 0.4, 3.0, 0.3), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 90000.0, 60.0)
         )

@@ -34,6 +34,8 @@ class ProfileSeries:
         Time with zero weight (s).
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
+    attitude_interval : float
+        The same of the samples that hold roll, pitch and heading (s); 0 if it is unknown.
     control_interval : (n,) array or None
         Time between the actuators' records before and after each step (s); None if it is the sample interval.
     false_samples : int
@@ -62,6 +64,7 @@ class ProfileSeries:
     sample_interval: float
     gap_seconds: float
     sample_index: npt.NDArray[np.int64]
+    attitude_interval: float = 0.0
     control_interval: FloatArray | None = None
     false_samples: int = 0
     filled: tuple[str, ...] = ()

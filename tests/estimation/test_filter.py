@@ -411,6 +411,6 @@ def test_of_two_priors_the_likelier_is_used(name, sway, yaw, chosen, monkeypatch
     deviation = (0.4, sway, 0.4, 0.3, 0.15, yaw)
     second = DisturbancePrior(deviation=deviation, correlation_time=ROUGH_WATER.correlation_time)
     priors = {"usual": default_prior(PETREL), "second": second}
-    monkeypatch.setattr(filter_module, "candidate_priors", lambda _: priors)
+    monkeypatch.setattr(filter_module, "candidate_priors", lambda *_: priors)
     monkeypatch.setattr(filter_module, "contradict_prior", lambda *_: True)
     assert run_filter(request(twin_series(name, 1, 60.0)), SETTINGS).prior_name == chosen

@@ -113,7 +113,8 @@ def _smoothed(
 ) -> SmoothedEstimate:
     """Pose the problem, estimate the noise from a segment, and iterate."""
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
-    options = settings.smoother.model_copy(update={"max_passes": smoother_passes(platform, settings.smoother)})
+    passes = smoother_passes(platform, settings.smoother, profile.series.attitude_interval)
+    options = settings.smoother.model_copy(update={"max_passes": passes})
     if stationary_points(profile.series).any():
         # Drag vanishes with the square of the speed: about rest, the mean's second-order shift of the path diverges.
         options = options.model_copy(update={"estimate": "mode"})

@@ -114,7 +114,7 @@ def pose_dive(
     m/s.
     """
     series, platform = profile.series, profile.glider.platform
-    prior = smoother_prior(platform, filtered.prior)
+    prior = smoother_prior(platform, filtered.prior, series.attitude_interval)
     if gusts:
         prior = with_lateral_gusts(prior)
     measured = np.where(recorded_values(series), series.measurements, np.nan)

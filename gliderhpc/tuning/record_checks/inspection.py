@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
 
 import numpy as np
 import scipy
@@ -131,16 +130,17 @@ def _log_likelihood(
 ) -> Array:
     """Log-likelihood ``(n, k)`` of n profiles, with the depth assumed to be late by each of k lags."""
     glider = Glider(platform)
-    profiles = []
+    profiles, priors = [], []
     for one in series:
         first, last = _rows_inside(one)
         whole = prepare_profile(glider, one)
         bodies, vibrating = whole.bodies[first:last], whole.vibrating[first : last + 1]
         profiles += [PreparedProfile(glider, _with_depth_earlier(one, lag), bodies, vibrating) for lag in lags]
+        priors += [default_prior(platform, one.attitude_interval)] * len(lags)
     gate = settings.filter.gate
     found = [
         np.nansum(log_density(estimate.innovations, estimate.innovation_variances, gate))
-        for estimate in filter_with_priors(profiles, repeat(default_prior(platform), len(profiles)), settings)
+        for estimate in filter_with_priors(profiles, priors, settings)
     ]
     return np.reshape(found, (len(series), len(lags)))
 
