@@ -14,6 +14,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.filled_values import without_filled_values
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
+from gliderhpc.estimation.stuck_sensors import check_sensors
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, ProfileRecord
@@ -43,10 +44,11 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     Raises
     ------
     ProfileError
-        There is no time with all four measurements, or hardly any sample of one of them; or the settings require
-        density and the record has none.
+        There is no time with all four measurements, or hardly any sample of one of them; heading or depth have stopped;
+        or the settings require density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
+    check_sensors(record)
     record, filled = without_filled_values(record)
     record, false_samples = without_false_samples(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
