@@ -8,6 +8,7 @@ was wrong by five times its stated deviation.
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.observations.format import MEASURED
@@ -24,6 +25,10 @@ _FEW = 5
 """Least number of changes from which they are compared with the times of the other instrument."""
 _LONGEST = 60
 """Largest number of rows from one measured value to the next."""
+_NEIGHBOURS = 11
+"""Number of distances between changes that determine the local period."""
+_ALIKE, _MOSTLY = 0.02, 0.9
+"""Relative difference of steps of the depth that are considered equal, and share of such steps in a rounded record."""
 _REGULAR = 0.95
 """Least share of the changes that occur at the same place of every period, or at the other instrument's times."""
 _OFTEN = 0.3
@@ -93,7 +98,7 @@ def _measured(values: Array, time: FloatArray) -> Mask | None:
     moving = np.append(steps[1:], np.inf) > 1.0
     any_row = np.full(len(time), True)
     for sizes, possible, nearest in ((steps, any_row, any_row), (bends, moving, _highest(bends))):
-        mask = _in_periods(sizes > 1.0, time)
+        mask = None if sizes is steps and _are_one_quantum(values, steps) else _in_periods(sizes > 1.0, time)
         if mask is None and _are_irregular(sizes, possible, nearest):
             mask = (sizes > 1.0) & nearest
         if mask is not None:
@@ -113,6 +118,14 @@ def _bends(values: Array, time: FloatArray) -> FloatArray:
     return np.concatenate([[np.inf], distances.max(axis=0) / _rounding(values), [np.inf]])
 
 
+def _are_one_quantum(values: Array, steps: FloatArray) -> bool:
+    """Return whether the steps of a depth are those of its rounding, which a constant speed makes regular."""
+    if len(values) > 1:
+        return False
+    known = steps[(steps > 1.0) & np.isfinite(steps)]
+    return len(known) > 0 and float(np.mean(np.abs(known / np.median(known) - 1.0) <= _ALIKE)) >= _MOSTLY
+
+
 def _highest(bends: FloatArray) -> Mask:
     """Return whether bends are larger than both neighbours: a value between two rows bends the line at both."""
     return np.asarray((bends >= np.append(0.0, bends[:-1])) & (bends >= np.append(bends[1:], 0.0)))
@@ -124,7 +137,10 @@ def _rounding(values: Array) -> float:
 
 def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
     """Return the mask of one row in every period, if those with changes are at such places; else None."""
-    place = np.rint((time - time[0]) / float(np.median(np.diff(time)))).astype(np.int64)
+    step = float(np.median(np.diff(time)))
+    if not step > 0.0:
+        return None
+    place = np.rint((time - time[0]) / step).astype(np.int64)
     # Whether the first and the last row were measured is unknown.
     at = place[1:-1][changed[1:-1]]
     apart = np.diff(at)
@@ -133,8 +149,18 @@ def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
     regular = [n for n in range(2, _LONGEST + 1) if np.mean(apart % n == 0) >= _REGULAR]
     if not regular:
         return None
-    last = at[np.clip(np.searchsorted(at, place, side="right") - 1, 0, None)]
-    return np.asarray((place - last) % regular[-1] == 0)
+    before = np.clip(np.searchsorted(at, place, side="right") - 1, 0, len(apart))
+    periods = np.append(_local_periods(apart, regular[-1]), regular[-1])
+    return np.asarray((place - at[before]) % periods[before] == 0)
+
+
+def _local_periods(apart: NDArray[np.int64], common: int) -> NDArray[np.int64]:
+    """Return the period about each distance between changes, which depends on the depth; all have a common divisor."""
+    periods = np.full(len(apart), common)
+    for period in range(2 * common, _LONGEST + 1, common):
+        share = scipy.ndimage.uniform_filter1d((apart % period == 0).astype(np.float64), _NEIGHBOURS, mode="nearest")
+        periods[share > 1.0 - 1.5 / _NEIGHBOURS] = period
+    return periods
 
 
 def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:

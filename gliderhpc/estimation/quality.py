@@ -132,9 +132,10 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
     if series.filled:
+        interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval
         lines.append(
             f"values of {', '.join(series.filled)} are repeated or interpolated between measurements; only the "
-            f"measurements are used, every {series.sample_interval:.2g} s"
+            f"measurements are used, every {interval:.3g} s"
         )
     if series.false_samples:
         samples = counted(series.false_samples, "isolated false sample is", "isolated false samples are")

@@ -48,8 +48,8 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
         or the settings require density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
-    check_sensors(record)
     record, filled = without_filled_values(record)
+    check_sensors(record)
     record, false_samples = without_false_samples(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)

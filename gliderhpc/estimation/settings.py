@@ -22,6 +22,8 @@ LARGEST_SETTING = 1e12
 
 SLOW_SENSORS_PRIOR = 2.0
 """Sample interval (s) beyond which a platform without a prior of its own gets the prior of slow sensors."""
+_UNEVEN = 1.25
+"""Ratio to this of a record's own interval beyond which it is slow: every 2 s, but not quite evenly, is not."""
 
 
 Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
@@ -307,7 +309,8 @@ def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float 
 
 
 def _slow_and_untuned(platform: Platform, interval: float) -> bool:
-    return platform.prior is None and max(platform.sensors.sample_interval, interval) > SLOW_SENSORS_PRIOR
+    slow = platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _UNEVEN * SLOW_SENSORS_PRIOR
+    return platform.prior is None and slow
 
 
 def default_prior(platform: Platform, interval: float = 0.0) -> DisturbancePrior:

@@ -115,9 +115,12 @@ MIN_FROZEN, MIN_CHANGES = 20, 0.3
 have failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real records. In
 simulated calm water it is the same to 0.1 degree for half an hour, but then the pitch hardly changes either."""
 
-FROZEN_TIME, FROZEN_SHARE, MIN_OVERLAP = 1800.0, 0.25, 5
-"""Time (s), or share of a profile, from which a heading that stays the same to the last digit is not measured (at most
-505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
+_LEAST_CHANGE = 1e-6
+"""Change of an angle (rad) that a sensor may resolve; a simulated glide without noise changes by less."""
+
+FROZEN_TIME, FROZEN_SHARE, LEAST_TIME, MIN_OVERLAP = 1800.0, 0.25, 300.0, 5
+"""Time (s), or share of a profile and least time, from which a heading that stays the same to the last digit is not
+measured (at most 505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
 
 
 def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, profile: IntArray) -> dict[int, str]:
@@ -133,14 +136,15 @@ def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, pr
     known = np.flatnonzero(np.isfinite(heading))
     time, pitch, profile = time[known], pitch[known], profile[known]
     edges = np.concatenate(([0], np.flatnonzero(np.diff(heading[known]) != 0.0) + 1, [len(known)]))
+    sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
     found: dict[int, str] = {}
     for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        if stop - start < MIN_FROZEN or _share_of_changes(pitch[start:stop]) < MIN_CHANGES:
+        if stop - start < MIN_FROZEN or share_of_changes(pitch[start:stop]) < MIN_CHANGES:
             continue
         lasts = float(time[stop - 1] - time[start])
         for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):
-            share = count / np.count_nonzero(profile == number)
-            if number > 0 and count >= MIN_OVERLAP and (lasts >= FROZEN_TIME or share >= FROZEN_SHARE):
+            share = count / sizes[number]
+            if number > 0 and count >= MIN_OVERLAP and lasts >= (LEAST_TIME if share >= FROZEN_SHARE else FROZEN_TIME):
                 found[int(number)] = (
                     f"profile {number}: the heading is the same to the last digit in {count} of its samples, and for "
                     f"{lasts / 60.0:.0f} minutes altogether, while the pitch varies, so the compass did not measure "
@@ -149,7 +153,7 @@ def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, pr
     return found
 
 
-def _share_of_changes(values: FloatArray) -> float:
-    """Share of the known values that differ from the one before, zero without two of them."""
+def share_of_changes(values: FloatArray) -> float:
+    """Share of the known values (rad) that differ from the one before, zero without two of them."""
     known = values[np.isfinite(values)]
-    return float(np.mean(np.diff(known) != 0.0)) if len(known) > 1 else 0.0
+    return float(np.mean(np.abs(np.diff(known)) > _LEAST_CHANGE)) if len(known) > 1 else 0.0

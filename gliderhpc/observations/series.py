@@ -35,7 +35,7 @@ class ProfileSeries:
     sample_index : (m,) int array
         Grid points nearest to the samples that hold all four measurements.
     attitude_interval : float
-        The same of the samples that hold roll, pitch and heading (s); 0 if it is unknown.
+        Interval between samples that hold roll, pitch and heading, as `sample_interval` (s); 0 if it is unknown.
     control_interval : (n,) array or None
         Time between the actuators' records before and after each step (s); None if it is the sample interval.
     false_samples : int

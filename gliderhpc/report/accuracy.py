@@ -99,12 +99,12 @@ def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow
         No profile of the archive is done, or the truth cannot be read or belongs to another mission.
     """
     done = done_profiles(archive)
+    if not done:
+        raise InputError("no profile of the archive is done, so there is nothing to compare with the truth")
     profiles = [
         profile_accuracy(read_profile_data(archive, number), truth)
         for number, truth in zip(done, read_profile_truths(truth_path, done), strict=True)
     ]
-    if not profiles:
-        raise InputError("no profile of the archive is done, so there is nothing to compare with the truth")
     channels = [
         AccuracyRow(
             name,

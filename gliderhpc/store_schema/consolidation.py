@@ -54,10 +54,11 @@ def stored_metadata(store: Store) -> dict[str, Metadata]:
         Some of it is damaged.
     """
     content = _in_folder(store) if isinstance(store, FolderStore) else wait_for(_in_store(store))
-    return {path: _checked(path, _parsed(text)) for path, text in content.items()}
+    root = json.loads(content.pop(""))
+    return {"": _checked("", root), **{path: _checked(path, _parsed(text)) for path, text in content.items()}}
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=2048)
 def _parsed(text: bytes) -> Any:
     # A study changes a few of the several hundred texts, and consolidates three times.
     return json.loads(text)

@@ -88,6 +88,19 @@ def test_values_filled_at_uneven_times_are_left_out(twins, name, how):
     assert np.quantile(distance, 0.9) <= 0.64
 
 
+@pytest.mark.parametrize("how", ["repeated", "interpolated"])
+@pytest.mark.parametrize("rates", [(4, 6), (5, 15), (4, 8)])
+def test_the_rate_may_change_with_depth(twins, rates, how):
+    """Taken for their common divisor, half of the filled values would remain."""
+    record, _ = twins["impulses"]
+    half = len(record.time) // 2
+    rows = np.concatenate([np.arange(0, half, rates[0]), np.arange(half, len(record.time), rates[1])])
+    found, _ = without_filled_values(filled(record, take(record, rows), how))
+    for name in ("depth", "pitch"):
+        kept = np.flatnonzero(np.isfinite(getattr(found, name)))
+        assert len(rows) - 20 < len(kept) < 1.5 * len(rows)
+
+
 @pytest.mark.parametrize("names", [ANGLES, ("depth",)])
 def test_only_the_instrument_concerned_loses_values(twins, names):
     record, _ = twins["impulses"]
@@ -123,6 +136,15 @@ def test_a_glide_without_noise_is_kept(twins):
     }
     clean = replace(record, **states)
     assert without_filled_values(clean) == (clean, ())
+
+
+@pytest.mark.parametrize(("speed", "quantum"), [(0.1, 0.3), (0.1, 0.5), (0.15, 0.3)])
+def test_a_coarse_depth_at_a_constant_speed_is_kept(twins, speed, quantum):
+    """Its steps have regular distances, but all are of one quantum."""
+    record, _ = twins["impulses"]
+    depth = speed * record.time + 0.02 * np.random.default_rng(1).standard_normal(len(record.time))
+    coarse = replace(record, depth=quantum * np.round(depth / quantum))
+    assert without_filled_values(coarse) == (coarse, ())
 
 
 def test_nothing_is_left_out_without_common_times(twins):
