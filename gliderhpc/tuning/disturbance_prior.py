@@ -140,9 +140,10 @@ def tune_prior(
         No sample of a profile could be fed to the filter.
     """
     likelihood = PriorLikelihood(requests, settings, recovery=settings.tuning.recovery)
-    before = default_prior(platform)
+    interval = float(np.median([request.series.attitude_interval for request in requests]))
+    before = default_prior(platform, interval)
     search = _Search(likelihood, _logarithms(before), settings, report)
-    search.climb([_logarithms(prior) for prior in _starts(platform)])
+    search.climb([_logarithms(prior) for prior in _starts(platform, interval)])
     search.hold_undetermined()
     after = _round_prior(search.point, search.free, before)
     evaluation_before, evaluation_after = likelihood.evaluate([before, after])
@@ -273,10 +274,10 @@ def _errors(information: Array) -> Array:
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information + 1e-6 * np.eye(len(information))))))
 
 
-def _starts(platform: Platform) -> list[DisturbancePrior]:
-    usual = default_prior(platform)
+def _starts(platform: Platform, interval: float) -> list[DisturbancePrior]:
+    usual = default_prior(platform, interval)
     faster = [usual.model_copy(update={"correlation_time": (seconds,) * 6}) for seconds in START_TIMES]
-    return [*candidate_priors(platform).values(), *faster]
+    return [*candidate_priors(platform, interval).values(), *faster]
 
 
 def _logarithms(prior: DisturbancePrior) -> Array:

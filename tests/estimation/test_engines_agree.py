@@ -29,6 +29,7 @@ def assert_agree(found, bound):
         assert lanes > 0.0
 
 
+@pytest.mark.long
 def test_engines_agree_by_the_recommended_preset(twin, recommended):
     """Every disturbance, the tracking and the current agree to three per cent."""
     assert_agree(agreement(twin, recommended, "recommended"), 0.03)
@@ -40,6 +41,7 @@ def test_engines_agree_by_the_papers_preset(twin, paper):
     assert_agree(agreement(twin, paper, "paper"), 0.2)
 
 
+@pytest.mark.long
 def test_the_page_tells_different_estimates_apart(twin, recommended, paper):
     """The two presets have different errors, and the table shows the difference."""
     with open_mission(recommended) as first, open_mission(paper) as second:

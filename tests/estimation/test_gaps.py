@@ -76,6 +76,7 @@ def test_each_sensor_is_used_at_its_own_rate():
     assert error(rare) < 0.5 * error(thinned)
 
 
+@pytest.mark.long
 def test_a_gap_of_all_records_at_the_turn_is_smoothed_without_the_mean():
     """The most probable path is found where the shift to the mean diverges, and the profile's remarks say so."""
     diverging = []

@@ -44,6 +44,7 @@ def deep_dive(shared_data, tmp_path_factory):
         yield tree
 
 
+@pytest.mark.long
 def test_a_deep_dive_is_inverted(deep_dive):
     row = deep_dive.to_dataset().sel(profile=38).load()
     assert row["status"] == "done"

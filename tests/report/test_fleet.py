@@ -81,6 +81,7 @@ def test_every_mission_has_a_linked_page_of_its_own(fleet, archives):
     )
 
 
+@pytest.mark.long
 def test_a_mission_s_page_is_that_of_the_single_command(fleet, archives, tmp_path):
     written = write_mission_page(archives[0], tmp_path / "single")
     names = sorted(path.name for path in (fleet / "one").iterdir())

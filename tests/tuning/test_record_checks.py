@@ -466,7 +466,7 @@ def test_a_profile_without_a_fix_is_no_leg(record, missing):
 def test_a_profile_without_a_glide_is_no_leg(record):
     """A record that stays level goes nowhere by the glide angle."""
     settings, errors = EstimationSettings(), SETTINGS.current.errors(PETREL)
-    level = replace(record, depth=np.full_like(record.depth, 5.0))
+    level = replace(record, depth=5.0 + 0.01 * (np.arange(len(record.depth)) % 2))
     assert leg_of(PETREL, level, on_steps(level, settings), errors) is None
 
 
