@@ -603,6 +603,7 @@ def test_variables_that_are_not_of_the_format_are_left_out_of_joined_files(dives
         assert set(np.unique(found["profile"].values)) >= {1, 2}
 
 
+@pytest.mark.long
 def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp_path):
     """Its clock is wrong: it begins before the dive that is there, and carries the number of the next one."""
     (tmp_path / "land").mkdir()

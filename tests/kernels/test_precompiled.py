@@ -102,6 +102,7 @@ def test_a_damaged_folder_is_left_alone_and_the_kernel_compiled_here(tmp_path: P
     assert json.loads(python(COUNT_COMPILED, GLIDERHPC_CACHE=tmp_path / "cache").stdout)[0] == 0
 
 
+@pytest.mark.long
 @compiled
 @level_known
 def test_the_same_sources_give_the_same_bytes(tmp_path: Path, made: Path, signatures: str) -> None:

@@ -119,6 +119,7 @@ def test_a_scheduler_that_is_killed_stops_the_run_and_resume_finishes_it(dips, u
     assert_whole(store, undisturbed)
 
 
+@pytest.mark.long
 def test_a_cluster_whose_workers_are_all_gone_stops_the_run(dips, tmp_path):
     store = tmp_path / "alone.zarr"
     with running_cluster(workers=1) as cluster:
@@ -212,6 +213,7 @@ def test_an_estimator_that_fails_costs_its_profile_alone(dips, tmp_path, monkeyp
     assert "profile 4 done" not in answer.err
 
 
+@pytest.mark.long
 def test_a_full_disk_stops_the_run_and_resume_finishes_it(dips, undisturbed, tmp_path, monkeypatch):
     from gliderhpc.mission import jobs
 
