@@ -94,16 +94,26 @@ def _continuous(record: ProfileRecord, name: str) -> FloatArray:
 
 def _measured(values: Array, time: FloatArray) -> Mask | None:
     """Return the mask of an instrument's measured values; None if no filled ones are recognised."""
-    steps, bends = _steps(values), _bends(values, time)
-    moving = np.append(steps[1:], np.inf) > 1.0
-    any_row = np.full(len(time), True)
-    for sizes, possible, nearest in ((steps, any_row, any_row), (bends, moving, _highest(bends))):
-        mask = None if sizes is steps and _are_one_quantum(values, steps) else _in_periods(sizes > 1.0, time)
-        if mask is None and _are_irregular(sizes, possible, nearest):
-            mask = (sizes > 1.0) & nearest
-        if mask is not None:
-            return mask
-    return None
+    repeated = _where_repeated(values, time)
+    return _where_interpolated(values, time) if repeated is None else repeated
+
+
+def _where_repeated(values: Array, time: FloatArray) -> Mask | None:
+    """Return the mask of the values that differ from the one before, None if these are not the measured ones."""
+    steps, any_row = _steps(values), np.full(len(time), True)
+    regular = None if _are_one_quantum(values, steps) else _in_periods(steps > 1.0, time)
+    if regular is None and _are_irregular(steps, any_row, any_row):
+        return np.asarray(steps > 1.0)
+    return regular
+
+
+def _where_interpolated(values: Array, time: FloatArray) -> Mask | None:
+    """Return the mask of the values off the line between their neighbours, None if these are not the measured ones."""
+    bends, moving = _bends(values, time), np.append(_steps(values)[1:], np.inf) > 1.0
+    regular = _in_periods(bends > 1.0, time)
+    if regular is None and _are_irregular(bends, moving, _highest(bends)):
+        return np.asarray((bends > 1.0) & _highest(bends))
+    return regular
 
 
 def _steps(values: Array) -> FloatArray:

@@ -1,12 +1,11 @@
 """Sensors that have stopped: a heading or a depth that stays the same to the last digit while the glider moves."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations.headings import MIN_CHANGES, frozen_profiles, share_of_changes
-from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.observations.profiles import equal_runs
+from gliderhpc.observations.records import ProfileRecord
 
 _STUCK_TIME, _STUCK_SAMPLES = 120.0, 10
 """Time (s) and number of samples from which a depth that stays the same is not that of a glide."""
@@ -34,7 +33,7 @@ def check_sensors(record: ProfileRecord) -> None:
         raise ProfileError(reason)
     known = np.flatnonzero(np.isfinite(record.depth) & np.isfinite(record.pitch))
     time, depth, pitch = record.time[known], record.depth[known], record.pitch[known]
-    for start, stop in _stays(depth):
+    for start, stop in equal_runs(depth, _STUCK_SAMPLES):
         lasts = time[stop - 1] - time[start]
         angle = float(np.median(np.abs(pitch[start:stop])))
         dived = depth[start] > _SURFACE or stop - start > _WHOLE * len(depth)
@@ -44,10 +43,3 @@ def check_sensors(record: ProfileRecord) -> None:
                 f"from {time[start]:.0f} s on, at a pitch of {np.degrees(angle):.0f} degrees: the sensor had stopped, "
                 "or the glider lay on the ground; mark the depth missing (NaN) there, or cut the profile"
             )
-
-
-def _stays(depth: FloatArray) -> Iterator[tuple[int, int]]:
-    """Yield the first row of each long stretch with one depth, and the row after it."""
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(depth) != 0.0) + 1, [len(depth)]))
-    for index in np.flatnonzero(np.diff(edges) >= _STUCK_SAMPLES):
-        yield int(edges[index]), int(edges[index + 1])

@@ -64,14 +64,15 @@ _OFFSETS: dict[str, list[int]] = {}
 
 def _offsets(context, kind):
     """Return the offsets of the fields of a tuple's LLVM type, byte."""
-    found = _OFFSETS.get(str(kind))
+    key = str(kind)
+    found = _OFFSETS.get(key)
     if found is None:
         data = context.target_data
         if isinstance(kind, ir.ArrayType):
             found = [index * kind.element.get_abi_size(data) for index in range(kind.count)]
         else:
             found = [kind.get_element_offset(data, index) for index in range(len(kind.elements))]
-        _OFFSETS[str(kind)] = found
+        _OFFSETS[key] = found
     return found
 
 

@@ -84,7 +84,7 @@ class KernelLibrary(JITCodeLibrary):
             self._final_module.link_in(module, preserve=True)
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.linkonce_odr:
-                # LLVM then drops unused arguments: most of the fields of arrays.
+                # LLVM then drops what no part of the kernel uses.
                 function.linkage = "internal"
         self._optimize_final_module()
         self._final_module.verify()

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from gliderhpc.observations.columns import NamedColumns, find_name
-from gliderhpc.observations.profiles import IntArray
+from gliderhpc.observations.profiles import IntArray, equal_runs
 from gliderhpc.observations.records import FloatArray
 
 
@@ -135,11 +135,10 @@ def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, pr
     """
     known = np.flatnonzero(np.isfinite(heading))
     time, pitch, profile = time[known], pitch[known], profile[known]
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(heading[known]) != 0.0) + 1, [len(known)]))
     sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
     found: dict[int, str] = {}
-    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        if stop - start < MIN_FROZEN or share_of_changes(pitch[start:stop]) < MIN_CHANGES:
+    for start, stop in equal_runs(heading[known], MIN_FROZEN):
+        if share_of_changes(pitch[start:stop]) < MIN_CHANGES:
             continue
         lasts = float(time[stop - 1] - time[start])
         for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):

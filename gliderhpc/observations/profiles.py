@@ -18,6 +18,13 @@ def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def equal_runs(values: FloatArray, shortest: int) -> list[tuple[int, int]]:
+    """First value, and value after the last, of every run of at least `shortest` equal values ``(n,)``, none NaN."""
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1, [len(values)]))
+    long = np.flatnonzero(np.diff(edges) >= shortest)
+    return list(zip(edges[long].tolist(), edges[long + 1].tolist(), strict=True))
+
+
 log = logging.getLogger(__name__)
 
 IntArray = npt.NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Repeated and interpolated values are told from measurements, on even and uneven times, and rounding from both."""
+"""Repeated and interpolated values are distinguished from measurements, at even and uneven times, and from rounding."""
 
 from dataclasses import fields, replace
 
