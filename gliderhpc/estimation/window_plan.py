@@ -14,8 +14,11 @@ _SPLIT = 1.25
 """Length, in usual windows, beyond which windows that do not converge are halved."""
 
 _LONG = 4.0
-"""Length, in usual windows, beyond which windows are halved after half of the iterations; shorter ones, if they result
+"""Length, in usual windows, beyond which windows are halved after a third of the iterations; shorter ones, if they result
 from halving."""
+
+_GROWTH = 4
+"""Growth, with every failure, of the number of windows that must converge before a longer one is tried again."""
 
 _LONGEST_WAIT = 64
 """Largest number of windows that must converge before a longer one is tried again."""
@@ -36,7 +39,7 @@ class WindowPlan:
     shorter : WindowPlan, optional
         Plan with which a window that does not converge is solved again.
     halves_early : bool
-        Whether half of the iterations are enough before this.
+        Whether a third of the iterations are enough before this.
     """
 
     length: int
@@ -91,8 +94,8 @@ def transform_scale(prior: DisturbancePrior, length: float, settings: Estimation
 class WindowLength:
     """Plan of the next window: shorter after one that does not converge, longer again after some that do.
 
-    The longer plan is tried again after one window that converges, and after twice as many with every failure. A record
-    on which long windows never converge therefore takes little more time than short windows alone.
+    The longer plan is tried again after one window that converges, and after four times as many with every failure. A
+    record on which long windows never converge therefore takes little more time than short windows alone.
     """
 
     def __init__(self, plan: WindowPlan) -> None:
@@ -106,7 +109,7 @@ class WindowLength:
             return False
         self._longer.append(self.plan)
         self.plan = self.plan.shorter
-        self._wait, self._next_wait = self._next_wait, min(2 * self._next_wait, _LONGEST_WAIT)
+        self._wait, self._next_wait = self._next_wait, min(_GROWTH * self._next_wait, _LONGEST_WAIT)
         return True
 
     def count_converged(self) -> None:

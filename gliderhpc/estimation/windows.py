@@ -45,7 +45,7 @@ class WindowData:
     scale : (6,)
         Scale s of the control-variable transform ``b = s x`` (ones: none).
     halves_early : bool
-        Whether half of the iterations are enough before the window is solved again with half the length.
+        Whether a third of the iterations are enough before the window is solved again with half the length.
     """
 
     hull: Hull
@@ -58,9 +58,9 @@ class WindowData:
     halves_early: bool = False
 
     def iteration_limit(self, settings: EstimationSettings) -> int:
-        """Largest number of iterations: half of the usual one for a long window that may be halved."""
+        """Largest number of iterations: a third of the usual one for a long window that may be halved."""
         most = settings.optimizer.max_iterations
-        return max(1, most // 2) if self.halves_early else most
+        return max(1, most // 3) if self.halves_early else most
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,7 +133,7 @@ def one_at_a_time(problem, run, settings):
 
 
 SHORT = WindowPlan(length=30, margin=10, cost_threshold=0.2, scale=tuple(SCALE.tolist()))
-HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=6))
+HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=9))
 """Windows that may be halved have three iterations, too few for some."""
 
 

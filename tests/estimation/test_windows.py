@@ -215,13 +215,12 @@ def test_windows_stay_short_until_one_converges(outcome):
 
 
 def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
-    """They are tried after one, two, four converged short windows; a record on which they always fail costs little."""
+    """They are tried after one, four, sixteen converged short windows; a record on which they always fail costs little."""
     converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
-    solver = Scripted(failed, converged, failed, converged, converged, failed, *[converged] * 4, failed)
-    solve_dive(dive_problem(1500, SPLIT), solver)
-    assert [len(start) for start in solver.starts[:12]] == [
-        300, 100, 300, 100, 100, 300, 100, 100, 100, 100, 300, 100,
-    ]  # fmt: skip
+    solver = Scripted(failed, converged, failed, *[converged] * 4, failed, *[converged] * 16, failed)
+    solve_dive(dive_problem(3000, SPLIT), solver)
+    lengths = [300, 100, 300, *[100] * 4, 300, *[100] * 16, 300]
+    assert [len(start) for start in solver.starts[: len(lengths)]] == lengths
 
 
 @pytest.mark.parametrize(("cost", "usable"), [(0.1, True), (0.3, True), (50.0, False)])
