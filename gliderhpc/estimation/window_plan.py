@@ -14,8 +14,8 @@ _SPLIT = 1.25
 """Length, in usual windows, beyond which windows that do not converge are halved."""
 
 _LONG = 4.0
-"""Length, in usual windows, beyond which windows are halved after a third of the iterations; shorter ones, if they result
-from halving."""
+"""Length, in usual windows, beyond which windows are halved after a third of the iterations; shorter ones, if they
+result from halving."""
 
 _GROWTH = 4
 """Growth, with every failure, of the number of windows that must converge before a longer one is tried again."""

@@ -5,7 +5,8 @@ Most functions here are called only by kernels. Such a *part* is compiled only t
 which Python calls, is linked with all its parts, optimised once and compiled to machine code.
 
 Kernels have no closures, generators, array expressions or parallel loops, so numba's passes for these are left out.
-References are not counted: the caller of a kernel keeps its arrays alive, and a kernel allocates none.
+References are not counted: the caller of a kernel keeps its arrays alive, and a kernel allocates none. Neither are
+variables deleted after their last use.
 """
 
 import gc
@@ -15,12 +16,38 @@ from numba import njit
 from numba.core import typed_passes, types, untyped_passes
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.ir_utils import build_definitions
 from numba.core.registry import CPUDispatcher
+from numba.core.ssa import reconstruct_ssa
 from numba.core.typing.templates import make_concrete_template
 
 from gliderhpc.kernels.calling import part_call
 from gliderhpc.kernels.linking import KernelLibrary, PartLibrary
 from gliderhpc.kernels.lowering import CachingContext, KernelLower, PartLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _SingleAssignment(untyped_passes.ReconstructSSA):
+    """Numba's pass, without the lifetimes of variables, which only generators and counted references need."""
+
+    _name = "gliderhpc_reconstruct_ssa"
+
+    def run_pass(self, state):
+        state.func_ir = reconstruct_ssa(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _StripPhis(typed_passes.PreLowerStripPhis):
+    """Numba's pass, without the lifetimes of variables."""
+
+    _name = "gliderhpc_strip_phis"
+
+    def run_pass(self, state):
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -56,12 +83,10 @@ class _Compiler(CompilerBase):
         for one in (
             untyped_passes.TranslateByteCode,
             untyped_passes.FixupArgs,
-            untyped_passes.IRProcessing,
             untyped_passes.GenericRewrites,
-            untyped_passes.ReconstructSSA,
+            _SingleAssignment,
             typed_passes.NopythonTypeInference,
-            typed_passes.PreLowerStripPhis,
-            typed_passes.IRLegalization,
+            _StripPhis,
             self._lowering,
             typed_passes.NoPythonBackend,
         ):

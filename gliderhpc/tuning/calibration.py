@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from pydantic import Field
 
+from gliderhpc.distributions import normal_quantile, student_quantile
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.flight.glider import Glider
@@ -325,7 +325,7 @@ def _judge_parameters(
     scatter = np.full(len(search.free), np.nan)
     scatter[search.free] = np.diag(search.scatter_covariance()) * _few_profiles_factor(errors)
     variance = np.where(search.free, np.diag(covariance)[: len(search.free)], np.nan)
-    quantile = float(scipy.stats.norm.ppf(0.5 + 0.5 * LEVEL))
+    quantile = normal_quantile(0.5 + 0.5 * LEVEL)
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
@@ -378,7 +378,7 @@ def _covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
 def _few_profiles_factor(errors: SegmentErrors) -> float:
     """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
     level = 0.5 + 0.5 * LEVEL
-    return float(scipy.stats.t.ppf(level, len(np.unique(errors.profile)) - 1) / scipy.stats.norm.ppf(level)) ** 2
+    return (student_quantile(level, len(np.unique(errors.profile)) - 1) / normal_quantile(level)) ** 2
 
 
 def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:

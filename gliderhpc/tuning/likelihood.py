@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import chi_square_tail
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate, FilterTrials
 from gliderhpc.estimation.innovations import log_density
@@ -298,6 +298,4 @@ def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
         pairs[lag - 1] = max(together.sum(), 1)
         correlation[lag - 1] = products[together].sum() / (len(known) * variance)
     statistic = len(known) * (len(known) + 2.0) * float(np.sum(correlation**2 / pairs))
-    return Whiteness(
-        len(known), mean, variance, correlation, statistic / lags, float(scipy.stats.chi2.sf(statistic, lags))
-    )
+    return Whiteness(len(known), mean, variance, correlation, statistic / lags, chi_square_tail(statistic, lags))

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import gamma_tail
 from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information, about
 from gliderhpc.tuning.turn_test import (
     DiveCurrent,
@@ -322,7 +323,7 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     size, expected, variance = float(errors.mean @ errors.mean), float(weights.sum()), 2.0 * float(weights @ weights)
     if expected == 0.0:
         return size, 0.0, 1.0 if size == 0.0 else 0.0
-    return size, expected, float(scipy.stats.gamma.sf(size, expected**2 / variance, scale=variance / expected))
+    return size, expected, gamma_tail(size, expected**2 / variance, variance / expected)
 
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Change]:

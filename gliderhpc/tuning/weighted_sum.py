@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.tuning.gaussian_chain import Array, Chain, Change, Gaussian, Information, solve_chain
 
 _FIT_LEVEL = 0.99
@@ -89,9 +89,9 @@ def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> float:
     informative = freedom > 0
     if not informative.any():
         return 1.0
-    return float(np.median(chi_square[informative] / scipy.stats.chi2.median(freedom[informative])))
+    return float(np.median(chi_square[informative] / chi_square_quantile(0.5, freedom[informative])))
 
 
 def _weights(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
-    limit = scipy.stats.chi2.ppf(_FIT_LEVEL, np.maximum(freedom, 1))
+    limit = chi_square_quantile(_FIT_LEVEL, np.maximum(freedom, 1))
     return np.asarray(limit / np.maximum(chi_square, limit))

@@ -215,7 +215,7 @@ def test_windows_stay_short_until_one_converges(outcome):
 
 
 def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
-    """They are tried after one, four, sixteen converged short windows; a record on which they always fail costs little."""
+    """They are tried after one, four, sixteen short windows that converge: a record on which they fail costs little."""
     converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
     solver = Scripted(failed, converged, failed, *[converged] * 4, failed, *[converged] * 16, failed)
     solve_dive(dive_problem(3000, SPLIT), solver)

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import chi_square_tail
 from gliderhpc.flight.hull_parameters import HullParameter, stated_covariance
 from gliderhpc.platform import Platform
 
@@ -35,7 +35,7 @@ class HullErrors:
     def contradicted_by(self, score: Array, information: Array) -> bool:
         """Return whether a score ``(p,)`` with information ``(p, p)`` is improbable under these errors."""
         chi_square, freedom = disagreement(score - information @ self.mean, information, self.covariance)
-        return bool(scipy.stats.chi2.sf(chi_square, freedom) < _MIN_PROBABILITY)
+        return chi_square_tail(chi_square, freedom) < _MIN_PROBABILITY
 
     def after(self, score: Array, information: Array) -> "HullErrors":
         """Errors after a dive's score ``(p,)`` and information ``(p, p)``.

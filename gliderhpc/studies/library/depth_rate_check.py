@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.profile import RecordedProfile, read_recorded_profile
 from gliderhpc.archive.reader import Archive
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
@@ -134,7 +134,7 @@ class DepthRateCheck:
         Where the depth rate also varies within the legs by more than the hull explains, a chi-square beyond its
         expectation is enough; elsewhere it must exceed its 99 % quantile.
         """
-        return self.chi_square > (_LEGS if self.motion > MOVING else float(scipy.stats.chi2.ppf(_PROBABILITY, _LEGS)))
+        return self.chi_square > (_LEGS if self.motion > MOVING else chi_square_quantile(_PROBABILITY, _LEGS))
 
     @property
     def warning(self) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import f_quantile, student_quantile
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import vibration_set
@@ -114,7 +115,7 @@ class _Fit:
 
     def quantile(self, legs: int, level: float) -> float:
         """Ratio of the threshold to the standard error at a rate of false alarms."""
-        return float(scipy.stats.t.ppf(1.0 - 0.5 * level, self.freedom(legs)))
+        return student_quantile(1.0 - 0.5 * level, self.freedom(legs))
 
     def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
         """Wald's statistic of some of the five parameters, and the number of their directions that were estimated."""
@@ -234,7 +235,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
     values = np.degrees(fit.values[which])
     amplitude = float(np.linalg.norm(values))
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
-    limit = np.sqrt(rank * float(scipy.stats.f.ppf(1.0 - checks.level, rank, fit.freedom(legs)))) * error
+    limit = np.sqrt(rank * f_quantile(1.0 - checks.level, rank, fit.freedom(legs))) * error
     threshold = max(limit, checks.least_deviation)
     harmonics_found = (
         "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"

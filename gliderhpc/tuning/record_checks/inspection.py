@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import student_quantile
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.filter import filter_with_priors
@@ -95,7 +96,7 @@ def lag_finding(
     lag, error = _vertex(curve[:, best - 1 : best + 2], float(lags[best]), interval)
     if not np.isfinite(error):
         return undetermined(*_LAG, "the filter's likelihood has no maximum; calibrate the hull")
-    quantile = float(scipy.stats.t.ppf(1.0 - 0.5 * checks.level, len(series) - 1))
+    quantile = student_quantile(1.0 - 0.5 * checks.level, len(series) - 1)
     share = _SHARE if interval <= SLOW_SENSORS_PRIOR else _SHARE_OF_SLOW
     error = float(np.hypot(error, max(checks.timing_error, share * interval)))
     threshold = quantile * error

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import student_quantile
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.depth_rate import (
@@ -84,7 +84,7 @@ class _Glides:
 
     def threshold(self, error: float, least: float, blocks: int) -> float:
         """Size above which an estimate with the standard error `error` is reported as found."""
-        return max(float(scipy.stats.t.ppf(1.0 - 0.5 * self.checks.level, blocks - 1)) * error, least)
+        return max(student_quantile(1.0 - 0.5 * self.checks.level, blocks - 1) * error, least)
 
     def offset(self, fit: DepthRateFit) -> tuple[float, float, float]:
         """Offset, its standard error and its threshold, degree."""
