@@ -226,7 +226,7 @@ class Watch:
     def _import_copies(self) -> dict[str, str]:
         """Turn the copies into the observation file; return the reason for each one left out."""
         out = self.watched.out
-        # In the order of their arrival: a new file that contradicts a reported dive must not replace it.
+        # In the order of their arrival: a new file that contradicts a reported dive does not replace it.
         digests = {out / COPIES / name: digest for name, digest in self._files_to_import().items()}
         reads = StoredReads(out / CACHED_READS, digests)
         faults = self.watched.importing.import_files(list(digests), self.records, reads)

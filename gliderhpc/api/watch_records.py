@@ -80,7 +80,8 @@ class FileImport:
         Parameters
         ----------
         paths : sequence of Path
-            The files; of two in the observation format that contradict each other, the first one is used.
+            The files; of two in the observation format that contradict each other, the first one is used, unless the
+            other contains it with more samples.
         out : Path
             The observation file.
         reads : Reads

@@ -67,7 +67,7 @@ class OptimizerSettings(Settings):
     max_iterations: int = Field(
         200,
         ge=1,
-        description="largest number of iterations per window; half of it for a window that may be halved "
+        description="largest number of iterations per window; a third of it for a window that may be halved "
         "and is longer than 120 s, or halved already",
     )
     history: int = Field(10, ge=1, description="number of correction pairs of L-BFGS")

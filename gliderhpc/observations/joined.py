@@ -1,8 +1,9 @@
 """Joining of one glider's observation files, of one or several dives each, into one file."""
 
-from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,13 @@ from gliderhpc.observations.in_memory import FIXES, read_records, write_records
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.writer import TIMES
 
+log = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+_SAME_TIME, _SAME_DEPTH, _ALIKE = 5.0, 2.0, 0.95
+"""Two records are of the same dive if their ends agree within 5 s and 0.95 of the depths within 2 m."""
+
 
 def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
     """Join observation files by time.
@@ -23,7 +31,9 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     Parameters
     ----------
     paths : sequence of Path
-        Files in the observation format, in any order; of two that contradict each other, the first one is used.
+        Files in the observation format, in the order of their arrival. Of two that contradict each other, the first one
+        is used. A file that contains earlier ones completely, with more samples, replaces them: many gliders send
+        decimated records first.
     out : Path
         The file to write; an existing file is replaced.
     reads : Reads
@@ -33,7 +43,8 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
     -------
     dict of str to str
         Reasons for the files that were left out, by file name. A file is left out if it is unreadable, overlaps a file
-        given before it in time or repeats one of its profile numbers, or alone has or lacks profile numbers.
+        given before it in time or repeats one of its profile numbers, or alone has or lacks profile numbers; without a
+        reason, if another file contains it.
 
     Raises
     ------
@@ -47,23 +58,24 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
             opened[path] = reads(_read_file, path)
         except InputError as error:
             left_out[path.name] = str(error)
-    chosen: list[tuple[np.datetime64, Path]] = []
-    owners: dict[int, str] = {}
+    chosen: dict[Path, _FileContent] = {}
     for path, content in opened.items():
-        numbers, entry = _numbers(content), (content.values("time")[0], path)
-        place = bisect_left(chosen, entry)
-        neighbours = [neighbour for _, neighbour in chosen[max(place - 1, 0) : place + 1]]
-        conflicts = (_conflict(content, numbers, opened[one], one.name, owners) for one in neighbours)
-        conflict = next(filter(None, conflicts), "")
-        if conflict:
+        met = {one: other for one, other in chosen.items() if _conflict(content, other, "")}
+        if met and all(_is_part_of(other, content) for other in met.values()):
+            for one in met:
+                log.info("%s: replaced by %s, which has all of it and more samples", one, path.name)
+                del chosen[one]
+        elif any(_is_part_of(content, other) for other in met.values()):
+            log.info("%s: not used, since all of it is in another file", path)
+            continue
+        elif conflict := next((_conflict(content, other, one.name) for one, other in met.items()), ""):
             left_out[path.name] = f"{path}: {conflict}"
-        else:
-            chosen.insert(place, entry)
-            owners |= dict.fromkeys(numbers, path.name)
+            continue
+        chosen[path] = content
     if not chosen:
         raise InputError(next(iter(left_out.values()), "no observation file"))
     out.unlink(missing_ok=True)
-    write_records(_joined([opened[path] for _, path in chosen]), out)
+    write_records(_joined(sorted(chosen.values(), key=lambda content: content.span)), out)
     return left_out
 
 
@@ -78,6 +90,19 @@ class _FileContent:
         """Return the values of a variable."""
         return self.variables[name][1]
 
+    @cached_property
+    def span(self) -> tuple[np.datetime64, np.datetime64]:
+        """Times of the first and the last sample."""
+        time = self.values("time")
+        return time[0], time[-1]
+
+    @cached_property
+    def numbers(self) -> frozenset[int]:
+        """Numbers of the profiles; empty if the file does not number them."""
+        if "profile" not in self.variables:
+            return frozenset()
+        return frozenset(np.unique(np.nan_to_num(self.values("profile"))).astype(int).tolist()) - {0}
+
 
 def _read_file(path: Path) -> _FileContent:
     with read_records(path) as records:
@@ -91,26 +116,50 @@ def _read_file(path: Path) -> _FileContent:
         return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
 
 
-def _conflict(
-    records: _FileContent, numbers: set[int], other: _FileContent, other_name: str, owners: Mapping[int, str]
-) -> str:
-    """Describe why records and their profiles contradict those next to them in time; empty if they do not."""
-    time, taken = records.values("time"), other.values("time")
-    if time[0] <= taken[-1] and taken[0] <= time[-1]:
-        return f"overlaps {other_name} in time; give every sample once"
+def _conflict(records: _FileContent, other: _FileContent, name: str) -> str:
+    """Describe why records contradict others, those of a file's name; empty if they do not."""
+    (start, end), (taken_from, taken_until) = records.span, other.span
+    if start <= taken_until and taken_from <= end:
+        return f"overlaps {name} in time; give every sample once"
     if ("profile" in records.variables) != ("profile" in other.variables):
         return "has profile numbers and the others have none, or the reverse; give them in all files or in none"
-    shared = numbers & owners.keys()
+    shared = records.numbers & other.numbers
     if shared:
-        return f"profile {min(shared)} is also in {owners[min(shared)]}; give every profile its own number"
+        return f"profile {min(shared)} is also in {name}; give every profile its own number"
     return ""
 
 
-def _numbers(records: _FileContent) -> set[int]:
-    """Numbers of the profiles in a file; empty if it does not number them."""
-    if "profile" not in records.variables:
-        return set()
-    return set(np.unique(np.nan_to_num(records.values("profile"))).astype(int).tolist()) - {0}
+def _is_part_of(records: _FileContent, other: _FileContent) -> bool:
+    """Return whether other records have every profile of these with the same depths, and more samples in all.
+
+    Without profile numbers, a file counts as one profile. The fixes of the part must not be lost.
+    """
+    fixed, numbers = all(name in records.variables for name in FIXES), records.numbers
+    if bool(numbers) != bool(other.numbers) or (fixed and not all(name in other.variables for name in FIXES)):
+        return False
+    more = len(other.values("time")) > len(records.values("time"))
+    return more and all(_holds(_samples(other, number), _samples(records, number)) for number in numbers or {0})
+
+
+def _samples(records: _FileContent, number: int) -> tuple[Array, Array]:
+    """Times (s since 1970) and depths (m) of a profile; of the whole file if the number is 0."""
+    time = (records.values("time") - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+    depth = np.asarray(records.values("depth"), dtype=np.float64)
+    if number:
+        chosen = records.values("profile") == number
+        time, depth = time[chosen], depth[chosen]
+    known = np.isfinite(time) & np.isfinite(depth)
+    return time[known], depth[known]
+
+
+def _holds(whole: tuple[Array, Array], part: tuple[Array, Array]) -> bool:
+    """Return whether a record has at least the samples of another, from its beginning to its end, at its depths."""
+    (time, depth), (at, wanted) = whole, part
+    if not len(at):
+        return True
+    if len(time) < len(at) or at[0] < time[0] - _SAME_TIME or at[-1] > time[-1] + _SAME_TIME:
+        return False
+    return bool(np.mean(np.abs(np.interp(at, time, depth) - wanted) < _SAME_DEPTH) > _ALIKE)
 
 
 def _joined(parts: Sequence[_FileContent]) -> xr.Dataset:

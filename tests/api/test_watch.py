@@ -604,6 +604,26 @@ def test_variables_that_are_not_of_the_format_are_left_out_of_joined_files(dives
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("full_first", [False, True])
+def test_a_decimated_record_gives_way_to_the_full_one(dives, tmp_path, full_first):
+    """The dive is reported from the decimated file, and again with its changes when the full one has come."""
+    inputs = _watched(tmp_path)
+    decimated = changed_observations(
+        dives[0], tmp_path / "decimated.nc", lambda content: content.isel(time=slice(None, None, 4))
+    )
+    for path in (dives[0], decimated) if full_first else (decimated, dives[0]):
+        shutil.copy(path, tmp_path / "land" / path.name)
+        landed = _once(tmp_path)
+        assert landed.faults == []
+    assert landed.numbers == ([] if full_first else [(1, 1)])
+    (path,) = inputs.out.glob("dive-*.json")
+    message = SurfacingMessage.model_validate_json(path.read_text("utf-8"))
+    with xr.open_dataset(dives[0]) as records:
+        assert message.samples == records.sizes["time"]
+    assert bool(message.changes) is not full_first
+
+
+@pytest.mark.long
 def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp_path):
     """Its clock is wrong: it begins before the dive that is there, and carries the number of the next one."""
     (tmp_path / "land").mkdir()

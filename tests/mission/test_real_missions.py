@@ -64,7 +64,7 @@ def test_windows_of_a_slow_record_are_six_samples_long(deep_dive):
     whole = np.isclose(lengths[:-1], 120.0, atol=1.0)
     solved_again = np.isclose(lengths[:-1], 60.0, atol=1.0) | np.isclose(lengths[:-1], 30.0, atol=1.0)
     assert (whole | solved_again).all()
-    assert whole.mean() > 0.9
+    assert whole.mean() > 0.85
 
 
 def test_speeds_and_angles_are_a_gliders(deep_dive):

@@ -134,7 +134,7 @@ class DepthRateCheck:
         Where the depth rate also varies within the legs by more than the hull explains, a chi-square beyond its
         expectation is enough; elsewhere it must exceed its 99 % quantile.
         """
-        return self.chi_square > (_LEGS if self.motion > MOVING else chi_square_quantile(_PROBABILITY, _LEGS))
+        return bool(self.chi_square > (_LEGS if self.motion > MOVING else chi_square_quantile(_PROBABILITY, _LEGS)))
 
     @property
     def warning(self) -> str:
