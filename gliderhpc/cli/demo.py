@@ -1,7 +1,7 @@
 """``gliderhpc demo``: simulate a synthetic mission, invert it, run every study, and write the report."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,11 +19,11 @@ from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
-from gliderhpc.mission.executors import Executor, local_executor
+from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.warm import compile_in_background, is_compiled
+from gliderhpc.mission.warm import compile_in_background, is_compiled, warm_simulator
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.output_files import check_folder
@@ -135,12 +135,15 @@ def run_demo(out: Path, announce: Announce, show: ShowTable, *, full: bool = Fal
     _check_folder(observations, f"synthetic {scenario.name}, seed {SEED}")
     if not is_compiled():
         announce("compiling the kernels, once for this machine: about half a minute")
-    with compile_in_background("kernels"):
-        announce(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
-        simulate_mission(platform, observations, scenario=scenario, seed=SEED, overwrite=True)
-        announce(_describe_light_currents(observations))
-    announce("inverting the dives")
-    with local_executor(default_workers()) as executor:
+    with ExitStack() as opened:
+        with compile_in_background("kernels"):
+            announce(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
+            executor = opened.enter_context(local_executor(default_workers(), warm_simulator))
+            simulate_mission(platform, observations, scenario=scenario, seed=SEED, run=executor.run, overwrite=True)
+            announce(_describe_light_currents(observations))
+        announce("inverting the dives")
+        if not is_compiled():
+            warm_estimation()
         tour = _DemoRun(out, platform, observations, out / "mission.zarr", executor, announce)
         mission = _invert(tour)
         show(summary_table(mission))

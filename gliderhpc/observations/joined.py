@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.dataset import open_observations
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
 from gliderhpc.observations.stored_reads import Reads, read_directly
@@ -81,10 +82,11 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
 
 @dataclass(frozen=True, eq=False)
 class _FileContent:
-    """Variables of a file by name (dimensions, values and attributes), and its global attributes."""
+    """Variables of a file by name (dimensions, values and attributes), global attributes, and faulty profiles."""
 
     variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]]
     attributes: dict[str, Any]
+    faulty: tuple[int, ...]
 
     def values(self, name: str) -> NDArray[Any]:
         """Return the values of a variable."""
@@ -105,6 +107,8 @@ class _FileContent:
 
 
 def _read_file(path: Path) -> _FileContent:
+    with open_observations(path) as observations:
+        faulty = tuple(observations.faults)
     with read_records(path) as records:
         if not records.sizes["time"]:
             raise InputError(f"{path}: has no samples")
@@ -113,7 +117,7 @@ def _read_file(path: Path) -> _FileContent:
             for name, variable in records.variables.items()
             if name in (*VARIABLES, *TIMES) and name not in REFERENCE
         }
-        return _FileContent(variables, {str(key): value for key, value in records.attrs.items()})
+        return _FileContent(variables, {str(key): value for key, value in records.attrs.items()}, faulty)
 
 
 def _conflict(records: _FileContent, other: _FileContent, name: str) -> str:
@@ -132,10 +136,12 @@ def _conflict(records: _FileContent, other: _FileContent, name: str) -> str:
 def _is_part_of(records: _FileContent, other: _FileContent) -> bool:
     """Return whether other records have every profile of these with the same depths, and more samples in all.
 
-    Without profile numbers, a file counts as one profile. The fixes of the part must not be lost.
+    Without profile numbers, a file counts as one profile. Neither fixes nor usable profiles of the part may be lost.
     """
     fixed, numbers = all(name in records.variables for name in FIXES), records.numbers
     if bool(numbers) != bool(other.numbers) or (fixed and not all(name in other.variables for name in FIXES)):
+        return False
+    if len(other.faulty) > len(records.faulty):
         return False
     more = len(other.values("time")) > len(records.values("time"))
     return more and all(_holds(_samples(other, number), _samples(records, number)) for number in numbers or {0})

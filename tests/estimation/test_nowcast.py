@@ -112,6 +112,7 @@ def _tidal_misses(amplitude):
     return np.median(misses, axis=0)
 
 
+@pytest.mark.long
 def test_tidal_lines_halve_the_miss_where_there_is_a_tide_and_do_no_harm_where_there_is_none():
     with_lines, without = _tidal_misses(0.1)
     assert with_lines < 0.5 * without
@@ -132,6 +133,7 @@ def _series(rng, dives, process, step=300.0):
     return averages, averages[:-1] + rng.normal(0.0, 0.01, (dives, 2))
 
 
+@pytest.mark.long
 def test_the_ellipse_of_the_next_average_holds_its_part():
     """The process is chosen by likelihood; the fraction is within three standard deviations of a binomial."""
     rng, inside, runs = np.random.default_rng(7), 0, 120

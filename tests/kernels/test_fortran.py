@@ -263,6 +263,7 @@ def test_the_loops_over_lanes_are_vectorised(fortran_kernels):
 # The engine
 
 
+@pytest.mark.long
 @compiled
 def test_a_mission_by_the_fortran_engine(brief, brief_store, fortran_kernels):
     """The archive names the engine; other results agree with the lanes engine as closely as rounding permits."""

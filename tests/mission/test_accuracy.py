@@ -59,6 +59,7 @@ def test_errors_put_in_come_out(tmp_path):
     ]
 
 
+@pytest.mark.long
 def test_only_steady_glide_counts(tmp_path):
     counts = {0: True, 1: False, 2: False, 4: True, 8: True, 16: True, 32: True, 64: True, 65: False}
     contents = [Content(number) for number in range(1, len(counts) + 1)]

@@ -103,6 +103,7 @@ def test_the_first_commit_replaces(own_copy):
     assert list(read_commits(own_copy)) == [0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("option", ["--resume", "--overwrite"])
 def test_killed_before_its_first_profile(swift, swift_store, own_copy, option):
     """After SIGKILL, the next run with either option finds the old archive."""

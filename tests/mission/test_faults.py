@@ -139,6 +139,7 @@ def test_a_cluster_whose_workers_are_all_gone_stops_the_run(dips, tmp_path):
         assert "pending" in tree["status"].values
 
 
+@pytest.mark.long
 def test_a_worker_lost_while_it_compiles_is_not_waited_for(dips):
     def lost():
         os.kill(os.getpid(), signal.SIGKILL)
@@ -276,7 +277,7 @@ def test_a_disk_that_is_really_full(dips, undisturbed, small_disk):
     [
         pytest.param(signal.SIGINT, 11, marks=pytest.mark.long),
         pytest.param(signal.SIGTERM, 12, marks=pytest.mark.long),
-        (signal.SIGKILL, 13),
+        pytest.param(signal.SIGKILL, 13, marks=pytest.mark.long),
     ],
     ids=str,
 )

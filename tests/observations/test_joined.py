@@ -76,3 +76,13 @@ def test_another_record_of_the_same_time_replaces_nothing(files, whole, tmp_path
 def test_a_fuller_file_without_the_fixes_replaces_nothing(files, tmp_path):
     left_out, _ = joined(files, ["1 decimated", "1 without fixes"], tmp_path)
     assert list(left_out) == ["1-without.nc"]
+
+
+def test_a_fuller_file_with_a_faulty_profile_replaces_nothing(files, whole, tmp_path):
+    """Its pitches are those of no glider."""
+    faulty = changed_observations(
+        files["1"], tmp_path / "faulty.nc", lambda content: content.assign(pitch=content["pitch"] + 80.0)
+    )
+    left_out, counts = joined({**files, "faulty": faulty}, ["1 decimated", "faulty"], tmp_path)
+    assert list(left_out) == ["faulty.nc"]
+    assert counts[1] < whole[1] / 3

@@ -374,6 +374,7 @@ def many(path, profiles, samples=40):
     return write_observations(variables, path, attributes=ATTRIBUTES)
 
 
+@pytest.mark.long
 def test_five_thousand_profiles_are_planned_in_seconds(tmp_path):
     """It had taken 47 s."""
     path = many(tmp_path / "many.nc", 5000)

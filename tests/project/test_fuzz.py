@@ -39,12 +39,17 @@ def specimens(program, tmp_path_factory):
     return Specimens(tmp_path_factory.mktemp("specimens"), program)
 
 
+LONG_CASES = ("archive-chunk-deleted-check", "full-disk-report")
+
+
 def _case(path):
     marks = (
         [pytest.mark.xfail(strict=True, reason="not mended: see the page Reliability")]
         if path.stem in OPEN["cases"]
         else []
     )
+    if path.stem in LONG_CASES:
+        marks.append(pytest.mark.long)
     return pytest.param(path, id=path.stem, marks=marks)
 
 
