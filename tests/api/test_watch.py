@@ -285,6 +285,7 @@ def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swi
     _assert_as_fresh(tmp_path / "m.zarr", swift_store)
 
 
+@pytest.mark.long
 def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, tmp_path, monkeypatch):
     """Before or after every file that it writes in turn, and between message and list."""
     _watched(tmp_path)

@@ -274,6 +274,7 @@ def test_no_fix_no_smoothed_current(missing):
     assert smoothed_current(record, series.time, np.zeros(2), np.eye(2), CurrentErrors()) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fixes", [1, 2])
 @pytest.mark.parametrize(("latitude", "velocity"), [(10.0, [0.5, -0.1]), (70.0, [-0.1, 0.4])])
 def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude, velocity, fixes):

@@ -137,6 +137,7 @@ def test_windows_in_rough_water_are_measured_by_the_prior_that_the_archive_names
         assert_agreement(one, archive.tolerance)
 
 
+@pytest.mark.long
 def test_windows_of_a_mission_that_were_not_retracted(twin, paper):
     archive = Archive(paper, twin)
     checked = 0

@@ -307,6 +307,7 @@ def _speed_error(dive, records):
     return (dive["smoothed"].ds.u.values.squeeze() - true)[inside], dive["smoothed"].ds.u_std.values.squeeze()[inside]
 
 
+@pytest.mark.long
 @pytest.mark.compiled
 def test_the_speed_is_right_where_the_pitch_is_off(records, without):
     error, deviation = _speed_error(gh.invert(records, TILTED, profile=2), records)

@@ -144,6 +144,7 @@ def test_a_full_folder_stops_nothing(tmp_path: Path) -> None:
     assert "the next run compiles again" in done.stderr
 
 
+@pytest.mark.long
 @compiled
 def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
     """A kernel is used by processes in turn: the first fills its cache, the others find it damaged or repaired."""

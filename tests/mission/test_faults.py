@@ -163,6 +163,7 @@ def _dies_on(number, run):
     return job
 
 
+@pytest.mark.long
 # Dask's warnings at the restart of a worker would otherwise end the process that starts it.
 @pytest.mark.filterwarnings("ignore")
 def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monkeypatch):
@@ -255,6 +256,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
+@pytest.mark.long
 def test_a_disk_that_is_really_full(dips, undisturbed, small_disk):
     store, log = small_disk / "small.zarr", small_disk / "run.log"
     ballast = small_disk / "ballast"

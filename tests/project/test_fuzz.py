@@ -39,7 +39,7 @@ def specimens(program, tmp_path_factory):
     return Specimens(tmp_path_factory.mktemp("specimens"), program)
 
 
-LONG_CASES = ("archive-chunk-deleted-check", "full-disk-report")
+LONG_CASES = ("archive-chunk-deleted-check", "archive-chunk-deleted-info", "full-disk-report")
 
 
 def _case(path):

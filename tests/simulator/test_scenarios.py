@@ -141,6 +141,7 @@ def scenarios():
     )  # fmt: skip
 
 
+@pytest.mark.long
 @compiled
 @settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(scenario=scenarios(), seed=st.integers(0, 2**31), number=st.integers(1, 3))

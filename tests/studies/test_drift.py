@@ -403,6 +403,7 @@ def test_an_episode_that_fades_fast_and_is_gone_at_once_is_one():
     assert one.size("K_D0", "climb").value == pytest.approx(0.75 * HULL.viscous.K_D0, rel=0.2)
 
 
+@pytest.mark.long
 def test_what_an_episode_of_climbs_leaves_in_the_dives_is_no_episode():
     """A third of it, of the other sign and some dives later, as estimates may leave there: one episode, of climbs."""
     course = drift_series.planted_course(40, 12, 10, 0.9, remaining=0.3)

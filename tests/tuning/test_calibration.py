@@ -448,6 +448,7 @@ def test_a_false_segment_in_twenty_does_not_move_the_fit():
     assert volume.after == pytest.approx(640.0, abs=5.0)
 
 
+@pytest.mark.long
 def test_what_runs_to_the_bound_is_held_at_the_bound():
     """A battery zero 12.5 cm off: back at the platform's, the worst value known, it would spoil every other number."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.125})
@@ -589,6 +590,7 @@ def test_the_usual_errors_leave_out_the_largest_twentieth():
     assert found.trimmed[1] < found.all[1]
 
 
+@pytest.mark.long
 def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_held(monkeypatch):
     stable = iter([False, True, True])
     monkeypatch.setattr(calibration, "glides_stably", lambda _: next(stable))
