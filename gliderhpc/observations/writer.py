@@ -123,8 +123,21 @@ def times_since(time: npt.NDArray[np.datetime64]) -> str:
 
 
 def seconds_since(time: npt.NDArray[np.datetime64], unit: str) -> npt.NDArray[np.float64]:
-    """Return times as numbers in a unit of `times_since`, NaN where missing."""
-    return (time - np.datetime64(unit.removeprefix("seconds since "), "ns")) / np.timedelta64(1, "s")
+    """Return times as numbers in a unit of `times_since`, NaN where missing.
+
+    Readers truncate the product with 1e9 to whole nanoseconds. Where it lies just below the time, the next number is
+    returned, so that a time that is read and written again remains the same.
+    """
+    elapsed = time - np.datetime64(unit.removeprefix("seconds since "), "ns")
+    seconds = np.asarray(elapsed / np.timedelta64(1, "s"))
+    known, wanted = ~np.isnat(elapsed), elapsed.astype(np.int64)
+    above = np.nextafter(seconds, np.inf)
+    exact = known & (_whole_nanoseconds(seconds, known) < wanted) & (_whole_nanoseconds(above, known) == wanted)
+    return np.where(exact, above, seconds)
+
+
+def _whole_nanoseconds(seconds: npt.NDArray[np.float64], known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    return (np.where(known, seconds, 0.0) * 1e9).astype(np.int64)
 
 
 def _encoding(dataset: xr.Dataset) -> dict[str, dict[str, object]]:

@@ -12,6 +12,8 @@ from support.observation_files import SAMPLES, START, edited, first_sample, miss
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.times import decode_times
+from gliderhpc.observations.writer import seconds_since
 
 
 def test_round_trip_in_si_units(tmp_path):
@@ -444,3 +446,14 @@ def test_writer_refuses_what_is_not_of_the_format(tmp_path):
 def test_writer_needs_the_folder(tmp_path):
     with pytest.raises(InputError, match="does not exist; create it first"):
         write(tmp_path / "absent")
+
+
+@pytest.mark.parametrize("days", [0, 2, 30])
+def test_times_that_are_read_and_written_again_remain_the_same(days):
+    """Readers truncate to whole nanoseconds; without a correction every second copy of a file was a nanosecond off."""
+    steps = np.random.default_rng(days).integers(1, 10**10, 20_000)
+    times = np.datetime64("2024-04-12", "ns") + np.timedelta64(days, "D") + np.cumsum(steps).astype("m8[ns]")
+    times[7] = np.datetime64("NaT")
+    unit = "seconds since 2024-04-12"
+    again = decode_times(seconds_since(times, unit), unit, "", "a file").time
+    np.testing.assert_array_equal(again, times)
