@@ -3,9 +3,8 @@
 Those of `scipy.stats` are the same, but importing it takes as long as all other imports of the estimation together.
 """
 
-from typing import Any, overload
+from typing import Any
 
-import numpy as np
 import scipy
 from numpy.typing import NDArray
 
@@ -20,14 +19,9 @@ def student_quantile(probability: float, freedom: float) -> float:
     return float(scipy.special.stdtrit(freedom, probability))
 
 
-@overload
-def chi_square_quantile(probability: float, freedom: float) -> float: ...
-@overload
-def chi_square_quantile(probability: float, freedom: NDArray[Any]) -> NDArray[np.float64]: ...
-def chi_square_quantile(probability: float, freedom: float | NDArray[Any]) -> float | NDArray[np.float64]:
-    """Return the value below which chi-square with degrees of freedom lies with a probability."""
-    quantile: float | NDArray[np.float64] = np.float64(scipy.special.chdtri(freedom, 1.0 - probability))
-    return quantile
+def chi_square_quantile(probability: float, freedom: float | NDArray[Any]) -> Any:
+    """Return the value below which chi-square with degrees of freedom lies with a probability; an array for several."""
+    return scipy.special.chdtri(freedom, 1.0 - probability)
 
 
 def chi_square_tail(value: float, freedom: float) -> float:

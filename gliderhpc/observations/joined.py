@@ -61,16 +61,17 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
             left_out[path.name] = str(error)
     chosen: dict[Path, _FileContent] = {}
     for path, content in opened.items():
-        met = {one: other for one, other in chosen.items() if _conflict(content, other, "")}
-        if met and all(_is_part_of(other, content) for other in met.values()):
+        conflicts = {one: _conflict(content, other, one.name) for one, other in chosen.items()}
+        met = [one for one, conflict in conflicts.items() if conflict]
+        if met and all(_is_part_of(chosen[one], content) for one in met):
             for one in met:
                 log.info("%s: replaced by %s, which has all of it and more samples", one, path.name)
                 del chosen[one]
-        elif any(_is_part_of(content, other) for other in met.values()):
+        elif any(_is_part_of(content, chosen[one]) for one in met):
             log.info("%s: not used, since all of it is in another file", path)
             continue
-        elif conflict := next((_conflict(content, other, one.name) for one, other in met.items()), ""):
-            left_out[path.name] = f"{path}: {conflict}"
+        elif met:
+            left_out[path.name] = f"{path}: {conflicts[met[0]]}"
             continue
         chosen[path] = content
     if not chosen:
@@ -82,11 +83,11 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
 
 @dataclass(frozen=True, eq=False)
 class _FileContent:
-    """Variables of a file by name (dimensions, values and attributes), global attributes, and faulty profiles."""
+    """A file, its variables by name (dimensions, values and attributes), and its global attributes."""
 
+    path: Path
     variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]]
     attributes: dict[str, Any]
-    faulty: tuple[int, ...]
 
     def values(self, name: str) -> NDArray[Any]:
         """Return the values of a variable."""
@@ -99,6 +100,12 @@ class _FileContent:
         return time[0], time[-1]
 
     @cached_property
+    def fault_count(self) -> int:
+        """Number of the profiles that cannot be used; the file is searched for them when this is first asked."""
+        with open_observations(self.path) as observations:
+            return len(observations.faults)
+
+    @cached_property
     def numbers(self) -> frozenset[int]:
         """Numbers of the profiles; empty if the file does not number them."""
         if "profile" not in self.variables:
@@ -107,8 +114,6 @@ class _FileContent:
 
 
 def _read_file(path: Path) -> _FileContent:
-    with open_observations(path) as observations:
-        faulty = tuple(observations.faults)
     with read_records(path) as records:
         if not records.sizes["time"]:
             raise InputError(f"{path}: has no samples")
@@ -117,7 +122,7 @@ def _read_file(path: Path) -> _FileContent:
             for name, variable in records.variables.items()
             if name in (*VARIABLES, *TIMES) and name not in REFERENCE
         }
-        return _FileContent(variables, {str(key): value for key, value in records.attrs.items()}, faulty)
+        return _FileContent(path, variables, {str(key): value for key, value in records.attrs.items()})
 
 
 def _conflict(records: _FileContent, other: _FileContent, name: str) -> str:
@@ -141,10 +146,10 @@ def _is_part_of(records: _FileContent, other: _FileContent) -> bool:
     fixed, numbers = all(name in records.variables for name in FIXES), records.numbers
     if bool(numbers) != bool(other.numbers) or (fixed and not all(name in other.variables for name in FIXES)):
         return False
-    if len(other.faulty) > len(records.faulty):
+    if len(other.values("time")) <= len(records.values("time")):
         return False
-    more = len(other.values("time")) > len(records.values("time"))
-    return more and all(_holds(_samples(other, number), _samples(records, number)) for number in numbers or {0})
+    held = all(_holds(_samples(other, number), _samples(records, number)) for number in numbers or {0})
+    return held and other.fault_count <= records.fault_count
 
 
 def _samples(records: _FileContent, number: int) -> tuple[Array, Array]:

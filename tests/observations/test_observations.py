@@ -450,7 +450,7 @@ def test_writer_needs_the_folder(tmp_path):
 
 @pytest.mark.parametrize("days", [0, 2, 30])
 def test_times_that_are_read_and_written_again_remain_the_same(days):
-    """Readers truncate to whole nanoseconds; without a correction every second copy of a file was a nanosecond off."""
+    """Readers truncate to whole nanoseconds; without a correction, one time in forty is a nanosecond off."""
     steps = np.random.default_rng(days).integers(1, 10**10, 20_000)
     times = np.datetime64("2024-04-12", "ns") + np.timedelta64(days, "D") + np.cumsum(steps).astype("m8[ns]")
     times[7] = np.datetime64("NaT")
