@@ -1,6 +1,6 @@
 """Data of one profile of an archive as plain arrays, for figures and tables."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,25 +155,27 @@ def done_profiles(archive: Archive) -> list[int]:
     return [int(number) for number, status in statuses if str(status) == "done"]
 
 
-def read_recorded_profile(archive: Archive, number: int) -> RecordedProfile:
-    """Read the records of one profile, which takes a fraction of the time of `read_profile_data`.
+def read_recorded_profiles(archive: Archive, numbers: Sequence[int]) -> list[RecordedProfile]:
+    """Read the records of profiles, which takes a fraction of the time of `read_profile_data`.
 
     Parameters
     ----------
     archive : Archive
         The archive.
-    number : int
-        Number of the profile.
+    numbers : sequence of int
+        Numbers of the profiles.
 
     Raises
     ------
     InputError
-        The archive has no such profile, or the profile failed or is not yet done.
+        The archive has no such profile, or a profile failed or is not yet done.
     """
-    table = _row(archive, number)
-    series = _group_row(archive, "series", number, "time", "quality")
-    state, observed = _group_row(archive, "state", number, "time"), _group_row(archive, "observed", number)
-    return _recorded(archive, table, series, state["time"], observed)
+    found = []
+    for number, table in zip(numbers, _rows(archive, numbers), strict=True):
+        series = _group_row(archive, "series", number, "time", "quality")
+        state, observed = _group_row(archive, "state", number, "time"), _group_row(archive, "observed", number)
+        found.append(_recorded(archive, table, series, state, observed))
+    return found
 
 
 def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) -> ProfileData:
@@ -194,10 +196,10 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     InputError
         The archive has no such profile, the profile failed or is not yet done, or the archive has no such estimate.
     """
-    table = _row(archive, number)
-    series, prior, observed = (_group_row(archive, group, number) for group in ("series", "prior", "observed"))
-    state = _group_row(archive, _group_of(archive, estimate), number)
-    recorded = _recorded(archive, table, series, state["time"], observed)
+    (table,) = _rows(archive, [number])
+    groups = ("series", _group_of(archive, estimate), "observed", "prior")
+    series, state, observed, prior = (_group_row(archive, group, number) for group in groups)
+    recorded = _recorded(archive, table, series, state, observed)
     time, record_time = recorded.time, recorded.record_time
     samples, records = _filled_mask(series["time"]), _filled_mask(state["time"])
     if estimate == SMOOTHED:
@@ -222,11 +224,11 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
 
 
 def _recorded(
-    archive: Archive, table: Mapping[str, Any], series: xr.Dataset, record_time: xr.DataArray, observed: xr.Dataset
+    archive: Archive, table: Mapping[str, Any], series: xr.Dataset, state: xr.Dataset, observed: xr.Dataset
 ) -> RecordedProfile:
     """Return the records of a profile from its rows."""
     number = int(series["profile"])
-    samples, records = _filled_mask(series["time"]), _filled_mask(record_time)
+    samples, records = _filled_mask(series["time"]), _filled_mask(state["time"])
     instants = series["time"].values[samples]
     measured = _columns(observed, TRACKED)[records]
     measured[:, 2] = unwrap(measured[:, 2])
@@ -237,7 +239,7 @@ def _recorded(
         epoch=instants[0],
         time=_seconds(instants, instants[0]),
         quality=series["quality"].values[samples].astype(np.uint8),
-        record_time=_seconds(record_time.values[records], instants[0]),
+        record_time=_seconds(state["time"].values[records], instants[0]),
         measured=measured,
         sampled=_sampled_mask(observed)[records],
         controls=_columns(observed, CONTROLS)[records],
@@ -323,17 +325,21 @@ def on_branch_of(reference: Array, degrees: Array) -> Array:
     return nearby + wrap(degrees - nearby)
 
 
-def _row(archive: Archive, number: int) -> dict[str, Any]:
+def _rows(archive: Archive, numbers: Sequence[int]) -> list[dict[str, Any]]:
+    """Read the rows of profiles in the archive's table, all of which must be done."""
     table = archive.to_dataset()
-    numbers = table["profile"].values.tolist()
-    if number not in numbers:
-        raise InputError(f"the archive has no profile {number}; the available ones are {describe_numbers(numbers)}")
-    row = table.sel(profile=number).load()
-    values = {str(name): variable.values[()] for name, variable in row.data_vars.items()}
-    if str(values["status"]) != "done":
-        why = f": {values['message']}" if values["message"] else ""
-        raise InputError(f"profile {number} is {values['status']}, so there is nothing to show{why}")
-    return values
+    known = table["profile"].values.tolist()
+    for number in numbers:
+        if number not in known:
+            raise InputError(f"the archive has no profile {number}; the available ones are {describe_numbers(known)}")
+    read = table.sel(profile=list(numbers)).load()
+    columns = {str(name): variable.values for name, variable in read.data_vars.items()}
+    rows = [{name: values[i] for name, values in columns.items()} for i in range(len(numbers))]
+    for number, row in zip(numbers, rows, strict=True):
+        if str(row["status"]) != "done":
+            why = f": {row['message']}" if row["message"] else ""
+            raise InputError(f"profile {number} is {row['status']}, so there is nothing to show{why}")
+    return rows
 
 
 def _group_row(archive: Archive, group: str, number: int, *names: str) -> xr.Dataset:

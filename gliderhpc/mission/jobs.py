@@ -145,9 +145,10 @@ class _Batch:
     def tasks(self) -> Iterator[tuple[_Work, PreparedProfile]]:
         """Read each profile's record; unusable ones fail here, and those already committed are skipped."""
         settings, glider = self._job.settings, Glider(self._job.platform)
+        common = common_digests(self._job.platform, settings)
         for number, index in self._job.profiles:
             began = time.perf_counter()
-            inputs = input_digests(self._observations, number, self._job.mission_start, self._job.platform, settings)
+            inputs = input_digests(self._observations, number, self._job.mission_start, common)
             commit = self._commits.get(index)
             if isinstance(commit, Commit) and commit.inputs == inputs:
                 self._results.append(ProfileResult(number, index, dict(commit.row)))
@@ -216,8 +217,17 @@ def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
     return same and bool(commit.extra) and commit.row.get("status") == "done"
 
 
+def common_digests(platform: Platform, settings: MissionSettings) -> dict[str, str]:
+    """Return the digests, by kind, of the inputs that all profiles of a run have in common."""
+    return {
+        "software": __version__,
+        "settings": _digest(settings.model_dump(mode="json")),
+        "platform": _digest(platform.model_dump(mode="json")),
+    }
+
+
 def input_digests(
-    observations: Observations, number: int, mission_start: np.datetime64, platform: Platform, settings: MissionSettings
+    observations: Observations, number: int, mission_start: np.datetime64, common: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the digests, by kind, of all inputs that determine a profile's results.
 
@@ -229,13 +239,11 @@ def input_digests(
         Number of the profile.
     mission_start : numpy.datetime64
         Origin of its `elapsed_days`.
-    platform, settings : Platform, MissionSettings
-        Hull and settings of the run.
+    common : mapping of str to str
+        Digests of what all profiles have in common (`common_digests`).
     """
     return {
-        "software": __version__,
-        "settings": _digest(settings.model_dump(mode="json")),
-        "platform": _digest(platform.model_dump(mode="json")),
+        **common,
         "record": _record_digest(observations, number, mission_start),
         FIXES: observations.fix_digest(number),
     }
@@ -323,9 +331,13 @@ class MissionWork:
         """Origin of the mission's `elapsed_days`."""
         return earliest_start(self.observations)
 
+    @cached_property
+    def _common(self) -> dict[str, str]:
+        return common_digests(self.platform, self.settings)
+
     def inputs(self, number: int) -> dict[str, str]:
         """Return the digests of a profile's inputs."""
-        return input_digests(self.observations, number, self.start, self.platform, self.settings)
+        return input_digests(self.observations, number, self.start, self._common)
 
     def job(self, profiles: tuple[tuple[int, int], ...], token: str | None) -> BatchJob:
         """Return the job of some profiles, given by number and position."""

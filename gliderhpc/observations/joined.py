@@ -1,6 +1,7 @@
 """Joining of one glider's observation files, of one or several dives each, into one file."""
 
 import logging
+from bisect import bisect_right, insort
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -59,25 +60,24 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
             opened[path] = reads(_read_file, path)
         except InputError as error:
             left_out[path.name] = str(error)
-    chosen: dict[Path, _FileContent] = {}
+    chosen = _ChosenFiles()
     for path, content in opened.items():
-        conflicts = {one: _conflict(content, other, one.name) for one, other in chosen.items()}
-        met = [one for one, conflict in conflicts.items() if conflict]
-        if met and all(_is_part_of(chosen[one], content) for one in met):
+        met = chosen.in_conflict_with(content)
+        if met and all(_is_part_of(one, content) for one in met):
             for one in met:
-                log.info("%s: replaced by %s, which has all of it and more samples", one, path.name)
-                del chosen[one]
-        elif any(_is_part_of(content, chosen[one]) for one in met):
+                log.info("%s: replaced by %s, which has all of it and more samples", one.path, path.name)
+                chosen.remove(one)
+        elif any(_is_part_of(content, one) for one in met):
             log.info("%s: not used, since all of it is in another file", path)
             continue
         elif met:
-            left_out[path.name] = f"{path}: {conflicts[met[0]]}"
+            left_out[path.name] = f"{path}: {_conflict(content, met[0])}"
             continue
-        chosen[path] = content
-    if not chosen:
+        chosen.add(content)
+    if not chosen.in_order:
         raise InputError(next(iter(left_out.values()), "no observation file"))
     out.unlink(missing_ok=True)
-    write_records(_joined(sorted(chosen.values(), key=lambda content: content.span)), out)
+    write_records(_joined(chosen.in_order), out)
     return left_out
 
 
@@ -95,9 +95,10 @@ class _FileContent:
 
     @cached_property
     def span(self) -> tuple[np.datetime64, np.datetime64]:
-        """Times of the first and the last sample."""
+        """Times of the first and the last sample that have one."""
         time = self.values("time")
-        return time[0], time[-1]
+        known = time[~np.isnat(time)]
+        return known[0], known[-1]
 
     @cached_property
     def fault_count(self) -> int:
@@ -115,8 +116,8 @@ class _FileContent:
 
 def _read_file(path: Path) -> _FileContent:
     with read_records(path) as records:
-        if not records.sizes["time"]:
-            raise InputError(f"{path}: has no samples")
+        if np.isnat(records["time"].values).all():
+            raise InputError(f"{path}: has no samples with a time")
         variables = {
             str(name): (tuple(map(str, variable.dims)), variable.values, dict(variable.attrs))
             for name, variable in records.variables.items()
@@ -125,16 +126,61 @@ def _read_file(path: Path) -> _FileContent:
         return _FileContent(path, variables, {str(key): value for key, value in records.attrs.items()})
 
 
-def _conflict(records: _FileContent, other: _FileContent, name: str) -> str:
-    """Describe why records contradict others, those of a file's name; empty if they do not."""
+class _ChosenFiles:
+    """Files without any conflict, ordered by time; with hundreds of files, not every pair is compared.
+
+    Attributes
+    ----------
+    in_order : list of _FileContent
+        The files.
+    """
+
+    def __init__(self) -> None:
+        self.in_order: list[_FileContent] = []
+        self._by_number: dict[int, _FileContent] = {}
+
+    def add(self, content: _FileContent) -> None:
+        """Add a file that contradicts none of the others."""
+        insort(self.in_order, content, key=_begin)
+        self._by_number |= dict.fromkeys(content.numbers, content)
+
+    def remove(self, content: _FileContent) -> None:
+        """Remove a file."""
+        self.in_order.remove(content)
+        for number in content.numbers:
+            del self._by_number[number]
+
+    def in_conflict_with(self, content: _FileContent) -> list[_FileContent]:
+        """Return the files that contradict another one."""
+        start, end = content.span
+        if self.in_order and _is_numbered(self.in_order[0]) != _is_numbered(content):
+            candidates = list(self.in_order)
+        else:
+            # No two of the files overlap, so only the last that begins before the record can reach into it.
+            first = max(bisect_right(self.in_order, start, key=_begin) - 1, 0)
+            candidates = self.in_order[first : bisect_right(self.in_order, end, key=_begin)]
+            candidates += [self._by_number[number] for number in sorted(content.numbers & self._by_number.keys())]
+        return [one for one in dict.fromkeys(candidates) if _conflict(content, one)]
+
+
+def _begin(content: _FileContent) -> np.datetime64:
+    return content.span[0]
+
+
+def _is_numbered(content: _FileContent) -> bool:
+    return "profile" in content.variables
+
+
+def _conflict(records: _FileContent, other: _FileContent) -> str:
+    """Describe why records contradict others; empty if they do not."""
     (start, end), (taken_from, taken_until) = records.span, other.span
     if start <= taken_until and taken_from <= end:
-        return f"overlaps {name} in time; give every sample once"
-    if ("profile" in records.variables) != ("profile" in other.variables):
+        return f"overlaps {other.path.name} in time; give every sample once"
+    if _is_numbered(records) != _is_numbered(other):
         return "has profile numbers and the others have none, or the reverse; give them in all files or in none"
     shared = records.numbers & other.numbers
     if shared:
-        return f"profile {min(shared)} is also in {name}; give every profile its own number"
+        return f"profile {min(shared)} is also in {other.path.name}; give every profile its own number"
     return ""
 
 

@@ -36,6 +36,8 @@ from gliderhpc.observations.validation import (
 class StoredVariables:
     """Variables of an open file, read whole or in slices.
 
+    Times that have been read as a whole stay in memory, since decoding slices takes about a millisecond each.
+
     Parameters
     ----------
     dataset : xarray.Dataset
@@ -47,6 +49,7 @@ class StoredVariables:
     def __init__(self, dataset: xr.Dataset, path: Path) -> None:
         self.dataset = dataset
         self.path = path
+        self._whole: dict[str, DecodedTimes] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.dataset.variables
@@ -63,9 +66,14 @@ class StoredVariables:
 
     def times(self, name: str, start: int, stop: int) -> DecodedTimes:
         """Read a slice of one of the time variables."""
+        if name in self._whole:
+            return self._whole[name].part(start, stop)
         attributes = self.dataset[name].attrs
         units, calendar = (str(attributes.get(key, "")) for key in ("units", "calendar"))
-        return decode_times(self._read(name, start, stop), units, calendar, f"{self.path}: {name}")
+        decoded = decode_times(self._read(name, start, stop), units, calendar, f"{self.path}: {name}")
+        if start == 0 and stop == self.dataset[name].size:
+            self._whole[name] = decoded
+        return decoded
 
     def _read(self, name: str, start: int, stop: int) -> npt.NDArray[np.generic]:
         try:

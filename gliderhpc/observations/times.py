@@ -47,6 +47,10 @@ class DecodedTimes:
     time: TimeArray
     implausible: npt.NDArray[np.bool_]
 
+    def part(self, start: int, stop: int) -> "DecodedTimes":
+        """Return a slice."""
+        return DecodedTimes(self.time[start:stop], self.implausible[start:stop])
+
 
 def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, where: str) -> DecodedTimes:
     """Decode times with their CF unit.

@@ -73,8 +73,8 @@ def surfacing_message(
     """
     row = archive.to_dataset().sel(profile=number).load()
     done = str(row["status"].values) == "done"
-    data = read_profile_data(archive, number) if done else None
     smoothed = done and has_smoothed(archive, number)
+    data = read_best_estimate(archive, number, smoothed=smoothed) if done else None
     hull = recent_hull(archive, number) if done and _has_hull_information(archive) else None
     return SurfacingMessage(
         version=MESSAGE_VERSION,
@@ -90,7 +90,7 @@ def surfacing_message(
         surfacing=_surfacing(row),
         current=current_of_dive(row),
         surface_drift=_pair(row, "surface_drift_north", "surface_drift_east"),
-        water=water_of_dive(archive, number, smoothed) if done else None,
+        water=None if data is None else water_of_dive(archive, data),
         next_surfacing=_next_surfacing(archive, number) if smoothed else None,
         inversion=Inversion(
             status=str(row["status"].values),
@@ -100,7 +100,7 @@ def surfacing_message(
             smoothed=smoothed,
             seconds=_value(row, "run_seconds"),
         ),
-        odd=() if data is None else _anomalies(row, data, smoothed),
+        odd=() if data is None else _anomalies(row, data),
         hull=_hull(archive, number) if smoothed else (),
         hull_changes=() if hull is None else hull_changes(hull),
         trim=() if hull is None else tuple(trim_of(hull)),
@@ -174,20 +174,24 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
     )
 
 
-def water_of_dive(archive: Archive, number: int, smoothed: bool) -> Water | None:
-    """Return the motion through the water of a done profile, with errors if the smoother has an estimate.
+def read_best_estimate(archive: Archive, number: int, *, smoothed: bool) -> ProfileData:
+    """Read a done profile with the smoother's estimate, or with the adjoint's where the smoother has none."""
+    return read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
+
+
+def water_of_dive(archive: Archive, data: ProfileData) -> Water | None:
+    """Return the motion through the water of a profile, with errors where the estimate is the smoother's.
 
     Without any velocity in the archive it is None.
     """
-    data = read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
     motion, duration = data.motion, float(data.time[-1])
     speeds = np.linalg.norm(motion[:, 2:5], axis=1)
     if not np.isfinite(speeds).any():
         return None
     north, east = (float(value) for value in motion[-1, :2] - motion[0, :2])
     deviations: dict[str, float | None] = dict.fromkeys(("north_std", "east_std", "horizontal_speed_std"))
-    if smoothed:
-        row = archive["smoothed"].to_dataset().sel(profile=number)
+    if data.estimate == SMOOTHED:
+        row = archive["smoothed"].to_dataset().sel(profile=data.number)
         north, east = (float(row[f"displacement_{name}"]) for name in ("north", "east"))
         deviations = _displacement_errors(row, np.array([north, east]), duration)
     return Water(
@@ -216,13 +220,13 @@ def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) 
     return {name: value if math.isfinite(value) else None for name, value in values.items()}
 
 
-def _anomalies(row: xr.Dataset, data: ProfileData, smoothed: bool) -> tuple[str, ...]:
+def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
     """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
     if gated > _MANY_GATED * samples:
         remarks.append(f"the filter rejected {gated} of {samples} samples")
-    if not smoothed:
+    if data.estimate != SMOOTHED:
         remarks.append("the smoother diverged; the filter's estimate is used")
     for meaning, share in _SHARES.items():
         part = float(np.mean((data.quality & QUALITY.meanings[meaning]) != 0))

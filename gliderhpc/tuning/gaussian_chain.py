@@ -3,16 +3,18 @@
 A dive enters through its log-likelihood of the unknowns x, ``log p(dive | x) = c + h'x - x'Lx / 2``, which may have no
 information in some directions. From dive to dive each unknown is constant, walks randomly, or decays. There are only a
 few tens of unknowns, and plain dense algebra suffices.
+
+All arrays may have leading axes: several problems of the same size are then solved at once, which for such small
+matrices takes little longer than one.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.smoother.hull_errors import disagreement
+from gliderhpc.estimation.smoother.hull_errors import InformedDirections
 
 Array = NDArray[np.float64]
 
@@ -33,15 +35,27 @@ class Information:
 
     vector: Array
     matrix: Array
-    constant: float = 0.0
+    constant: Array | float = 0.0
+
+    @classmethod
+    def stacked(cls, parts: Sequence["Information"]) -> "Information":
+        """Return several pieces of information along a new axis, the last but those of the unknowns."""
+        return cls(
+            np.stack([part.vector for part in parts], axis=-2),
+            np.stack([part.matrix for part in parts], axis=-3),
+            np.stack([part.constant for part in parts], axis=-1),
+        )
 
     def __add__(self, other: "Information") -> "Information":
         """Return the sum of two independent pieces of information."""
         return Information(self.vector + other.vector, self.matrix + other.matrix, self.constant + other.constant)
 
-    def weighted(self, weight: float) -> "Information":
+    def weighted(self, weight: Array | float) -> "Information":
         """Return the information times a weight."""
-        return Information(weight * self.vector, weight * self.matrix, weight * self.constant)
+        factor = np.asarray(weight)
+        return Information(
+            factor[..., None] * self.vector, factor[..., None, None] * self.matrix, factor * self.constant
+        )
 
 
 def about(score: Array, information: Array, point: Array) -> Information:
@@ -57,16 +71,28 @@ class Gaussian:
     mean: Array
     covariance: Array
 
+    @classmethod
+    def stacked(cls, parts: Sequence["Gaussian"]) -> "Gaussian":
+        """Return several distributions along a new axis, the last but those of the unknowns."""
+        return cls(
+            np.stack([part.mean for part in parts], axis=-2), np.stack([part.covariance for part in parts], axis=-3)
+        )
+
+    def unstacked(self) -> tuple["Gaussian", ...]:
+        """Return the distributions along the last axis but those of the unknowns."""
+        means, covariances = np.moveaxis(self.mean, -2, 0), np.moveaxis(self.covariance, -3, 0)
+        return tuple(Gaussian(*each) for each in zip(means, covariances, strict=True))
+
     @property
     def std(self) -> Array:
         """Standard deviations (p,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     def part(self, count: int) -> "Gaussian":
         """Return the distribution of the first unknowns."""
-        return Gaussian(self.mean[:count], self.covariance[:count, :count])
+        return Gaussian(self.mean[..., :count], self.covariance[..., :count, :count])
 
-    def updated(self, term: Information) -> tuple["Gaussian", float]:
+    def updated(self, term: Information) -> tuple["Gaussian", Array]:
         """Return the posterior after a dive, and the log evidence of that dive with this distribution as the prior.
 
         Notes
@@ -75,30 +101,41 @@ class Gaussian:
         This form is stable where a dive has no information, and where it has a million times that of the prior.
         """
         root = np.linalg.cholesky(self.covariance)
-        inner = np.linalg.cholesky(np.eye(len(root)) + root.T @ term.matrix @ root)
+        inner = np.linalg.cholesky(np.eye(root.shape[-1]) + root.mT @ term.matrix @ root)
         # The general solver is faster: on small matrices the triangular one waits for its threads.
-        half = np.linalg.solve(inner, root.T)
-        covariance = half.T @ half
-        missing = term.vector - term.matrix @ self.mean
-        gain = covariance @ missing
+        half = np.linalg.solve(inner, root.mT)
+        covariance = half.mT @ half
+        expected = apply(term.matrix, self.mean)
+        missing = term.vector - expected
+        gain = apply(covariance, missing)
         evidence = (
             term.constant
-            + float(term.vector @ self.mean)
-            - 0.5 * float(self.mean @ term.matrix @ self.mean)
-            + 0.5 * float(missing @ gain)
-            - float(np.log(np.diag(inner)).sum())
+            + np.sum((term.vector - 0.5 * expected) * self.mean + 0.5 * missing * gain, axis=-1)
+            - np.sum(np.log(np.diagonal(inner, axis1=-2, axis2=-1)), axis=-1)
         )
         return Gaussian(self.mean + gain, covariance), evidence
 
     def without(self, term: Information) -> "Gaussian":
         """Return the distribution without one of its dives: the inverse of `updated`."""
-        covariance = np.linalg.solve(np.eye(len(self.mean)) - self.covariance @ term.matrix, self.covariance)
-        covariance = 0.5 * (covariance + covariance.T)
-        return Gaussian(self.mean - covariance @ (term.vector - term.matrix @ self.mean), covariance)
+        covariance = np.linalg.solve(np.eye(self.mean.shape[-1]) - self.covariance @ term.matrix, self.covariance)
+        covariance = 0.5 * (covariance + covariance.mT)
+        missing = term.vector - apply(term.matrix, self.mean)
+        return Gaussian(self.mean - apply(covariance, missing), covariance)
 
-    def disagreement(self, term: Information) -> tuple[float, int]:
-        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom."""
-        return disagreement(term.vector - term.matrix @ self.mean, term.matrix, self.covariance)
+    def disagreement(
+        self, term: Information, informed: InformedDirections | None = None
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom.
+
+        The directions in which the dive is informed are computed unless they are given.
+        """
+        informed = informed or InformedDirections.of(term.matrix)
+        return informed.disagreement(term.vector - apply(term.matrix, self.mean), self.covariance)
+
+
+def apply(matrix: Array, vector: Array) -> Array:
+    """Return matrices times vectors."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +167,7 @@ class Chain:
 
     sequential: tuple[Gaussian, ...]
     smoothed: tuple[Gaussian, ...]
-    log_evidence: float
+    log_evidence: Array
     gains: tuple[Array, ...]
 
     def since_first(self) -> tuple[Array, Array]:
@@ -142,11 +179,12 @@ class Chain:
         between them times the later covariance.
         """
         first = self.smoothed[0]
-        across = np.eye(len(first.mean))
+        across = np.eye(first.mean.shape[-1])
         mean, std = [np.zeros_like(first.mean)], [np.zeros_like(first.mean)]
         for gain, here in zip(self.gains, self.smoothed[1:], strict=True):
             across = across @ gain
-            variance = np.diag(first.covariance + here.covariance - 2.0 * across @ here.covariance)
+            apart = first.covariance + here.covariance - 2.0 * across @ here.covariance
+            variance = np.diagonal(apart, axis1=-2, axis2=-1)
             mean.append(here.mean - first.mean)
             std.append(np.sqrt(np.maximum(variance, 0.0)))
         return np.array(mean), np.array(std)
@@ -164,13 +202,13 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
     terms : sequence of Information
         Information of the dives.
     """
-    sequential, predicted, evidence, posterior = [], [], 0.0, prior
+    sequential, predicted, evidence, posterior = [], [], np.zeros(()), prior
     for number, term in enumerate(terms):
         posterior = changes[number - 1].applied(posterior) if number else posterior
         predicted.append(posterior)
         posterior, gained = posterior.updated(term)
         sequential.append(posterior)
-        evidence += gained
+        evidence = evidence + gained
     gains = [_gain(sequential[i], predicted[i + 1], change) for i, change in enumerate(changes[: len(terms) - 1])]
     smoothed = [sequential[-1]]
     for number in range(len(terms) - 2, -1, -1):
@@ -179,10 +217,9 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
 
 
 def _gain(here: Gaussian, predicted: Gaussian, change: Change) -> Array:
-    factor = scipy.linalg.cho_factor(predicted.covariance, lower=True)
-    return np.asarray(scipy.linalg.cho_solve(factor, change.decay[:, None] * here.covariance).T)
+    return np.asarray(np.linalg.solve(predicted.covariance, change.decay[:, None] * here.covariance).mT)
 
 
 def _smooth_one(here: Gaussian, predicted: Gaussian, gain: Array, after: Gaussian) -> Gaussian:
-    covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.T
-    return Gaussian(here.mean + gain @ (after.mean - predicted.mean), 0.5 * (covariance + covariance.T))
+    covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.mT
+    return Gaussian(here.mean + apply(gain, after.mean - predicted.mean), 0.5 * (covariance + covariance.mT))

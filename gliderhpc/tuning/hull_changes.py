@@ -110,7 +110,9 @@ def find_changes(
     if len(dives) < _MIN_DIVES:
         return dict.fromkeys(suspects)
     companions = companions or {}
-    chains = [_Chain(prior, each, _weights_of(each, prior, robust=robust), size) for each in _assumptions(dives)]
+    assumptions = _assumptions(dives)
+    parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(dives)))
+    chains = [_Chain(prior, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
     changes: dict[int, HullChange] = {}
     remaining = list(suspects)
     while remaining:
@@ -134,20 +136,17 @@ def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
     ]
 
 
-def _weights_of(dives: Sequence[DiveTerm], prior: HullPrior, *, robust: bool) -> list[float]:
-    """Factors on the information of dives that bring it to their scatter; one if they are not to be compared."""
-    if not robust:
-        return [1.0] * len(dives)
-    terms, full = [dive.term for dive in dives], np.ones(len(dives))
+def _parts(assumptions: Sequence[Sequence[DiveTerm]], prior: HullPrior) -> Array:
+    """Factors on the information of the dives ``(assumption, dive)`` that bring it to their scatter."""
+    terms = [Information.stacked([dive.term for dive in same]) for same in zip(*assumptions, strict=True)]
 
     def total(walk: Array) -> WeightedSum:
-        return WeightedSum(SumProblem(prior.eta, changes_of(dives, walk), terms), 1.0, full)
+        return WeightedSum.plain(SumProblem(prior.eta, changes_of(assumptions[0], walk), terms))
 
     # A random walk that is too large would pass for dives that agree, so that smaller scatter is judged without it.
-    agreeing = total(np.zeros(len(prior.walk))).agreeing(_LEAST_SCATTER)
-    if agreeing.inflation >= 1.0 or agreeing.disagreements[1].sum() < _MIN_FREEDOM:
-        agreeing = total(prior.walk).agreeing()
-    return [float(weight) / agreeing.inflation for weight in agreeing.weight]
+    constant = total(np.zeros(len(prior.walk))).agreeing(_LEAST_SCATTER)
+    walks = (constant.inflation >= 1.0) | (constant.disagreements[1].sum(axis=-1) < _MIN_FREEDOM)
+    return np.where(walks[:, None], total(prior.walk).agreeing().part, constant.part) if walks.any() else constant.part
 
 
 class _Chain:

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import gamma_tail
-from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information, about
+from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information, about, apply
 from gliderhpc.tuning.turn_test import (
     DiveCurrent,
     TurnTestSettings,
@@ -206,28 +206,33 @@ def solve_mission(
     The result also depends on the assumed noise. Where it moves under the other assumptions, with the same weights and
     inflation, the dives have less influence on the mean, and the covariance grows (`widen_by_disagreement`).
     """
-    total = WeightedSum(_pose_problem(dives, prior, turn_test), 1.0, np.ones(len(dives)))
+    total = WeightedSum.plain(_pose_problem(dives, prior, turn_test))
     if robust and len(dives) >= MIN_COMPARED:
         total = total.agreeing()
     count = len(prior.walk)
     chain, (chi_square, freedom) = total.chain, total.disagreements
-    others = [
-        replace(total, problem=_pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)).chain
-        for i in range(min(len(dive.others) for dive in dives))
-    ]
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
-    smoothed = _widen_by_assumptions(prior, times, chain.smoothed, [other.smoothed for other in others], count)
-    sequential = _widen_by_assumptions(prior, times, chain.sequential, [other.sequential for other in others], count)
-    (change, change_std), *by_others = ([each[:, :count] for each in one.since_first()] for one in (chain, *others))
-    change_std = np.sqrt(change_std**2 + sum((other - change) ** 2 for other, _ in by_others))
+    others = [
+        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)
+        for i in range(min(len(dive.others) for dive in dives))
+    ]
+    change, change_std = (each[:, :count] for each in chain.since_first())
+    smoothed, sequential = chain.smoothed, chain.sequential
+    if others:
+        terms = [Information.stacked(same) for same in zip(*(each.terms for each in others), strict=True)]
+        other = replace(total, problem=replace(others[0], terms=terms)).chain
+        smoothed = _widen_by_assumptions(prior, times, smoothed, other.smoothed)
+        sequential = _widen_by_assumptions(prior, times, sequential, other.sequential)
+        moved = other.since_first()[0][..., :count] - change[:, None]
+        change_std = np.sqrt(change_std**2 + np.sum(moved**2, axis=1))
     return MissionHull(
         numbers,
         times,
-        smoothed,
-        sequential,
-        chain.log_evidence,
-        total.inflation,
+        Gaussian.stacked(smoothed).part(count).unstacked(),
+        Gaussian.stacked(sequential).part(count).unstacked(),
+        float(chain.log_evidence),
+        float(total.inflation),
         total.weight,
         chi_square,
         freedom,
@@ -238,22 +243,19 @@ def solve_mission(
 
 
 def _widen_by_assumptions(
-    prior: HullPrior,
-    times: NDArray[np.datetime64],
-    found: Sequence[Gaussian],
-    others: Sequence[Sequence[Gaussian]],
-    count: int,
+    prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Gaussian]
 ) -> tuple[Gaussian, ...]:
-    """Distributions of the first unknowns at every dive, including the uncertainty from the assumed noise."""
+    """Distributions of the errors at every dive, including the uncertainty from the assumed noise.
+
+    ``others`` are those under the other assumptions, along a leading axis.
+    """
+    count = len(prior.walk)
     days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
-    return tuple(
-        widen_by_disagreement(
-            Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(prior.walk**2 * day + _jump_variances(prior, i))),
-            each.part(count),
-            [other[i].part(count) for other in others],
-        )
-        for i, (each, day) in enumerate(zip(found, days.tolist(), strict=True))
-    )
+    grown = prior.walk**2 * days[:, None] + [_jump_variances(prior, position) for position in range(len(days))]
+    before = Gaussian(prior.eta.mean, prior.eta.covariance + grown[:, None] * np.eye(count))
+    after = Gaussian.stacked(found).part(count)
+    moved = np.stack([each.mean[:, :count] for each in others]) - after.mean[:, None]
+    return widen_by_disagreement(before, after, moved).unstacked()
 
 
 def _jump_variances(prior: HullPrior, position: int) -> Array:
@@ -262,15 +264,15 @@ def _jump_variances(prior: HullPrior, position: int) -> Array:
     return np.asarray(np.sum(before, axis=0)) if before else np.zeros(len(prior.walk))
 
 
-def widen_by_disagreement(before: Gaussian, after: Gaussian, others: Sequence[Gaussian]) -> Gaussian:
+def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Gaussian:
     """Widen a posterior to include the disagreement of the results under other, equally plausible assumptions.
 
     Parameters
     ----------
     before, after : Gaussian
         Prior of the unknowns, and posterior given the dives under one assumption.
-    others : sequence of Gaussian
-        Posteriors given the dives under the other assumptions.
+    moved : (..., k, p)
+        Mean under each of the other assumptions, less that of ``after``.
 
     Notes
     -----
@@ -285,19 +287,17 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, others: Sequence[Ga
     covariance is that under the one assumption, plus the squares of the moves of the mean under the others. The
     covariance that belongs to ``L'`` proved too narrow in tests, since three assumptions are not all possible ones.
     """
-    if not others:
-        return after
-    precision, inverse = np.linalg.inv(after.covariance), np.linalg.inv(before.covariance)
+    precision, inverse = (np.asarray(np.linalg.inv(each.covariance)) for each in (after, before))
     matrix = precision - inverse
-    vector = precision @ after.mean - inverse @ before.mean
-    moved = np.column_stack([other.mean - after.mean for other in others])
-    doubt = precision @ moved
+    vector = apply(precision, after.mean) - apply(inverse, before.mean)
+    doubt = precision @ moved.mT
     # Where the dives have no information, L is singular; a small part of the prior's information makes it regular.
-    apart = np.linalg.solve(matrix + _UNINFORMED * inverse, doubt)
-    gain = np.linalg.solve(np.eye(len(others)) + doubt.T @ apart, np.column_stack([doubt.T, apart.T @ vector]))
-    left, vector = matrix - doubt @ gain[:, :-1], vector - doubt @ gain[:, -1]
-    mean = np.linalg.solve(inverse + left, vector + inverse @ before.mean)
-    return Gaussian(mean, after.covariance + moved @ moved.T)
+    apart = np.asarray(np.linalg.solve(matrix + _UNINFORMED * inverse, doubt))
+    right = np.concatenate([doubt.mT, apart.mT @ vector[..., None]], axis=-1)
+    gain = np.asarray(np.linalg.solve(np.eye(moved.shape[-2]) + doubt.mT @ apart, right))
+    left, vector = matrix - doubt @ gain[..., :-1], vector - apply(doubt, gain[..., -1])
+    mean = np.linalg.solve(inverse + left, (vector + apply(inverse, before.mean))[..., None])
+    return Gaussian(np.asarray(mean[..., 0]), after.covariance + moved.mT @ moved)
 
 
 def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
@@ -353,4 +353,5 @@ def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTe
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:
     """Chi-square of a held-out dive relative to the mission's hull at the nearest dive, and its degrees of freedom."""
     index = int(np.argmin(np.abs(found.numbers - dive.number)))
-    return found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
+    chi_square, freedom = found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
+    return float(chi_square), int(freedom)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import chi_square_quantile
+from gliderhpc.estimation.smoother.hull_errors import InformedDirections
 from gliderhpc.tuning.gaussian_chain import Array, Chain, Change, Gaussian, Information, solve_chain
 
 _FIT_LEVEL = 0.99
@@ -17,11 +18,24 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class SumProblem:
-    """Prior of the unknowns, their changes between the dives, and the dives' information."""
+    """Prior of the unknowns, their changes between the dives, and the dives' information.
+
+    The information may have leading axes: several sums are then computed at once.
+    """
 
     prior: Gaussian
     changes: list[Change]
     terms: list[Information]
+
+    @cached_property
+    def stacked(self) -> Information:
+        """Information of all dives."""
+        return Information.stacked(self.terms)
+
+    @cached_property
+    def informed(self) -> InformedDirections:
+        """Directions in which each dive has information."""
+        return InformedDirections.of(self.stacked.matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +46,21 @@ class WeightedSum:
     ----------
     problem : SumProblem
         The dives.
-    inflation : float
+    inflation : ()
         Factor on the covariances of all dives.
     weight : (n,)
         Weight of each dive.
     """
 
     problem: SumProblem
-    inflation: float
+    inflation: Array
     weight: Array
+
+    @classmethod
+    def plain(cls, problem: SumProblem) -> "WeightedSum":
+        """Return the sum of all dives as they state."""
+        leading = problem.terms[0].vector.shape[:-1]
+        return cls(problem, np.ones(leading), np.ones((*leading, len(problem.terms))))
 
     def agreeing(self, least: float = 1.0) -> "WeightedSum":
         """Return the sum with the inflation and the weights that make the dives agree, computed in turn.
@@ -52,44 +72,44 @@ class WeightedSum:
         """
         total = self
         for _ in range(_ROUNDS):
-            inflated = total._with_inflation(max(least, total.inflation * _excess(*total.disagreements)))
+            inflated = total._with_inflation(np.maximum(least, total.inflation * _excess(*total.disagreements)))
             before, total = total, inflated._with_weight(_weights(*inflated.disagreements))
             if total is before:
                 break
         return total
 
-    def _with_inflation(self, inflation: float) -> "WeightedSum":
-        return self if inflation == self.inflation else replace(self, inflation=inflation)
+    def _with_inflation(self, inflation: Array) -> "WeightedSum":
+        return self if np.array_equal(inflation, self.inflation) else replace(self, inflation=inflation)
 
     def _with_weight(self, weight: Array) -> "WeightedSum":
         return self if np.array_equal(weight, self.weight) else replace(self, weight=weight)
 
+    @property
+    def part(self) -> Array:
+        """Part (n,) of each dive's information that enters the sum."""
+        return self.weight / self.inflation[..., None]
+
     @cached_property
     def chain(self) -> Chain:
         """Distributions of the unknowns at every dive."""
-        return solve_chain(self.problem.prior, self.problem.changes, self._parts)
+        parts = np.moveaxis(self.part, -1, 0)
+        terms = [term.weighted(part) for term, part in zip(self.problem.terms, parts, strict=True)]
+        return solve_chain(self.problem.prior, self.problem.changes, terms)
 
     @cached_property
     def disagreements(self) -> tuple[Array, NDArray[np.int64]]:
         """Chi-square and degrees of freedom of every dive, with full weight, relative to the rest."""
-        found = [
-            each.without(part).disagreement(term.weighted(1.0 / self.inflation))
-            for each, part, term in zip(self.chain.smoothed, self._parts, self.problem.terms, strict=True)
-        ]
-        return np.array([value for value, _ in found]), np.array([freedom for _, freedom in found], dtype=np.int64)
-
-    @cached_property
-    def _parts(self) -> list[Information]:
-        parts = (self.weight / self.inflation).tolist()
-        return [term.weighted(part) for term, part in zip(self.problem.terms, parts, strict=True)]
+        whole, share = self.problem.stacked, 1.0 / self.inflation[..., None]
+        rest = Gaussian.stacked(self.chain.smoothed).without(whole.weighted(self.part))
+        return rest.disagreement(whole.weighted(share), self.problem.informed.weighted(share))
 
 
-def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> float:
+def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
     """Median over the dives of chi-square over the median of its distribution; one if no dive has information."""
     informative = freedom > 0
-    if not informative.any():
-        return 1.0
-    return float(np.median(chi_square[informative] / chi_square_quantile(0.5, freedom[informative])))
+    ratio = chi_square / chi_square_quantile(0.5, np.maximum(freedom, 1))
+    none = ~informative.any(axis=-1, keepdims=True)
+    return np.asarray(np.nanmedian(np.where(informative, ratio, np.where(none, 1.0, np.nan)), axis=-1))
 
 
 def _weights(chi_square: Array, freedom: NDArray[np.int64]) -> Array:

@@ -6,7 +6,7 @@ import xarray as xr
 from support.archives import Content, write_archive
 
 from gliderhpc.archive.mission import archive_errors, open_for_reading, open_mission
-from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profile
+from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import create_study, finish_study, set_attributes
 
@@ -61,9 +61,9 @@ def test_archives_of_other_versions_are_refused_by_every_way_to_open(opened, arc
 @pytest.mark.parametrize("estimate", ESTIMATES)
 def test_records_alone_are_those_of_the_whole_profile(brief_store, estimate):
     with open_for_reading(brief_store) as opened:
-        records, whole = read_recorded_profile(opened, 2), read_profile_data(opened, 2, estimate)
+        (_, records), whole = read_recorded_profiles(opened, [1, 2]), read_profile_data(opened, 2, estimate)
         with pytest.raises(InputError, match="no profile 9"):
-            read_recorded_profile(opened, 9)
+            read_recorded_profiles(opened, [2, 9])
     for name, value in vars(records).items():
         np.testing.assert_equal(getattr(whole, name), value, err_msg=name)
     assert len(records.measured) == len(records.record_time) > 100

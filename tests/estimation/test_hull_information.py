@@ -13,7 +13,7 @@ from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, SmootherSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
-from gliderhpc.estimation.smoother.hull_errors import HullErrors, disagreement, stated_errors
+from gliderhpc.estimation.smoother.hull_errors import HullErrors, InformedDirections, stated_errors
 from gliderhpc.estimation.smoother.information import (
     DiveInformation,
     flyable,
@@ -227,7 +227,7 @@ def test_a_dive_that_contradicts_the_stated_errors_does_not_narrow_them(flown):
     for size, contradicts in ((1.0, False), (3.0, True)):
         # A score that is `size` standard deviations off in every direction.
         score = size * np.linalg.cholesky(matrix + 0.01 * matrix @ matrix) @ np.ones(p)
-        chi_square, freedom = disagreement(score, matrix, before.covariance)
+        chi_square, freedom = InformedDirections.of(matrix).disagreement(score, before.covariance)
         assert (freedom, chi_square) == (p, pytest.approx(p * size**2))
         after = after_dive(before, replace(information, score=score))
         narrowed = before.after(score, matrix)

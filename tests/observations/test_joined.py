@@ -1,12 +1,14 @@
 """Observation files that contain each other: the fullest ones are used, whatever the order of their arrival."""
 
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from support.missions import changed_observations
 
+from gliderhpc.observations import joined as joined_files
 from gliderhpc.observations.joined import join_observations
 
 
@@ -86,3 +88,29 @@ def test_a_fuller_file_with_a_faulty_profile_replaces_nothing(files, whole, tmp_
     left_out, counts = joined({**files, "faulty": faulty}, ["1 decimated", "faulty"], tmp_path)
     assert list(left_out) == ["faulty.nc"]
     assert counts[1] < whole[1] / 3
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_conflicts_found_among_ordered_files_are_those_of_all_pairs(numbered):
+    rng = np.random.default_rng(3)
+
+    def content(index):
+        time = np.datetime64("2024-01-01", "ns") + np.sort(rng.integers(0, 400) + rng.integers(0, 12, 2))
+        variables = {"time": (("time",), time, {}), "depth": (("time",), np.zeros(2), {})}
+        if numbered or rng.random() < 0.1:
+            variables["profile"] = (("time",), rng.integers(1, 200, 2).astype(float), {})
+        return joined_files._FileContent(Path(f"{index}.nc"), variables, {})
+
+    chosen = joined_files._ChosenFiles()
+    conflicts = 0
+    for index in range(120):
+        one = content(index)
+        expected = [other for other in chosen.in_order if joined_files._conflict(one, other)]
+        assert set(chosen.in_conflict_with(one)) == set(expected)
+        conflicts += len(expected)
+        for other in expected[: int(rng.integers(0, 3))]:
+            chosen.remove(other)
+        if not chosen.in_conflict_with(one):
+            chosen.add(one)
+    assert conflicts > 20
+    assert len(chosen.in_order) > 20

@@ -7,7 +7,7 @@ import pytest
 from test_mission_hull import P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, solve_chain
-from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, _weights_of, find_changes, size_likelihood
+from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, _parts, find_changes, size_likelihood
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
 
@@ -110,9 +110,8 @@ def test_a_walk_that_is_too_large_does_not_pass_for_dives_that_agree():
     dives = [
         dive(rng, truth, n, rank=3, size=1e4, point=np.zeros(P)) for n, truth in enumerate(_course(30, 12, 0.0, "step"))
     ]
-    weights = _weights_of(dives, HullPrior.plausible(np.full(P, 0.05)), robust=True)
-    assert np.median(weights) < 1.5
-    assert max(_weights_of(dives[:4], HullPrior.plausible(np.zeros(P)), robust=True)) <= 1.0
+    assert np.median(_parts([dives], HullPrior.plausible(np.full(P, 0.05)))) < 1.5
+    assert np.max(_parts([dives[:4]], HullPrior.plausible(np.zeros(P)))) <= 1.0
 
 
 def _agreeing(seed, total):

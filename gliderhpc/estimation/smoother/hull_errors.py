@@ -34,8 +34,9 @@ class HullErrors:
 
     def contradicted_by(self, score: Array, information: Array) -> bool:
         """Return whether a score ``(p,)`` with information ``(p, p)`` is improbable under these errors."""
-        chi_square, freedom = disagreement(score - information @ self.mean, information, self.covariance)
-        return chi_square_tail(chi_square, freedom) < _MIN_PROBABILITY
+        informed = InformedDirections.of(information)
+        chi_square, freedom = informed.disagreement(score - information @ self.mean, self.covariance)
+        return chi_square_tail(float(chi_square), int(freedom)) < _MIN_PROBABILITY
 
     def after(self, score: Array, information: Array) -> "HullErrors":
         """Errors after a dive's score ``(p,)`` and information ``(p, p)``.
@@ -52,25 +53,51 @@ def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> Hu
     return HullErrors(np.zeros(len(parameters)), stated_covariance(platform, parameters))
 
 
-def disagreement(score: Array, information: Array, covariance: Array) -> tuple[float, int]:
-    """Return the chi-square of a dive relative to errors that were estimated without it, and its degrees of freedom.
+@dataclass(frozen=True, eq=False)
+class InformedDirections:
+    """Directions in which dives have information on the errors: eigenvectors of their information.
 
-    Parameters
+    Attributes
     ----------
-    score, information : (p,), (p, p)
-        Score at the mean of the errors, and information.
-    covariance : (p, p)
-        Covariance of the errors.
-
-    Notes
-    -----
-    The score has the covariance ``I + I C I``. Directions in which the dive has no information are left out.
+    values, vectors : (..., p), (..., p, p)
+        Information along each direction, and the directions in columns.
     """
-    values, vectors = np.linalg.eigh(information)
-    known = values > _UNINFORMATIVE
-    if not known.any():
-        return 0.0, 0
-    scaled = vectors[:, known] * np.sqrt(values[known])
-    standardised = (vectors[:, known].T @ score) / np.sqrt(values[known])
-    spread = np.eye(len(standardised)) + scaled.T @ covariance @ scaled
-    return float(standardised @ np.linalg.solve(spread, standardised)), len(standardised)
+
+    values: Array
+    vectors: Array
+
+    @classmethod
+    def of(cls, information: Array) -> "InformedDirections":
+        """Return the directions of information matrices ``(..., p, p)``."""
+        return cls(*np.linalg.eigh(information))
+
+    def weighted(self, weight: Array) -> "InformedDirections":
+        """Return the directions of the information times a weight ``(...)``."""
+        return InformedDirections(weight[..., None] * self.values, self.vectors)
+
+    def disagreement(self, score: Array, covariance: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Return chi-square of dives relative to errors that were estimated without them, and degrees of freedom.
+
+        Parameters
+        ----------
+        score : (..., p)
+            Score at the mean of the errors.
+        covariance : (..., p, p)
+            Covariance of the errors.
+
+        Returns
+        -------
+        (...), (...) of int
+            Chi-square and degrees of freedom.
+
+        Notes
+        -----
+        The score has the covariance ``I + I C I``. Directions in which a dive has no information are left out.
+        """
+        known = self.values > _UNINFORMATIVE
+        root = np.sqrt(np.where(known, self.values, 1.0))
+        standardised = np.where(known, (self.vectors.mT @ score[..., None])[..., 0] / root, 0.0)
+        scaled = self.vectors * np.where(known, root, 0.0)[..., None, :]
+        spread = np.eye(score.shape[-1]) + scaled.mT @ covariance @ scaled
+        solved = np.linalg.solve(spread, standardised[..., None])[..., 0]
+        return np.sum(standardised * solved, axis=-1), known.sum(axis=-1)

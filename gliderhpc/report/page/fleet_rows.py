@@ -19,7 +19,7 @@ from gliderhpc.report.page.fleet_map import Array, Track
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.studies import SHOWN, studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
-from gliderhpc.report.surfacing import has_smoothed, water_of_dive
+from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
 
@@ -189,13 +189,14 @@ def read_state(place: Place) -> MissionState:
         done = table.number[table.done].tolist()
         water_of = int(done[-1]) if done else 0
         smoothed = bool(done) and has_smoothed(archive, water_of)
+        data = read_best_estimate(archive, water_of, smoothed=smoothed) if done else None
         return MissionState(
             summary,
             table,
             current_of,
             current,
             water_of,
-            water_of_dive(archive, water_of, smoothed) if done else None,
+            None if data is None else water_of_dive(archive, data),
             stored_changes(archive),
             tuple(_anomalies(archive, summary, table)),
         )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.archive.profile import RecordedProfile, read_recorded_profile
+from gliderhpc.archive.profile import RecordedProfile, read_recorded_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.preparation import model_controls
@@ -164,10 +164,22 @@ def _cm(mean: float, std: float) -> str:
 def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) -> GlideSamples | None:
     """Read the steady glides of at most `MOST_DIVES` dives; None if fewer than four have them on dive and climb."""
     chosen = np.linspace(0, len(numbers) - 1, min(MOST_DIVES, len(numbers))).round().astype(int).tolist()
-    found = [_samples(read_recorded_profile(archive, numbers[i]), i, platform) for i in chosen]
+    profiles = read_recorded_profiles(archive, [numbers[i] for i in chosen])
+    found = [_samples(profile, i) for profile, i in zip(profiles, chosen, strict=True)]
     parts = [part for part in found if part is not None]
     if len(parts) < MIN_COMPARED or len({part.water is None for part in parts}) > 1:
         return None
+    samples = _joined(parts)
+    glides = _part(samples, np.isfinite(_glide(samples, platform, 0.0, 1.0).depth_rate))
+    dives = [dive for dive in np.unique(glides.dive) if _has_both_legs(glides, glides.dive == dive)]
+    return _part(glides, np.isin(glides.dive, dives)) if len(dives) >= MIN_COMPARED else None
+
+
+def _has_both_legs(glides: GlideSamples, of_dive: NDArray[np.bool_]) -> bool:
+    return of_dive.sum() > _LEGS and len(np.unique(glides.climbing[of_dive])) == _LEGS
+
+
+def _joined(parts: Sequence[GlideSamples]) -> GlideSamples:
     columns = ("roll", "pitch", "turn_rate", "depth")
     attitude = MeasuredAttitude(*(np.concatenate([getattr(part.attitude, name) for part in parts]) for name in columns))
     dive, climbing, actuators, rate = (
@@ -178,8 +190,8 @@ def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) ->
     return GlideSamples(dive, climbing, attitude, actuators, np.concatenate(waters) if waters else None, rate)
 
 
-def _samples(data: RecordedProfile, index: int, platform: Platform) -> GlideSamples | None:
-    """Samples of one profile at which the hull has a steady glide; None unless on both dive and climb."""
+def _samples(data: RecordedProfile, index: int) -> GlideSamples | None:
+    """Samples of one profile that may be steady glides; None if it has hardly any."""
     record = np.flatnonzero(data.sampled & np.isfinite(data.measured).all(axis=1))
     if len(record) < _SAMPLES // 10:
         return None
@@ -194,20 +206,15 @@ def _samples(data: RecordedProfile, index: int, platform: Platform) -> GlideSamp
     roll, pitch = np.radians(measured[taken, :2].T)
     water = None if data.seawater is None else np.column_stack([measured[:, 3], data.seawater[record]])[taken]
     attitude = MeasuredAttitude(roll, pitch, turn_rate[taken], measured[taken, 3])
-    found = GlideSamples(
+    return GlideSamples(
         np.full(len(taken), index), rate[taken] < 0.0, attitude,
         data.controls[record[taken]] * CONTROLS_SI, water, rate[taken],
     )  # fmt: skip
-    glides = np.isfinite(_glide(found, platform, 0.0, 1.0).depth_rate)
-    both = glides.sum() > _LEGS and len(np.unique(found.climbing[glides])) == _LEGS
-    return _part(found, glides) if both else None
 
 
 def _part(samples: GlideSamples, mask: NDArray[np.bool_]) -> GlideSamples:
-    old = samples.attitude
-    attitude = MeasuredAttitude(old.roll[mask], old.pitch[mask], old.turn_rate[mask], old.depth[mask])
     return GlideSamples(
-        samples.dive[mask], samples.climbing[mask], attitude, samples.actuators[mask],
+        samples.dive[mask], samples.climbing[mask], samples.attitude.of(mask), samples.actuators[mask],
         None if samples.water is None else samples.water[mask], samples.depth_rate[mask],
     )  # fmt: skip
 
