@@ -3,9 +3,8 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,14 +16,12 @@ from gliderhpc.api.watch_messages import changes_since, knew_current
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
 from gliderhpc.api.watch_versions import accept_or_restore, keep_earlier
-from gliderhpc.api.workers import executor_of
+from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.landing import FileState, copy_file, duplicates, folder_of, list_files, older, unchanged
 from gliderhpc.observations.stored_reads import StoredReads
@@ -69,8 +66,9 @@ class WatchInputs:
         The archive.
     out : Path
         Folder for messages, copies of the files, and the state.
-    workers : int
-        Number of local worker processes, 0 to compute in this process.
+    workers : int, optional
+        Number of local worker processes, 0 to compute in this process; by default this process for a single dive, and
+        one process per core for several.
     """
 
     source: Path | str
@@ -79,7 +77,7 @@ class WatchInputs:
     settings: MissionSettings
     store: Place
     out: Path
-    workers: int = 0
+    workers: int | None = None
 
 
 @dataclass(frozen=True)
@@ -110,13 +108,14 @@ class Watch:
     listener: Listener
     state: WatchState
     failed: int = field(default=0, init=False)
-    _open: ExitStack = field(default_factory=ExitStack, init=False)
-    _opened: tuple[int, Executor] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        """Prepare the workers, none of which is started yet."""
+        self._workers = WatchWorkers(self.watched.workers, self.watched.settings.engine)
 
     def close(self) -> None:
         """End the worker processes."""
-        self._opened = None
-        self._open.close()
+        self._workers.close()
 
     @property
     def records(self) -> Path:
@@ -264,7 +263,7 @@ class Watch:
             digests = observations.sample_digests()
             new = {number: digest for number, digest in digests.items() if digest not in before}
             if new or not only_news:
-                self._invert(observations)
+                self._invert(observations, len(new))
                 self._report_late_currents(observations, digests)
             for number, digest in new.items():
                 self._report(observations, number, digest)
@@ -283,30 +282,25 @@ class Watch:
         for number in sorted(numbers.intersection(found)):
             self._report(observations, number, digests[number])
 
-    def _invert(self, observations: Observations) -> None:
+    def _invert(self, observations: Observations, new: int) -> None:
         watched = self.watched
-        prepared = prepare_mission(
-            observations, watched.platform, watched.settings, None, watched.workers, on_cluster=False, warn=log.warning
-        )
-        numbers = prepared.plan.profiles
+        numbers = sorted(observations.profile_numbers)
         grows = continues_archive(watched.store, numbers)
         if not grows:
             log.warning("%s: a dive arrived after later ones; the archive is rebuilt", watched.store)
+            new = len(numbers)
+        waiting = max(1, count_waiting(watched.store, numbers, new, watched.platform, watched.settings))
+        workers = self._workers.number_for(waiting)
+        prepared = prepare_mission(
+            observations, watched.platform, watched.settings, None, workers, on_cluster=False, warn=log.warning
+        )
         prepared.run(
             watched.store,
-            lambda: nullcontext(self._executor(prepared.workers)),
+            lambda: nullcontext(self._workers.open(min(prepared.workers, waiting))),
             append=grows,
             overwrite=not grows,
             check_last=_CHECKED,
         )
-
-    def _executor(self, workers: int) -> Executor:
-        """Return an executor that stays open, since starting workers for every dive would take seconds each time."""
-        if self._opened is None or self._opened[0] != workers:
-            self.close()
-            warm = partial(warm_kernels, self.watched.settings.engine)
-            self._opened = workers, self._open.enter_context(executor_of(workers, warm=warm)())
-        return self._opened[1]
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""

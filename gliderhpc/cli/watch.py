@@ -62,9 +62,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @click.option(
     "--workers",
     type=click.IntRange(0, options.MAX_WORKERS),
-    default=0,
-    show_default=True,
-    help="Worker processes; 0 to compute in this process.",
+    help="Worker processes; 0 to compute in this process.  [default: 0 for one new dive, one per core for several]",
 )
 @options.preset
 @options.start
@@ -96,7 +94,7 @@ def watch(
     interval: float,
     kind: str | None,
     import_options: tuple[str, ...],
-    workers: int,
+    workers: int | None,
     preset: str,
     start: str | None,
     assignments: tuple[str, ...],

@@ -78,7 +78,9 @@ class _Heard:
 def _watched(folder: Path) -> WatchInputs:
     (folder / "land").mkdir(exist_ok=True)
     hull, settings = load_platform("petrel-l"), MissionSettings()
-    return WatchInputs(folder / "land", FileImport(None, {}), hull, settings, folder / "m.zarr", folder / "m-watch")
+    return WatchInputs(
+        folder / "land", FileImport(None, {}), hull, settings, folder / "m.zarr", folder / "m-watch", workers=0
+    )
 
 
 def _once(folder: Path) -> _Heard:
