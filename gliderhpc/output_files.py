@@ -2,6 +2,7 @@
 
 import os
 import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -129,17 +130,35 @@ def _check_no_input(out: Path, inputs: Iterable[Path | str], instead: str) -> No
             raise InputError(f"{out}: lies within the input {given}; give {instead}")
 
 
-def _rename_unless_there(aside: Path, target: Path, out: Path) -> None:
-    """Rename a file unless the name exists; a hard link, unlike a rename, does not replace a file written meanwhile."""
+def link_unless_there(aside: Path, target: Path) -> None:
+    """Give a file a further name, unless another file has it; on a file system without hard links, a copy of it.
+
+    A hard link, unlike a rename, does not replace a file that was written meanwhile.
+
+    Raises
+    ------
+    FileExistsError
+        Another file has the name.
+    OSError
+        The file system refuses the operation.
+    """
     try:
         os.link(aside, target)
     except FileExistsError:
-        raise InputError(f"{out}: another program has written this file meanwhile, so it is not replaced") from None
+        # NFS also reports this where the reply to its first attempt was lost.
+        if aside.stat().st_nlink < 2:
+            raise
     except OSError:
-        # The file system does not support hard links.
-        if target.exists():
-            raise InputError(f"{out}: another program has written this file meanwhile, so it is not replaced") from None
-        aside.replace(target)
+        with aside.open("rb") as content, target.open("xb") as copy:
+            shutil.copyfileobj(content, copy)
+
+
+def _rename_unless_there(aside: Path, target: Path, out: Path) -> None:
+    """Rename a file unless the name exists."""
+    try:
+        link_unless_there(aside, target)
+    except FileExistsError:
+        raise InputError(f"{out}: another program has written this file meanwhile, so it is not replaced") from None
 
 
 def check_folder(out: Path) -> None:

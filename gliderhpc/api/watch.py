@@ -15,7 +15,7 @@ from gliderhpc.api.records import kind_by_name
 from gliderhpc.api.watch_messages import changes_since, knew_current
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
 from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
-from gliderhpc.api.watch_versions import accept_or_restore, keep_earlier
+from gliderhpc.api.watch_versions import accept_or_restore, forget_earlier, keep_earlier
 from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
@@ -23,7 +23,16 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.observations.landing import FileState, copy_file, duplicates, folder_of, list_files, older, unchanged
+from gliderhpc.observations.landing import (
+    FileState,
+    copy_file,
+    duplicates,
+    folder_of,
+    list_files,
+    older,
+    same_names,
+    unchanged,
+)
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
@@ -173,11 +182,13 @@ class Watch:
         """Copy the files that are new or changed."""
         folder, kind = self.watched.out / COPIES, self.watched.importing.kind
         named = kind != OBSERVATIONS and any(kind_by_name(path) is not None for path in files)
-        unread: dict[str, str] = {}
+        unread = same_names(files)
         before = self.state.copied
         for path in ready:
             known = before.get(path.name)
-            if not is_candidate(path, kind, named) or (known is not None and known.state == files[path]):
+            if str(path) in unread or not is_candidate(path, kind, named):
+                continue
+            if known is not None and known.state == files[path]:
                 continue
             if path.name not in self.state.faults:
                 keep_earlier(folder / path.name)
@@ -217,6 +228,7 @@ class Watch:
         refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state)
         if refused:
             self.state.save(self.watched.out)
+            forget_earlier(self.watched.out / COPIES, refused)
             faults = self._import_copies()
         for name, why in refused.items():
             self._fail(name, why)

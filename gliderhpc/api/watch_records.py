@@ -102,7 +102,7 @@ class FileImport:
             try:
                 return faults | join_observations(chosen, out, reads)
             except InputError as error:
-                return faults | {chosen[0].name: str(error)}
+                return faults | {_named_file(error, chosen).name: str(error)}
         chosen.sort()
         while chosen:
             try:

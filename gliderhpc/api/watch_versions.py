@@ -62,10 +62,18 @@ def accept_or_restore(folder: Path, faults: Mapping[str, str], records: Path, st
         if name in refused:
             digest = hashlib.sha256(kept.read_bytes()).hexdigest()
             state.add_file(name, CopiedFile(state.copied[name].state, digest))
-            kept.replace(folder / name)
+            # The kept file goes last (`forget_earlier`): until the state is saved, a restart must find it again.
+            with written_aside(folder / name, overwrite=True) as aside:
+                shutil.copyfile(kept, aside)
         else:
             kept.unlink()
     return refused
+
+
+def forget_earlier(folder: Path, names: Iterable[str]) -> None:
+    """Remove the kept versions of files that were restored, once the state is saved."""
+    for name in names:
+        (folder / EARLIER / name).unlink(missing_ok=True)
 
 
 def _worth_less(

@@ -14,6 +14,7 @@ from gliderhpc.store_schema import is_archive
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.rows import read_attributes
+from gliderhpc.version import __version__
 
 
 @dataclass
@@ -55,10 +56,13 @@ class WatchWorkers:
 
 
 def count_waiting(store: Place, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings) -> int:
-    """Count the dives that will be inverted: the new ones, or all if the archive has another hull or other settings."""
+    """Count the dives that will be inverted: the new ones, or all if the archive has another hull, settings or program."""
     if not is_begun(store) or not is_archive(store):
         return len(numbers)
     made_with = read_attributes(store)
-    inputs = {"platform": platform, "settings": settings}
-    same = all(made_with.get(name) == value.model_dump(mode="json") for name, value in inputs.items())
-    return new if same else len(numbers)
+    now = {
+        "platform": platform.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json"),
+        "software_version": __version__,
+    }
+    return new if all(made_with.get(name) == value for name, value in now.items()) else len(numbers)

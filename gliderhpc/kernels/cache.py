@@ -64,9 +64,16 @@ def source_digest(sources: Path = SOURCES) -> str:
 
 
 def kernel_digest(sources: Path = SOURCES) -> str:
-    """Return a hex digest of the kernel sources, of the versions that compile them and of the machine."""
+    """Return a hex digest of the kernel sources, of the versions that compile them and of the processor.
+
+    Hosts that share a home thus have a folder for each kind of processor. In a common one, numba could confuse the code
+    of two hosts that compile at the same time: it numbers the files without a lock.
+    """
+    import llvmlite.binding
+
     versions = f"{sys.version} {version('numba')} {version('llvmlite')} {platform.machine()}"
-    return hashlib.sha256(f"{source_digest(sources)} {versions}".encode()).hexdigest()[:16]
+    processor = f"{llvmlite.binding.get_host_cpu_name()} {llvmlite.binding.get_host_cpu_features().flatten()}"
+    return hashlib.sha256(f"{source_digest(sources)} {versions} {processor}".encode()).hexdigest()[:16]
 
 
 def _base() -> Path | None:

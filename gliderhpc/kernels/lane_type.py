@@ -21,6 +21,11 @@ def _vector_doubles() -> int:
         wide = "+avx512f" in config.CPU_FEATURES
     else:
         wide = config.CPU_NAME is None and llvmlite.binding.get_host_cpu_features().get("avx512f", False)
+    return lanes_with(wide=wide)
+
+
+def lanes_with(*, wide: bool) -> int:
+    """Return the number of lanes on processors with AVX-512 (`wide`) or without."""
     return 8 if wide else 4
 
 

@@ -38,15 +38,21 @@ LEVELS = {"x86-64-v4": _V4, "x86-64-v3": _V3, "x86-64-v2": _V2}
 
 
 def host_level() -> str:
-    """Return the highest level of this processor; empty if it has none or numba is configured for another processor."""
+    """Return the highest level of this processor; empty if it has none or numba is configured for another processor.
+
+    A level for which kernels compute another number of lanes does not count: the number is part of the code.
+    """
     import llvmlite.binding
     from numba.core import config
+
+    from gliderhpc.kernels.lane_type import LANES, lanes_with
 
     named = any(getattr(config, setting) is not None for setting in ("CPU_NAME", "CPU_FEATURES"))
     if named or platform.machine() not in ("x86_64", "AMD64"):
         return ""
     found = llvmlite.binding.get_host_cpu_features()
-    return next((level for level, needed in LEVELS.items() if all(found.get(name) for name in needed)), "")
+    fitting = {level: needed for level, needed in LEVELS.items() if lanes_with(wide="avx512f" in needed) == LANES}
+    return next((level for level, needed in fitting.items() if all(found.get(name) for name in needed)), "")
 
 
 def level_features(level: str) -> str:

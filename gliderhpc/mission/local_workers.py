@@ -26,6 +26,7 @@ import cloudpickle
 from gliderhpc.errors import RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
+from gliderhpc.kernels.precompiled import precompiled_kernels
 
 log = logging.getLogger(__name__)
 
@@ -226,8 +227,8 @@ def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
     """Start processes with these variables and with Ctrl-C blocked, which only this process handles."""
     warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
     added = {name: value for name, value in environment.items() if name not in os.environ}
-    # The same cache as in this process, even if that is a temporary folder.
-    cache = {VARIABLES[0]: str(compiled_cache().parent)}
+    # The same cache as in this process, even if that is a temporary folder; precompiled kernels need none.
+    cache = {VARIABLES[0]: str(compiled_cache().parent)} if precompiled_kernels()[0] is None else {}
     wanted = {**added, **cache, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
     before = {name: os.environ.get(name) for name in wanted}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None

@@ -22,7 +22,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.errors import InputError, RunStoppedError, first_line
+from gliderhpc.output_files import link_unless_there
 from gliderhpc.store_schema.place import Place, absolute, is_address, with_suffix
 
 log = logging.getLogger(__name__)
@@ -82,7 +83,7 @@ class FileLock:
         # Written inside the block: a run that is interrupted at any moment must leave no file.
         try:
             aside.write_bytes(content)
-            os.link(aside, self._path)
+            link_unless_there(aside, self._path)
         except FileExistsError:
             return False
         finally:
@@ -132,7 +133,7 @@ class FileLock:
             return
         if FileLock(aside).read() != content:
             with suppress(FileExistsError):
-                os.link(aside, self._path)
+                link_unless_there(aside, self._path)
         aside.unlink()
 
     def remove(self) -> None:
@@ -161,7 +162,8 @@ class ObjectLock:
         from obstore.exceptions import AlreadyExistsError
 
         try:
-            self._store.put(self._key, content, mode="create")
+            with _network_errors():
+                self._store.put(self._key, content, mode="create")
         except AlreadyExistsError:
             return False
         return True
@@ -169,18 +171,21 @@ class ObjectLock:
     def read(self) -> bytes | None:
         """Return the content of the object."""
         try:
-            return bytes(self._store.get(self._key).bytes())
+            with _network_errors():
+                return bytes(self._store.get(self._key).bytes())
         except FileNotFoundError:
             return None
 
     def refresh(self, content: bytes) -> None:
         """Put the object again."""
-        self._store.put(self._key, content)
+        with _network_errors():
+            self._store.put(self._key, content)
 
     def age(self) -> float:
         """Return the age by the server's time stamp and this machine's clock."""
         try:
-            stamped: datetime = self._store.head(self._key)["last_modified"]
+            with _network_errors():
+                stamped: datetime = self._store.head(self._key)["last_modified"]
         except FileNotFoundError:
             return 0.0
         return (datetime.now(UTC) - stamped).total_seconds()
@@ -192,7 +197,21 @@ class ObjectLock:
 
     def remove(self) -> None:
         """Delete the object."""
-        self._store.delete(self._key)
+        with _network_errors():
+            self._store.delete(self._key)
+
+
+@contextmanager
+def _network_errors() -> Iterator[None]:
+    """Convert an error of an object store's library, which is none of the system, to an `OSError`."""
+    from obstore.exceptions import AlreadyExistsError, BaseError
+
+    try:
+        yield
+    except AlreadyExistsError:
+        raise
+    except BaseError as error:
+        raise OSError(errno.EIO, first_line(error)) from error
 
 
 @dataclass(frozen=True)
@@ -244,8 +263,15 @@ def locked(archive: Place) -> Iterator[str]:
     finally:
         stop.set()
         refresher.join()
+        _release(place, holder)
+
+
+def _release(place: LockPlace, holder: Holder) -> None:
+    try:
         if _read_holder(place) == holder:
             place.remove()
+    except OSError as error:
+        log.warning("the lock %s cannot be removed (%s); after %.0f s it counts as abandoned", place, error, STALE_AGE)
 
 
 def check_held(archive: Place, token: str | None) -> None:
@@ -298,6 +324,8 @@ def _namespace() -> str:
 
 
 def _is_alive(process: int) -> bool:
+    if os.name == "nt":  # There, signal 0 is Ctrl-C; the lock's age alone decides.
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:

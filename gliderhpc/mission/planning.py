@@ -2,7 +2,6 @@
 
 import os
 import re
-import resource
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -247,6 +246,10 @@ def _physical() -> float:
 
 
 def _address_space() -> float:
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit.
+        return float("inf")
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
 

@@ -1,7 +1,7 @@
 """Compile the kernels of simulation and estimation for chosen processor levels: for a wheel, or for a cluster's folder.
 
 The kernels are compiled for the signatures with which a process has called them. These are the same for every level,
-since the number of lanes is in the arrays' lengths and not in their types. Each level is compiled in a separate
+since the number of lanes is part of the code and not of the arrays' types. Each level is compiled in a separate
 process, in which numba is set to that level; the compiled code is not run there.
 
     python -m gliderhpc.mission.precompile FOLDER [LEVEL ...]

@@ -63,6 +63,16 @@ def list_files(source: Path | str) -> dict[Path, FileState]:
     return dict(sorted((file, state) for file in found if _is_finished(file) and (state := _state_of(file))))
 
 
+def same_names(files: Iterable[Path]) -> dict[str, str]:
+    """Return the files whose name another one of a source has, in a folder before theirs, and a message for each."""
+    first: dict[str, Path] = {}
+    return {
+        str(path): f"{path}: {first[path.name].parent} has a file of the same name, and only that is used; rename one"
+        for path in files
+        if first.setdefault(path.name, path) != path
+    }
+
+
 def folder_of(source: Path | str) -> Path:
     """Return the folder that contains the files of a source."""
     return Path(source) if Path(source).is_dir() else Path(source).parent

@@ -8,7 +8,6 @@ import contextlib
 import importlib
 import json
 import os
-import resource
 import sys
 from typing import Any
 
@@ -43,7 +42,9 @@ def main() -> None:
     # Output that the library prints must not mix with the answers.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    with contextlib.suppress(ValueError, OSError):
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource  # Windows has none.
+
         resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
     dbdreader = importlib.import_module("dbdreader")
     for line in sys.stdin:

@@ -6,6 +6,7 @@ values, and nothing that could run code.
 
 import hashlib
 import io
+import logging
 import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, is_dataclass
@@ -13,8 +14,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from gliderhpc.errors import InputError
 from gliderhpc.output_files import output_file
 from gliderhpc.version import __version__
+
+log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 
@@ -80,7 +84,10 @@ class StoredReads:
             result: Result = stored[0]
             return result
         found = read(path, *arguments)
-        _store(place, (found,))
+        try:
+            _store(place, (found,))
+        except InputError as error:
+            log.warning("%s; the file is read again next time", error)
         return found
 
     def remove_unused(self) -> None:
@@ -122,7 +129,8 @@ def _load(place: Path) -> tuple[Any] | None:
         return None
     try:
         content: tuple[Any] = _Unpickler(io.BytesIO(data)).load()
-    except pickle.UnpicklingError:
+    except (pickle.UnpicklingError, ImportError, AttributeError):
+        # Another version of Python may have stored it, whose classes are in other modules.
         return None
     return content
 

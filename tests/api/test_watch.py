@@ -721,3 +721,16 @@ def test_the_page_answers_first_fetches_nothing_and_obeys_no_name(swift_store, t
     lost = {"current": None, "next_surfacing": None, "water": None, "hull": ()}
     page = write_surfacing_page(message.model_copy(update=lost), tmp_path, "lost.html").page
     assert page.read_text("utf-8").count("unknown") >= 3
+
+
+def test_of_two_files_of_one_name_only_the_first_is_used(dives, tmp_path):
+    """A pattern can match several folders; their files would take turns in one copy."""
+    for folder, dive in zip(("a", "b"), dives, strict=False):
+        (tmp_path / "land" / folder).mkdir(parents=True)
+        shutil.copy(dive, tmp_path / "land" / folder / "dive.nc")
+    watched = replace(_watched(tmp_path), source=str(tmp_path / "land" / "*" / "dive.nc"))
+    for dive, faults in (([(1, 0)], [str(tmp_path / "land" / "b" / "dive.nc")]), ([], [])):
+        heard = _Heard()
+        with open_watch(watched, heard.listener()) as opened:
+            opened.once(0.0)
+        assert (heard.numbers, [name for name, _ in heard.faults]) == (dive, faults)

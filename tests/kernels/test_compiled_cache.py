@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+import llvmlite.binding
 import numba
 import pytest
 from support.programs import python
@@ -156,3 +157,9 @@ def test_a_damaged_file_is_compiled_again(tmp_path: Path) -> None:
         assert status == 0, how
         assert ("compiling them again" in said) == (how != "undamaged"), how
         assert how != "undamaged" or said == ""
+
+
+def test_every_kind_of_processor_has_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = cache.kernel_digest()
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_name", lambda: "another")
+    assert cache.kernel_digest() != before

@@ -5,11 +5,12 @@ import logging
 import shutil
 from pathlib import Path
 
+import llvmlite.binding
 import numba
 import pytest
 from support.programs import python
 
-from gliderhpc.kernels import precompiled
+from gliderhpc.kernels import lane_type, precompiled
 from gliderhpc.kernels.precompiled import (
     LEVELS,
     MANIFEST,
@@ -182,3 +183,17 @@ def test_numba_set_to_another_processor_uses_none(monkeypatch: pytest.MonkeyPatc
 def test_a_higher_level_has_all_features_of_the_lower() -> None:
     for higher, lower in zip([*LEVELS.values()][:-1], [*LEVELS.values()][1:], strict=True):
         assert set(lower) < set(higher)
+
+
+@pytest.mark.parametrize(("lanes", "missing", "level"), [
+    (8, (), "x86-64-v4"), (8, ("avx512vl",), ""), (8, ("movbe",), ""), (4, (), "x86-64-v3"), (4, ("avx512f",), "x86-64-v3"),
+])  # fmt: skip
+def test_a_level_with_another_number_of_lanes_does_not_count(
+    monkeypatch: pytest.MonkeyPatch, lanes: int, missing: tuple[str, ...], level: str
+) -> None:
+    """The number is part of the code: with another one, kernels would read and write beyond their lanes."""
+    features = {name: name not in missing for name in LEVELS["x86-64-v4"]}
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda: features)
+    monkeypatch.setattr(precompiled.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(lane_type, "LANES", lanes)
+    assert host_level() == level

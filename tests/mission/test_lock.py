@@ -1,5 +1,6 @@
 """Whose lock may be taken over: that of a process that is known to be dead, and of no other."""
 
+import errno
 import json
 import os
 from dataclasses import asdict, replace
@@ -56,3 +57,49 @@ def test_a_lock_of_an_earlier_version_is_read(here, tmp_path, monkeypatch):
     monkeypatch.setattr(lock, "_namespace", lambda: "")
     with locked(archive):
         assert Path(lock_name(archive)).exists()
+
+
+def test_a_lock_needs_no_hard_links(tmp_path, monkeypatch):
+    """Such as exFAT and the file systems of buckets have none."""
+
+    def refuse(*_):
+        raise OSError(errno.EOPNOTSUPP, "Operation not supported")
+
+    monkeypatch.setattr(os, "link", refuse)
+    archive = tmp_path / "a.zarr"
+    with locked(archive):
+        with pytest.raises(InputError, match="another run is writing it"), locked(archive):
+            raise AssertionError
+        assert json.loads(Path(lock_name(archive)).read_text("utf-8"))["process"] == os.getpid()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_whose_reply_was_lost_is_this_run_s_lock(tmp_path, monkeypatch):
+    """NFS repeats the request, and reports that the name exists."""
+    real = os.link
+
+    def repeated(*names):
+        real(*names)
+        real(*names)
+
+    monkeypatch.setattr(os, "link", repeated)
+    with locked(tmp_path / "a.zarr") as token:
+        assert token in Path(lock_name(tmp_path / "a.zarr")).read_text("utf-8")
+
+
+def test_a_lock_that_cannot_be_removed_does_not_fail_the_run(tmp_path, monkeypatch, caplog):
+    def refuse(_):
+        raise OSError(errno.EIO, "no answer")
+
+    with monkeypatch.context() as patched, locked(tmp_path / "a.zarr"):
+        patched.setattr(lock.FileLock, "remove", refuse)
+    assert "cannot be removed" in caplog.text
+
+
+def test_an_error_of_the_network_is_one_of_the_system():
+    """The library's errors are none, and would end the thread that refreshes the lock."""
+    exceptions = pytest.importorskip("obstore.exceptions", reason="the extra 'cloud' is not installed")
+    with pytest.raises(OSError, match="no answer"), lock._network_errors():
+        raise exceptions.GenericError("no answer\nafter three attempts")
+    with pytest.raises(exceptions.AlreadyExistsError), lock._network_errors():
+        raise exceptions.AlreadyExistsError("there")

@@ -148,3 +148,27 @@ def test_a_failed_read_is_tried_again(tmp_path):
     assert reads(read, path) == 7
     assert reads(read, path) == 7
     assert reads(lambda _: 8, tmp_path / "other") == 8
+
+
+def test_a_result_that_cannot_be_stored_is_still_a_result(tmp_path, caplog):
+    """The disk is full: the file is read again next time, and is not at fault."""
+    path = tmp_path / "file"
+    path.write_text("text")
+    reads = StoredReads(tmp_path / "no such folder", {path: "digest"})
+    assert reads(lambda _: 7, path) == 7
+    assert "the file is read again next time" in caplog.text
+
+
+def test_a_result_of_classes_that_this_python_lacks_is_read_again(tmp_path):
+    path = tmp_path / "file"
+    path.write_text("text")
+    reads = StoredReads(tmp_path, {path: "digest"})
+    assert reads(_seven, path) == 7
+    (stored,) = (one for one in tmp_path.iterdir() if one != path)
+    foreign = b"cgliderhpc.observations.no_such_module\nThing\n."
+    stored.write_bytes(hashlib.sha256(foreign).digest() + foreign)
+    assert reads(_seven, path) == 7
+
+
+def _seven(_: Path) -> int:
+    return 7
