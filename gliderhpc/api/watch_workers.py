@@ -56,7 +56,7 @@ class WatchWorkers:
 
 
 def count_waiting(store: Place, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings) -> int:
-    """Count the dives that will be inverted: the new ones, or all if the archive has another hull, settings or program."""
+    """Count the dives that will be inverted: the new ones, or all if hull, settings or program have changed."""
     if not is_begun(store) or not is_archive(store):
         return len(numbers)
     made_with = read_attributes(store)

@@ -186,7 +186,8 @@ def test_a_higher_level_has_all_features_of_the_lower() -> None:
 
 
 @pytest.mark.parametrize(("lanes", "missing", "level"), [
-    (8, (), "x86-64-v4"), (8, ("avx512vl",), ""), (8, ("movbe",), ""), (4, (), "x86-64-v3"), (4, ("avx512f",), "x86-64-v3"),
+    (8, (), "x86-64-v4"), (8, ("avx512vl",), ""), (8, ("movbe",), ""),
+    (4, (), "x86-64-v3"), (4, ("avx512f",), "x86-64-v3"),
 ])  # fmt: skip
 def test_a_level_with_another_number_of_lanes_does_not_count(
     monkeypatch: pytest.MonkeyPatch, lanes: int, missing: tuple[str, ...], level: str
