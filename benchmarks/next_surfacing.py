@@ -1,6 +1,7 @@
 """Next surfacings predicted on synthetic missions, compared with where the glider came up.
 
-Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``.
+Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``, or
+``--archives A.zarr ...`` for real missions, each surfacing predicted from the dives before it.
 
 The current of a mission is a mean, two Gauss-Markov parts of different correlation times, M2 and K1 tides and an inertial
 oscillation that comes and goes, stepped by the minute; half of the missions have no tide. Dives differ in duration, speed and
@@ -10,20 +11,23 @@ tidal lines. The inversion is left out: the displacement through the water is th
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import done_profiles
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import MOST_DIVES, predict_from
+from gliderhpc.report.next_surfacing import LONGEST_STAY, MOST_DIVES, dives_until, predict_from
 from gliderhpc.report.surfacing import PROBABILITY
 
 Array = NDArray[np.float64]
@@ -149,14 +153,14 @@ def _table(rows: list[dict[str, object]]) -> xr.Dataset:
     return xr.Dataset(columns, coords={"profile": np.arange(1, len(rows) + 1)})
 
 
-def misses(flown: Mission, after: int) -> tuple[dict[str, float], dict[str, float]]:
+def misses(flown: Mission, after: int, errors: CurrentSettings = ERRORS) -> tuple[dict[str, float], dict[str, float]]:
     """Miss (m) of the nowcasts, of persistence and of no current; and the squared distance in the nowcasts' ellipses."""
     dives = flown.table.isel(profile=slice(max(after - MOST_DIVES, 0), after))
     here, there, last = flown.fix(after - 1), flown.fix(after), dives.isel(profile=-1)
     way = np.array(local_displacement(here, there))
     ways, distances = {}, {}
     for name, tides in NOWCASTS.items():
-        found = predict_from(dives, ERRORS.fix_error, ERRORS.surface_shear, tides)
+        found = predict_from(dives, errors.fix_error, errors.surface_shear, tides)
         error = way - np.array(local_displacement(here, Fix(found.time, found.latitude, found.longitude)))
         ways[name], distances[name] = error, float(error @ np.linalg.solve(found.covariance, error))
     own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
@@ -166,28 +170,55 @@ def misses(flown: Mission, after: int) -> tuple[dict[str, float], dict[str, floa
     return {name: float(np.linalg.norm(miss)) for name, miss in ways.items()}, distances
 
 
+def archived(path: Path) -> tuple[Mission, CurrentSettings]:
+    """Return the dives of an archive that have a current, and the settings of its currents."""
+    with open_for_reading(path) as archive:
+        last = max(done_profiles(archive), key=archive.to_dataset()["start_time"].load().to_series().get)
+        return Mission(dives_until(archive, last, most=None)), CurrentSettings(**archive.attrs["settings"]["current"])
+
+
+def rows_of_archives(paths: Sequence[Path]) -> Iterator[dict[str, object]]:
+    """Rows of the table for real missions: all dives that follow one another within the longest stay at the surface."""
+    for path in paths:
+        flown, errors = archived(path)
+        exits, starts = flown.table["exit_time"].values[:-1], flown.table["start_time"].values[1:]
+        follows = (starts - exits) / np.timedelta64(1, "s") <= LONGEST_STAY
+        found = [misses(flown, after, errors) for after in (np.flatnonzero(follows) + 1).tolist()]
+        yield {"mission": path.stem, **_summary(found)}
+
+
+def _summary(found: Sequence[tuple[dict[str, float], dict[str, float]]]) -> dict[str, object]:
+    """Columns of the table for predictions."""
+    limit = -2.0 * np.log1p(-PROBABILITY)
+    inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in NOWCASTS}
+    medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
+    return {
+        "predictions": len(found),
+        **{f"in the {PROBABILITY:.0%} ellipse, {key}": f"{value:.2f}" for key, value in inside.items()},
+        **{f"median miss, {key} (m)": f"{value:.0f}" for key, value in medians.items()},
+    }
+
+
 def rows_of(missions: int) -> Iterator[dict[str, object]]:
     """Rows of the table: one for each number of dives, and all, with and without a tide."""
-    limit, seeds = -2.0 * np.log1p(-PROBABILITY), range(FIRST_SEED, FIRST_SEED + missions)
+    seeds = range(FIRST_SEED, FIRST_SEED + missions)
     for tidal in (True, False):
         flown = [mission(seed, AFTER[-1] + 1, tidal) for seed in seeds]
         groups = {str(after): [misses(one, after) for one in flown] for after in AFTER}
         groups["all"] = [found for group in list(groups.values()) for found in group]
         for name, found in groups.items():
-            inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in NOWCASTS}
-            medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
-            yield {
-                "tide": "M2, K1" if tidal else "none", "dives so far": name, "predictions": len(found),
-                **{f"in the {PROBABILITY:.0%} ellipse, {key}": f"{value:.2f}" for key, value in inside.items()},
-                **{f"median miss, {key} (m)": f"{value:.0f}" for key, value in medians.items()},
-            }  # fmt: skip
+            yield {"tide": "M2, K1" if tidal else "none", "dives so far": name, **_summary(found)}
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--missions", type=int, default=MISSIONS)
-    rows = list(rows_of(parser.parse_args().missions))
+    parser.add_argument(
+        "--archives", type=Path, nargs="+", help="archives of real missions, in place of synthetic ones"
+    )
+    options = parser.parse_args()
+    rows = list(rows_of_archives(options.archives) if options.archives else rows_of(options.missions))
     print(markdown(list(rows[0]), [list(map(str, row.values())) for row in rows]))
 
 

@@ -20,7 +20,11 @@ _COMPARED, _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 20, 3, 0.1
 """Maximum number of differences between displacements of successive dives that are used; number of prior differences
 assumed in addition, and their size as a fraction of the displacement."""
 
-_LONGEST_STAY = 3600.0
+_OFFSET = 0.2
+"""Prior standard deviation of the mean difference between the drift at the surface and the current below, north and
+east each, m/s: wind, waves and the flow near the surface."""
+
+LONGEST_STAY = 3600.0
 """Longest plausible time at the surface, s; a longer time between two dives means that records are missing."""
 
 _SECOND = np.timedelta64(1, "s")
@@ -75,7 +79,7 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     Prediction or None
         Prediction; None if the last dive has no smoothed current, for lack of a fix before or after it.
     """
-    dives = _dives(archive, number)
+    dives = dives_until(archive, number)
     if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
         return None
     errors = archive.attrs["settings"]["current"]
@@ -95,7 +99,7 @@ def predict_from(
     fix_error : float
         Error of a fix, north and east each, m.
     surface_shear : float
-        Difference between the drift at the surface and the current below, m/s.
+        Usual difference between the drift at the surface and the current below, m/s.
     tides : sequence of str
         Tidal lines of the current, from `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; empty for a current without tide.
 
@@ -106,15 +110,17 @@ def predict_from(
     directions and leaves the position unchanged. The errors of the filter's observations are therefore only those of
     the fixes and of the time at the surface; those of the hull are added to the predicted current. The difference
     between the next dive's displacement and the last one's is assumed to have the mean square of such differences so
-    far.
+    far. At the surface the glider drifts with the current and a further, constant velocity, with the scatter that the
+    drifts so far have (`surface_offset`).
     """
-    observations = _observations(dives, fix_error, surface_shear)
-    state = nowcast(observations, tides)
+    offset, scatter = surface_offset(dives, surface_shear)
+    state = nowcast(_observations(dives, fix_error, offset, scatter), tides)
     last, surface, below = _cycle(dives)
     begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
     drift, covariance = state.drift(begin, begin + surface + below)
+    drift = drift + offset * surface
     displacement = _displacements(dives)[-1]
-    shear = (surface_shear * surface) ** 2 + 2.0 * fix_error**2
+    shear = (scatter * surface) ** 2 + 2.0 * fix_error**2
     place = moved((float(last["exit_latitude"]), float(last["exit_longitude"])), displacement + drift)
     elapsed = surface + below
     return Prediction(
@@ -130,8 +136,8 @@ def predict_from(
     )
 
 
-def _dives(archive: Archive, number: int) -> xr.Dataset:
-    """Return the rows of the latest dives, up to a given one, that have a smoothed current."""
+def dives_until(archive: Archive, number: int, most: int | None = MOST_DIVES) -> xr.Dataset:
+    """Return the rows of the latest dives, up to a given one, that have a smoothed current; `most` of them."""
     table = archive.to_dataset().load()
     smoothed = archive["smoothed"].to_dataset()
     names = ("displacement_north", "displacement_east")
@@ -139,7 +145,8 @@ def _dives(archive: Archive, number: int) -> xr.Dataset:
     table = table.sortby("start_time")
     known = np.isfinite(table["dac_north_smoothed"].values) & np.isfinite(table["displacement_north"].values)
     known &= table["start_time"].values <= table["start_time"].sel(profile=number).values
-    return table.isel(profile=np.flatnonzero(known)[-MOST_DIVES:])
+    found = np.flatnonzero(known)
+    return table.isel(profile=found if most is None else found[-most:])
 
 
 def _instant(row: xr.Dataset, name: str) -> np.datetime64:
@@ -151,8 +158,33 @@ def _seconds(dives: xr.Dataset, name: str) -> Array:
     return elapsed
 
 
-def _observations(dives: xr.Dataset, fix_error: float, surface_shear: float) -> list[CurrentObservation]:
-    """Return depth-averaged currents, and the drifts measured at the surface after each dive, in order."""
+def surface_offset(dives: xr.Dataset, surface_shear: float) -> tuple[Array, float]:
+    """Return the mean difference (2,) of the drift at the surface from the current of the dive before, and its scatter.
+
+    Notes
+    -----
+    The mean has the prior ``N(0, 0.2^2)``, the square of the scatter the prior value ``surface_shear^2`` with the
+    weight of three drifts. Wind and the flow near the surface persist from dive to dive, which an error that is
+    independent between dives does not describe.
+    """
+    time = dives["exit_surface_time"].values
+    drift, current = (
+        np.column_stack([dives[f"{name}_{side}{end}"].values for side in ("north", "east")])
+        for name, end in (("exit_surface", ""), ("dac", "_smoothed"))
+    )
+    known = np.isfinite(drift).all(axis=1) & (time > 0.0)
+    apart = (drift[known] / time[known, None] - current[known])[-_COMPARED:]
+    count = len(apart)
+    if not count:
+        return np.zeros(2), surface_shear
+    mean = apart.mean(axis=0)
+    squares = 0.5 * float(np.sum((apart - mean) ** 2)) + _PRIOR_DIFFERENCES * surface_shear**2
+    scatter = float(np.sqrt(squares / (count - 1 + _PRIOR_DIFFERENCES)))
+    return mean * _OFFSET**2 / (_OFFSET**2 + scatter**2 / count), scatter
+
+
+def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: float) -> list[CurrentObservation]:
+    """Return depth-averaged currents, and the drifts at the surface after each dive less their offset, in order."""
     starts, exits = _seconds(dives, "start_time"), _seconds(dives, "exit_time")
     found: list[CurrentObservation] = []
     for place, begin in enumerate(starts):
@@ -160,14 +192,14 @@ def _observations(dives: xr.Dataset, fix_error: float, surface_shear: float) -> 
         duration = float(row["duration"])
         end = begin + duration
         surface = max(float((row["exit_time"].values - row["entry_time"].values) / _SECOND) - duration, 0.0)
-        variance = 2.0 * fix_error**2 + (surface_shear * surface) ** 2
+        variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
         found.append(CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2)))
         time = float(row["exit_surface_time"])
         later = starts[place + 1] if place + 1 < len(starts) else np.inf
         if time > 0.0 and end <= exits[place] <= later:
-            drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time
-            variance = surface_shear**2 + 2.0 * (fix_error / time) ** 2
+            drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time - offset
+            variance = scatter**2 + 2.0 * (fix_error / time) ** 2
             found.append(CurrentObservation(exits[place], exits[place], drift, variance * np.eye(2)))
     return found
 
@@ -179,7 +211,7 @@ def _cycle(dives: xr.Dataset) -> tuple[xr.Dataset, float, float]:
     surface = (last["exit_time"].values - last["entry_time"].values) / _SECOND - below
     if dives.sizes["profile"] > 1:
         stay = (last["entry_time"].values - dives.isel(profile=-2)["exit_time"].values) / _SECOND
-        surface += stay if 0.0 <= stay <= _LONGEST_STAY else 0.0
+        surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
     return last, max(float(surface), 0.0), below
 
 

@@ -1,0 +1,58 @@
+"""Prediction of the next surfacing: what the drifts at the surface add to the current."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from benchmarks.next_surfacing import ERRORS, SURFACE, mission
+from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.observations.records import Fix
+from gliderhpc.report.next_surfacing import predict_from, surface_offset
+
+WIND = np.array([0.25, -0.15])
+
+
+def dives(wind: np.ndarray, count: int = 12) -> xr.Dataset:
+    """Dives of a synthetic mission, with a constant velocity added to every drift at the surface."""
+    table = mission(5, count).table
+    for name, value in zip(("north", "east"), wind, strict=True):
+        table[f"exit_surface_{name}"] = table[f"exit_surface_{name}"] + SURFACE * value
+    return table
+
+
+def predicted(table: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted way from the last fix, and its covariance."""
+    last = table.isel(profile=-1)
+    here = Fix(last["exit_time"].values, float(last["exit_latitude"]), float(last["exit_longitude"]))
+    found = predict_from(table, ERRORS.fix_error, ERRORS.surface_shear)
+    there = Fix(found.time, found.latitude, found.longitude)
+    return np.array(local_displacement(here, there)), found.covariance
+
+
+def test_a_constant_wind_is_found_and_carries_the_glider_while_it_is_at_the_surface():
+    still, windy = dives(np.zeros(2)), dives(WIND)
+    (before, scatter), (after, same) = surface_offset(still, 0.05), surface_offset(windy, 0.05)
+    np.testing.assert_allclose(after - before, WIND, rtol=0.05)
+    assert same == pytest.approx(scatter)
+    assert 0.03 < scatter < 0.15
+    (way, covariance), (other, wide) = predicted(still), predicted(windy)
+    np.testing.assert_allclose(other - way, SURFACE * (after - before), atol=30.0)
+    np.testing.assert_allclose(wide, covariance, rtol=0.01)
+
+
+def test_drifts_that_scatter_more_than_usual_widen_the_prediction():
+    rng = np.random.default_rng(1)
+    rough = dives(np.zeros(2))
+    for name in ("north", "east"):
+        rough[f"exit_surface_{name}"] = rough[f"exit_surface_{name}"] + SURFACE * rng.normal(0.0, 0.3, 12)
+    assert surface_offset(rough, 0.05)[1] > 0.2
+    assert np.trace(predicted(rough)[1]) > np.trace(predicted(dives(np.zeros(2)))[1])
+
+
+def test_without_drifts_the_usual_difference_is_assumed():
+    unknown = dives(WIND)
+    unknown["exit_surface_time"][:] = np.nan
+    offset, scatter = surface_offset(unknown, 0.05)
+    np.testing.assert_array_equal(offset, 0.0)
+    assert scatter == 0.05
+    assert surface_offset(dives(WIND, 1), 0.05)[1] == pytest.approx(0.05)
