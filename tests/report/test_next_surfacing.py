@@ -45,7 +45,7 @@ def test_the_scatter_of_the_drifts_is_that_of_the_dives_so_far():
     rough = dives(np.zeros(2))
     for name in ("north", "east"):
         rough[f"exit_surface_{name}"] = rough[f"exit_surface_{name}"] + SURFACE * rng.normal(0.0, 0.3, 12)
-    assert surface_offset(rough, 0.05)[1] == pytest.approx(0.3, rel=0.3)
+    assert surface_offset(rough, 0.05)[1] == pytest.approx(0.27, rel=0.3)
 
 
 def test_without_drifts_the_usual_difference_is_assumed():
