@@ -213,15 +213,11 @@ def solve_mission(
     chain, (chi_square, freedom) = total.chain, total.disagreements
     numbers = np.array([dive.number for dive in dives], dtype=np.int64)
     times = np.array([dive.time for dive in dives])
-    others = [
-        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)
-        for i in range(min(len(dive.others) for dive in dives))
-    ]
     change, change_std = (each[:, :count] for each in chain.since_first())
     smoothed, sequential = chain.smoothed, chain.sequential
-    if others:
-        terms = [Information.stacked(same) for same in zip(*(each.terms for each in others), strict=True)]
-        other = replace(total, problem=replace(others[0], terms=terms)).chain
+    problems = _pose_other_problems(dives, prior, turn_test)
+    if problems is not None:
+        other = replace(total, problem=problems).chain
         smoothed = _widen_by_assumptions(prior, times, smoothed, other.smoothed)
         sequential = _widen_by_assumptions(prior, times, sequential, other.sequential)
         moved = other.since_first()[0][..., :count] - change[:, None]
@@ -348,6 +344,20 @@ def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTe
         changes_with_current(changes, _seconds_between(dives), turn_test),
         [dive.term_with_current for dive in dives],
     )
+
+
+def _pose_other_problems(
+    dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None
+) -> SumProblem | None:
+    """Pose the problems of all other assumptions of the noise at once; None if the dives have none."""
+    problems = [
+        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)
+        for i in range(min(len(dive.others) for dive in dives))
+    ]
+    if not problems:
+        return None
+    terms = [Information.stacked(same) for same in zip(*(each.terms for each in problems), strict=True)]
+    return replace(problems[0], terms=terms)
 
 
 def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:
