@@ -125,7 +125,7 @@ def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
         now += round(SURFACE / STEP)
         position = position + carried[now] - carried[exit_step] + SURFACE * rng.normal(0.0, WIND, 2)
         last = fixed()
-        rows.append(_row(begin, exit_step, entry, exit_, last, drag * through))
+        rows.append(_row(begin, exit_step, entry, exit_, last, drag * through) | {"stay": SURFACE if rows else np.nan})
         entry = last
     return Mission(_table(rows))
 

@@ -8,7 +8,7 @@ from http.client import HTTPException
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.report.facts import polar
@@ -30,6 +30,12 @@ class Box(_Section):
     north: float = Field(ge=-90.0, le=90.0)
     west: float = Field(ge=-180.0, le=360.0)
     east: float = Field(ge=-180.0, le=360.0)
+
+    @model_validator(mode="after")
+    def _check_order(self) -> "Box":
+        if self.south > self.north:
+            raise ValueError(f"south, {self.south:g}, is north of north, {self.north:g}: exchange the two")
+        return self
 
     def contains(self, latitude: float, longitude: float) -> bool:
         """Return whether a position lies in the box."""

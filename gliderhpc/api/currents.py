@@ -16,7 +16,14 @@ from gliderhpc.estimation.glide_pace import check_pace_of, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
-from gliderhpc.observations.navigation import Navigation, merge_navigation, open_navigation, read_navigation
+from gliderhpc.observations.navigation import (
+    Navigation,
+    merge_navigation,
+    open_navigation,
+    read_navigation,
+    read_part,
+    with_dives,
+)
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.tables import is_table, read_table
@@ -142,7 +149,7 @@ def navigation_of(
             return read_navigation(import_records(paths, declination=declination), str(paths[0]))
         return read_navigation(import_records(paths), str(paths[0]), declination)
     files = [file for path in paths for file in _plain_files(path)]
-    return merge_navigation([_plain_navigation(file, declination) for file in files])
+    return with_dives(merge_navigation([_plain_navigation(file, declination) for file in files]))
 
 
 _WITH_DECLINATION = ("slocum", "seaexplorer")
@@ -152,7 +159,7 @@ _WITH_DECLINATION = ("slocum", "seaexplorer")
 def _plain_navigation(path: Path, declination: float | None) -> Navigation:
     """Read the navigation from a text table, a netCDF file or a Zarr folder."""
     if is_table(path):
-        return read_navigation(read_table(path), str(path), declination)
+        return read_part(read_table(path), str(path), declination)
     return open_navigation(path, declination)
 
 
@@ -262,7 +269,7 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
     """Return values at the samples of a profile, NaN where there is no estimate."""
     count = len(record.time)
     values: dict[str, NDArray[np.generic]] = {
-        "time": record.epoch + (record.time * 1e9).astype("timedelta64[ns]"),
+        "time": record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]"),
         "profile_number": np.full(count, record.number, dtype=np.int32),
         "depth": record.depth,
     }

@@ -26,7 +26,6 @@ from gliderhpc.mission.profile_currents import (
 )
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
-from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
@@ -98,9 +97,8 @@ def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
 
 
 def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
-    """Return the table entries of a failed profile; the phases of its dive, if there is a record, may be the reason."""
-    phases = () if record is None else dive_notes(record.time, record.depth, record.pitch)
-    return {"status": "failed", "message": "; ".join([*phases, message])}
+    """Return the table entries of a failed profile; the notes on its record, if there is one, may give the reason."""
+    return {"status": "failed", "message": "; ".join([*(() if record is None else record.notes), message])}
 
 
 def recompute_currents(

@@ -31,7 +31,7 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (
             1.0,
             "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east, degree_n, degrees_n, "
-            "degreen, degreesn, degree_e, degrees_e, degreee, degreese",
+            "degreen, degreesn, degree_e, degrees_e, degreee, degreese, arc_degree, arc_degrees, °",
         ),
         (float(np.degrees(1.0)), "rad, radian, radians"),
     ),
@@ -39,7 +39,14 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (1.0, "m s-1, m/s, m.s-1, m s^-1, m*s-1, meter second-1, metre second-1, meters per second"),
         (0.01, "cm/s, cm s-1"),
     ),
-    "dbar": _scales((1.0, "dbar, decibar"), (10.0, "bar"), (0.01, "mbar, hpa"), (0.1, "kpa"), (1e-4, "pa")),
+    "dbar": _scales(
+        (1.0, "dbar, decibar, decibars"),
+        (0.6894757293168361, "psi"),
+        (10.0, "bar"),
+        (0.01, "mbar, hpa"),
+        (0.1, "kpa"),
+        (1e-4, "pa"),
+    ),
     "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, degree_celsius, degrees_celsius")),
     "mS/cm": _scales((1.0, "ms/cm, ms.cm-1"), (10.0, "s/m, s.m-1")),
     "1": _scales((1.0, "1, 1e-3, 0.001, psu")),

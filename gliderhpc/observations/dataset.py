@@ -143,7 +143,7 @@ class Observations:
             surface_fixes_after=after,
             notes=(
                 *describe_fixes(before, after, reasons, MAX_FIX_AGE),
-                *dive_notes(seconds, values["depth"], values["pitch"]),
+                *dive_notes(seconds, values["depth"], values["roll"] + values["pitch"] + values["heading"]),
                 *_actuator_notes(seconds, values),
             ),
             **{name: self._optional(name, span) for name in SEAWATER},

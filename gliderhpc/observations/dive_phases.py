@@ -157,17 +157,18 @@ def _reported_depth(depth: FloatArray) -> float:
     return max(SHALLOW, DEEP * float(np.nanmax(depth)))
 
 
-def dive_notes(time: FloatArray, depth: FloatArray, pitch: FloatArray) -> Iterator[str]:
+def dive_notes(time: FloatArray, depth: FloatArray, attitude: FloatArray) -> Iterator[str]:
     """Describe the stationary stretches of a dive, and the ends of its record under water.
 
     Parameters
     ----------
-    time, depth, pitch : (n,) arrays
-        Times (s), depth and pitch, NaN where missing. The record ends where one of them ends.
+    time, depth, attitude : (n,) arrays
+        Times (s), depth, and a sum of the angles that are needed, NaN where missing. The record ends where one of them
+        ends.
     """
     known = np.flatnonzero(np.isfinite(depth))
-    attitude = np.flatnonzero(np.isfinite(pitch))
-    if not len(known) or not len(attitude):
+    oriented = np.flatnonzero(np.isfinite(attitude))
+    if not len(known) or not len(oriented):
         return
     still = _stationary_times(time, depth)
     if still:
@@ -178,7 +179,7 @@ def dive_notes(time: FloatArray, depth: FloatArray, pitch: FloatArray) -> Iterat
         yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} ({cause})"
     begin, end = (
         float(np.interp(time[at], time[known], depth[known]))
-        for at in (max(known[0], attitude[0]), min(known[-1], attitude[-1]))
+        for at in (max(known[0], oriented[0]), min(known[-1], oriented[-1]))
     )
     least = _reported_depth(depth)
     ends = [f"{verb} at {at:.0f} m" for verb, at in (("begins", begin), ("ends", end)) if at > least]

@@ -44,8 +44,8 @@ def midpoint(first: Position, last: Position) -> Position:
     return float(middle["lat2"]), float(middle["lon2"])
 
 
-MAXIMUM_DRIFT = 2.0
-"""Greatest drift of a glider at the surface (m/s); only a glider that is towed or on deck moves faster."""
+MAXIMUM_DRIFT = 3.0
+"""Greatest drift of a glider at the surface (m/s): boundary currents reach 2.5 m/s there."""
 
 POSITION_ERROR = 20.0
 """Greatest distance (m) between two fixes of the same place."""

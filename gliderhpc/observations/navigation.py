@@ -18,7 +18,7 @@ from gliderhpc.observations.depth_screening import noise_window
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, screen_fixes
 from gliderhpc.observations.headings import frozen_profiles
-from gliderhpc.observations.navigation_checks import check_depth_unit, check_heading, check_pitch
+from gliderhpc.observations.navigation_checks import check_depth_unit, check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.navigation_fixes import (
@@ -33,7 +33,6 @@ from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.validation import describe_time, profile_spans
-from gliderhpc.wording import counted
 
 RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
@@ -131,7 +130,7 @@ class Navigation:
             notes=(
                 *describe_fixes(before, after, notes, MAX_FIX_AGE),
                 *_describe_depth(seconds, self.depth[span], self.impossible[span]),
-                *dive_notes(seconds, self.depth[span], self.pitch[span]),
+                *dive_notes(seconds, self.depth[span], self.pitch[span] + self.heading[span]),
             ),
             velocity=None if self.velocity is None else self.velocity[span],
         )  # fmt: skip
@@ -178,11 +177,34 @@ def open_navigation(path: Path, declination: float | None = None) -> Navigation:
         The file cannot be read, or lacks a quantity needed for a current; the message names it.
     """
     with open_stored(path) as dataset:
-        return read_navigation(dataset, str(path), declination)
+        return read_part(dataset, str(path), declination)
 
 
 def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: float | None = None) -> Navigation:
+    """Read the navigation of a Dataset, as `read_part` does, and refuse one without a dive.
+
+    Raises
+    ------
+    InputError
+        As for `read_part`, or there is no dive.
+    """
+    return with_dives(read_part(dataset, source, declination))
+
+
+def with_dives(navigation: Navigation) -> Navigation:
+    """Return the navigation; raise `InputError` if it has no dive."""
+    if not navigation.profile.any():
+        raise InputError(
+            f"{navigation.source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no "
+            f"current to estimate{''.join(f'; {remark}' for remark in navigation.remarks)}"
+        )
+    return navigation
+
+
+def read_part(dataset: xr.Dataset, source: str, declination: float | None = None) -> Navigation:
     """Read the navigation of a Dataset, by the names, standard names and units of its variables.
+
+    Without a dive, as in the file of a surfacing, its fixes may still be those of other files' dives.
 
     Parameters
     ----------
@@ -196,8 +218,8 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
     Raises
     ------
     InputError
-        The Dataset lacks time, depth or pressure, pitch, heading or positions, has too few samples or no dive, or a
-        quantity is in another unit than declared, or in one that cannot be converted.
+        The Dataset lacks time, depth or pressure, pitch, heading or positions, has too few samples, or a quantity is in
+        another unit than declared, or in one that cannot be converted.
     """
     columns = NavigationColumns(dataset, source)
     columns.check_complete()
@@ -232,12 +254,7 @@ def read_navigation(dataset: xr.Dataset, source: str = "dataset", declination: f
         )
     dives = _profiles(columns, order, time, depth)
     profile = _usable(dives, depth, pitch, heading)
-    if not profile.any():
-        raise InputError(
-            f"{source}: no dive below 10 m with enough samples of depth, pitch and heading, so there is no current to "
-            f"estimate{''.join(f'; {remark}' for remark in flagged)}"
-        )
-    remarks += [*_describe_short(time, depth, dives, profile)]
+    remarks += [*describe_short_dives(time, depth, dives, profile, MIN_SAMPLES)]
     remarks += check_heading(source, measured, profile, columns.find("heading"))
     velocity, unusable = read_velocity(columns, order)
     remarks += unusable
@@ -336,20 +353,6 @@ def _without_doubted(fixes: SurfaceFixes, doubts: Sequence[ClockDoubt]) -> Surfa
     for doubt in doubts:
         fixes = fixes.without(doubt.begin, doubt.end, doubt.step)
     return fixes
-
-
-def _describe_short(time: TimeArray, depth: FloatArray, dives: IntArray, profile: IntArray) -> Iterator[str]:
-    """Remark on the dives with too few complete samples to be profiles."""
-    short = dives[(dives > 0) & (profile == 0)]
-    numbers = np.unique(short)
-    if not len(numbers):
-        return
-    first = np.flatnonzero(dives == short[0])
-    yield (
-        f"{counted(len(numbers), 'dive')} with fewer than {MIN_SAMPLES} samples of depth, pitch and heading "
-        f"{'is' if len(numbers) == 1 else 'are'} left out, the first, to {np.nanmax(depth[first]):.0f} m, at "
-        f"{describe_time(time[first[0]])}"
-    )
 
 
 def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> Iterator[str]:

@@ -1,12 +1,15 @@
-"""Units of the records of a current: pitch, heading and depth in another unit than the one declared or assumed."""
+"""Checks of the records of a current: quantities in another unit than the one declared or assumed, and short dives."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.profile_checks import MIN_PITCH, check_heading_unit
 from gliderhpc.observations.profiles import IntArray
-from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.validation import profile_spans
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.validation import describe_time, profile_spans
+from gliderhpc.wording import counted
 
 MIN_DEPTH = 20.0
 """Depth (m) from which depth and pressure are compared, and least range of both."""
@@ -94,3 +97,20 @@ def check_depth_unit(source: str, depth: FloatArray, pressure: FloatArray) -> li
     if abs(offset) <= MAX_OFFSET:
         return []
     return [f"the depth is {offset:+.1f} m off that by pressure: check the zero of both"]
+
+
+def describe_short_dives(
+    time: TimeArray, depth: FloatArray, dives: IntArray, profile: IntArray, needed: int
+) -> Iterator[str]:
+    """Remark on the dives with fewer complete samples than a profile needs."""
+    short = dives[(dives > 0) & (profile == 0)]
+    numbers = np.unique(short)
+    if not len(numbers):
+        return
+    first = np.flatnonzero(dives == short[0])
+    to = f", to {np.nanmax(depth[first]):.0f} m" if np.isfinite(depth[first]).any() else ""
+    yield (
+        f"{counted(len(numbers), 'dive')} with fewer than {needed} samples of depth, pitch and heading "
+        f"{'is' if len(numbers) == 1 else 'are'} left out, the first{to}, at "
+        f"{describe_time(time[first[0]])}"
+    )

@@ -313,11 +313,12 @@ def find_declination(file: ForeignFile, heading: str, given: float | None) -> De
     given : float, optional
         Declination given by the user (degree).
     """
-    if given is not None:
-        return Declination(given, "given by the user")
     north = north_of(*(file.attribute(name, heading) for name in ("comment", "long_name", "standard_name")))
     if north is North.TRUE:
-        return Declination(0.0, "none: the file describes its heading as true")
+        unused = "" if given is None else f"; the given declination, {given:g} degree, is not used"
+        return Declination(0.0, f"none: the file describes its heading as true{unused}")
+    if given is not None:
+        return Declination(given, "given by the user")
     if north is North.UNSTATED:
         return Declination(0.0, "none: the file does not describe its heading as magnetic, so it is taken as true")
     found = file_declination(file, file.names)

@@ -24,6 +24,7 @@ from gliderhpc.observations.rows import Columns, Rows, onto_nearest
 from gliderhpc.observations.slocum_files import BALLAST_SENSORS, find_files, is_binary, is_decoded
 from gliderhpc.observations.slocum_records import HANGING_CYCLE, Mission, read_mission
 from gliderhpc.observations.stored_reads import Reads, read_directly
+from gliderhpc.observations.survey import MAX_GPS_DEPTH
 from gliderhpc.observations.validation import Span, profile_spans
 from gliderhpc.wording import counted
 
@@ -33,6 +34,9 @@ RECORD_BREAK = 900.0
 MIN_SURFACE_TIME = 180.0
 """Least duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
 is the turning point of a yo."""
+
+LEAST_OF_THE_SEA = 0.5
+"""Conductivity (mS/cm) that the sea exceeds, but neither a wet sensor in the air nor most lakes."""
 
 _SECOND = np.timedelta64(1, "s")
 
@@ -230,7 +234,8 @@ def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float)
     """Put CTD samples on the nearest flight record within half a sampling interval."""
     variables: Columns = {}
     if len(rows) and np.isfinite(interval):
-        temperature, pressure, conductivity = (rows[f"sci_water_{name}"] for name in ("temp", "pressure", "cond"))
+        temperature, pressure = rows["sci_water_temp"], rows["sci_water_pressure"]
+        conductivity = _without_air(rows["sci_water_cond"])
         sampled = {
             "temperature": temperature,
             "pressure": pressure,
@@ -245,9 +250,15 @@ def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float)
     salinity = (
         "practical salinity by PSS-78 from conductivity (gsw)"
         if "practical_salinity" in variables
-        else "no conductivity, so no salinity"
+        else "no usable conductivity, so no salinity"
     )
     return Water(variables, f"on the nearest flight record within half a sampling interval; {salinity}")
+
+
+def _without_air(conductivity: FloatArray) -> FloatArray:
+    """Conductivity (mS/cm) without that of a wet sensor in the air, unless the water is a lake's throughout."""
+    in_water = conductivity >= LEAST_OF_THE_SEA
+    return np.where(in_water, conductivity, np.nan) if in_water.any() else conductivity
 
 
 def _parts(mission: Mission, start: int, stop: int) -> tuple[str, ...]:
@@ -284,8 +295,8 @@ _PROCESSING = {
     f"a pause of the record longer than {RECORD_BREAK:g} s does",
     "measurement_comment": "depth and attitude of a cycle that lasted more than "
     f"{HANGING_CYCLE:g} times the median are left out",
-    "fix_comment": "records with a new position that the receiver reports as valid; those that no drift below "
-    f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
+    "fix_comment": "records with a new position that the receiver reports as valid, not deeper than "
+    f"{MAX_GPS_DEPTH:g} m; those that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbour are left out",
 }
 """Attributes on profiles, measurements and fixes."""
 
@@ -293,10 +304,12 @@ _PROCESSING = {
 def find_fixes(rows: Rows) -> Fixes:
     """Find the GPS fixes of a mission: rows with a new position that the receiver reports as valid.
 
-    Positions are valid if ``m_gps_status`` is 0 or not recorded.
+    Positions are valid if ``m_gps_status`` is 0 or not recorded, and the glider is not deeper than `MAX_GPS_DEPTH`:
+    some files repeat the last position under water, or interpolate between two.
     """
     found = _has_fix(rows)
-    return drop_outliers(Fixes(rows.time[found], rows["m_gps_lat"][found], rows["m_gps_lon"][found]))
+    fixes = drop_outliers(Fixes(rows.time[found], rows["m_gps_lat"][found], rows["m_gps_lon"][found]))
+    return fixes.where(_is_new(fixes.latitude, fixes.longitude))
 
 
 def surface_level(rows: Rows) -> FloatArray | None:
@@ -305,6 +318,7 @@ def surface_level(rows: Rows) -> FloatArray | None:
     It is None if there is no fix with a depth.
     """
     at = np.flatnonzero(_has_fix(rows) & np.isfinite(rows["m_depth"]))
+    at = at[_is_new(rows["m_gps_lat"][at], rows["m_gps_lon"][at])]
     if len(at) == 0:
         return None
     groups = np.split(at, np.flatnonzero(np.diff(rows.time[at]) > SAME_SURFACING) + 1)
@@ -352,5 +366,18 @@ def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str
 
 
 def _has_fix(rows: Rows) -> npt.NDArray[np.bool_]:
+    """Mask of the rows with a valid position at a depth at which it can be received."""
+    depth = rows["m_depth"]
     # A position without a recorded state (NaN) is accepted.
-    return np.isfinite(rows["m_gps_lat"]) & np.isfinite(rows["m_gps_lon"]) & ~(rows["m_gps_status"] > 0.0)
+    valid = np.isfinite(rows["m_gps_lat"]) & np.isfinite(rows["m_gps_lon"]) & ~(rows["m_gps_status"] > 0.0)
+    known = np.flatnonzero(np.isfinite(depth))
+    if not len(known):
+        return valid
+    return np.asarray(valid & (np.interp(np.arange(len(depth)), known, depth[known]) <= MAX_GPS_DEPTH))
+
+
+def _is_new(latitude: FloatArray, longitude: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask of the positions that differ from the one before."""
+    new = np.ones(len(latitude), np.bool_)
+    new[1:] = (np.diff(latitude) != 0.0) | (np.diff(longitude) != 0.0)
+    return new

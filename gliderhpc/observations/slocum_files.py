@@ -70,7 +70,7 @@ FLIGHT_SENSORS = (
 SCIENCE_SENSORS = (
     Sensor("sci_water_temp", "temperature in degC", -5.0, 45.0),
     Sensor("sci_water_pressure", "pressure in dbar", -20.0, 2100.0),
-    Sensor("sci_water_cond", "conductivity in mS/cm", 0.5, 90.0),
+    Sensor("sci_water_cond", "conductivity in mS/cm", 0.02, 90.0),
 )
 """Sensors of the science computer: the CTD. It is turned off, or logs zeros, while the vehicle is out of the water."""
 

@@ -95,7 +95,8 @@ def predict_from(
     ----------
     dives : xarray.Dataset
         One or more rows of the archive's table in order of time, with ``displacement_north`` and
-        ``displacement_east`` of the group ``smoothed``.
+        ``displacement_east`` of the group ``smoothed``, and ``stay``, the time (s) from the first fix after the dive
+        before to the last one before the dive; NaN where unknown.
     fix_error : float
         Error of a fix, north and east each, m.
     surface_shear : float
@@ -118,8 +119,7 @@ def predict_from(
     last, surface, below = _cycle(dives)
     begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
     drift, covariance = state.drift(begin, begin + surface + below)
-    drift = drift + offset * surface
-    displacement = _displacements(dives)[-1]
+    displacement = _displacements(dives)[-1] + offset * surface
     shear = (scatter * surface) ** 2 + 2.0 * fix_error**2
     place = moved((float(last["exit_latitude"]), float(last["exit_longitude"])), displacement + drift)
     elapsed = surface + below
@@ -143,6 +143,8 @@ def dives_until(archive: Archive, number: int, most: int | None = MOST_DIVES) ->
     names = ("displacement_north", "displacement_east")
     table = table.assign({name: smoothed[name].load() for name in names})
     table = table.sortby("start_time")
+    # Also without a current, the dive before is not a time at the surface.
+    table["stay"] = (table["entry_time"] - table["exit_time"].shift(profile=1)) / _SECOND
     known = np.isfinite(table["dac_north_smoothed"].values) & np.isfinite(table["displacement_north"].values)
     known &= table["start_time"].values <= table["start_time"].sel(profile=number).values
     found = np.flatnonzero(known)
@@ -209,9 +211,8 @@ def _cycle(dives: xr.Dataset) -> tuple[xr.Dataset, float, float]:
     last = dives.isel(profile=-1)
     below = float(last["duration"])
     surface = (last["exit_time"].values - last["entry_time"].values) / _SECOND - below
-    if dives.sizes["profile"] > 1:
-        stay = (last["entry_time"].values - dives.isel(profile=-2)["exit_time"].values) / _SECOND
-        surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
+    stay = float(last["stay"])
+    surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
     return last, max(float(surface), 0.0), below
 
 

@@ -6,6 +6,7 @@ import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
+from pydantic import ValidationError
 
 from gliderhpc.api.alerts import Box, Rules, read_alerts
 from gliderhpc.archive.mission import open_for_reading
@@ -150,3 +151,8 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path
     with pytest.raises(InputError, match=words) as caught:
         read_alerts(tmp_path / "alerts.yaml")
     assert "\n" not in str(caught.value)
+
+
+def test_a_box_that_contains_nothing_is_refused():
+    with pytest.raises(ValidationError, match="south, 19, is north of north, 17"):
+        Box(south=19.0, north=17.0, west=0.0, east=1.0)

@@ -1,5 +1,6 @@
 """`gliderhpc.currents`: currents by pitch, heading, depth and fixes alone, of glides made without the package."""
 
+import itertools
 import subprocess
 import sys
 
@@ -375,3 +376,30 @@ def test_fixes_after_a_pause_that_a_missing_dive_leaves_are_not_used():
     assert len(found["profile"]) == 2
     for name in ("surface_drift_north", "surface_drift_east"):
         np.testing.assert_allclose(found[name].values[0], whole[name].values[0])
+
+
+def test_times_are_those_of_the_records():
+    """To the nanosecond: xarray would align any other time to NaN."""
+    records = mission(Glide())
+    uneven = np.random.default_rng(4).integers(0, 10**9, records.sizes["time"]).astype("timedelta64[ns]")
+    records = records.assign_coords(time=("time", records["time"].values + uneven, records["time"].attrs))
+    assert np.isin(currents(records)["time"].values, records["time"].values).all()
+
+
+def test_a_file_of_a_surfacing_alone_gives_its_fixes(tmp_path):
+    records = mission(Glide())
+    whole = currents(records)
+    afloat = np.flatnonzero(records["depth"].values == 0.5)
+    middle = np.split(afloat, np.flatnonzero(np.diff(afloat) > 1) + 1)[1]
+    cuts = [0, middle[0], middle[-1] + 1, records.sizes["time"]]
+    paths = []
+    for part, (start, stop) in enumerate(itertools.pairwise(cuts)):
+        cut = records.isel(time=slice(start, stop))
+        begin, end = cut["time"].values[[0, -1]]
+        inside = (records["fix_time"].values >= begin) & (records["fix_time"].values <= end)
+        paths.append(tmp_path / f"part{part}.nc")
+        cut.isel(fix=np.flatnonzero(inside)).to_netcdf(paths[-1])
+    found = currents(paths)
+    np.testing.assert_allclose(found["dac_north"], whole["dac_north"], atol=1e-4)
+    with pytest.raises(InputError, match="no dive below 10 m"):
+        currents([paths[1]])

@@ -32,7 +32,7 @@ from gliderhpc.observations import joined
 from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.landing import FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import displacement_scatter, predict_surfacing
+from gliderhpc.report.next_surfacing import displacement_scatter, dives_until, predict_surfacing, surface_offset
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import error_ellipse, surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
@@ -688,12 +688,26 @@ def test_the_next_surfacing_is_where_the_water_takes_a_dive_like_the_last(swift_
         cycle = (row["exit_time"] - table.sel(profile=1)["exit_time"]).values / np.timedelta64(1, "s")
         assert elapsed == pytest.approx(cycle, abs=1.0)
         own = np.array([float(moves["displacement_north"]), float(moves["displacement_east"])])
-        np.testing.assert_allclose(way, own + elapsed * found.current, atol=0.01)
+        offset, _ = surface_offset(dives_until(archive, 2), archive.attrs["settings"]["current"]["surface_shear"])
+        afloat = (cycle - float(row["duration"])) * offset
+        np.testing.assert_allclose(way, own + elapsed * found.current + afloat, atol=0.01)
         assert found.dives == 2
         assert np.all(np.linalg.eigvalsh(found.covariance) > 0.0)
         message = surfacing_message(archive, 2)
         assert message.next_surfacing.ellipse == error_ellipse(found.covariance)
         assert "; next 00:" in message.line
+
+
+def test_a_dive_without_a_current_is_no_time_at_the_surface(swift_store):
+    """The dive before the last one lost its current; the cycle remains that of the last dive."""
+    with open_for_reading(swift_store) as archive:
+        whole = predict_surfacing(archive, 3)
+        table = archive.to_dataset().load()
+        column = table["dac_north_smoothed"].values.copy()
+        column[1] = np.nan
+        lost = predict_surfacing(archive.with_columns({"dac_north_smoothed": column}), 3)
+    assert lost.dives == whole.dives - 1
+    assert lost.time == whole.time
 
 
 def test_what_a_dive_does_otherwise_than_the_last_widens_the_next_ellipse():

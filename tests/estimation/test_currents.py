@@ -213,7 +213,7 @@ def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
 
 
 def test_a_fix_kilometres_off_is_no_drift():
-    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.0, 0.0]), np.array([0.2, 0.0]))
+    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.5, 0.0]), np.array([0.2, 0.0]))
     found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     assert taken_out(found)[0] == pytest.approx(200.0)
     assert surface_drift(record.surface_fixes_before) is None

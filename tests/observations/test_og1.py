@@ -77,6 +77,10 @@ def test_a_heading_that_is_corrected_for_the_declination_is_true(tmp_path):
     import_og1([path], tmp_path / "out.nc")
     with xr.open_dataset(tmp_path / "out.nc") as found:
         assert found["heading"].values == pytest.approx(350.0)
+    import_og1([path], tmp_path / "given.nc", declination=10.0)
+    with xr.open_dataset(tmp_path / "given.nc") as found:
+        assert found["heading"].values == pytest.approx(350.0)
+        assert "the given declination, 10 degree, is not used" in found.attrs["heading_comment"]
 
 
 @pytest.mark.parametrize("wild", [True, False], ids=["contradictory", "absent"])

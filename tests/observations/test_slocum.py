@@ -6,6 +6,7 @@ import struct
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from click.testing import CliRunner
@@ -139,7 +140,7 @@ def test_science_may_share_the_flight_computers_clock(tmp_path):
     _, dataset = imported(tmp_path, flown)
     np.testing.assert_array_equal(dataset["temperature"].values, 12.0)
     assert "practical_salinity" not in dataset
-    assert "no conductivity" in dataset.attrs["ctd_comment"]
+    assert "no usable conductivity" in dataset.attrs["ctd_comment"]
 
 
 def test_the_engine_that_moves_is_the_ballast(tmp_path):
@@ -542,6 +543,42 @@ def test_without_the_package_one_line_says_how_to_get_it(tmp_path, monkeypatch):
     assert "pip install 'gliderhpc[slocum]'" in answer.line
 
 
+def test_positions_that_are_repeated_under_water_are_no_fixes(tmp_path):
+    """As `ffill` and synchronised exports write them."""
+    flown = joined([flight(0), flight(1)])
+    (tmp_path / "as it was").mkdir()
+    expected, before = imported(tmp_path / "as it was", flown)
+    for name in ("m_gps_lat", "m_gps_lon", "m_gps_status"):
+        flown[name] = pd.Series(flown[name]).ffill().to_numpy()
+    summary, after = imported(tmp_path, flown)
+    assert summary.fixes == expected.fixes
+    np.testing.assert_array_equal(after["fix_time"].values, before["fix_time"].values)
+    np.testing.assert_array_equal(after["profile"].values, before["profile"].values)
+
+
+def test_positions_interpolated_under_water_do_not_cut_dives(tmp_path):
+    flown = joined([flight(0), flight(1)])
+    (tmp_path / "as it was").mkdir()
+    _, before = imported(tmp_path / "as it was", flown)
+    for name in ("m_gps_lat", "m_gps_lon"):
+        flown[name] = pd.Series(flown[name]).interpolate().to_numpy()
+    _, after = imported(tmp_path, flown)
+    np.testing.assert_array_equal(np.unique(after["profile"].values), np.unique(before["profile"].values))
+
+
+def test_a_lake_has_a_salinity_and_a_wet_sensor_in_the_air_has_none(tmp_path):
+    sampled = science()
+    sampled["sci_water_cond"][:20] = 0.03
+    (tmp_path / "sea").mkdir()
+    _, sea = imported(tmp_path / "sea", flight(), sampled)
+    known = sea["practical_salinity"].values[np.isfinite(sea["practical_salinity"].values)]
+    assert known.min() > 30.0
+    lake = science()
+    lake["sci_water_cond"] *= 0.0066
+    _, found = imported(tmp_path, flight(), lake)
+    assert 0.1 < float(found["practical_salinity"].median()) < 0.3
+
+
 # A real mission ------------------------------------------------------------------------------------------------------
 
 
@@ -552,7 +589,7 @@ def test_modena(shared_data, tmp_path):
     assert {profile.number for profile in summary.profiles if profile.fault} == {1, 2}
     assert all("battery_position is missing" in profile.fault for profile in summary.profiles[:2])
     assert summary.sample_interval == pytest.approx(4.38, abs=0.01)
-    assert (summary.fixes, summary.fixes_dropped) == (3674, 9)
+    assert (summary.fixes, summary.fixes_dropped) == (3665, 6)
     assert (summary.rows, summary.ctd_samples) == (353_321, 344_229)
     assert summary.rows_dropped == {
         "measurements of a delayed cycle of the computer": 863,
