@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
 import xarray as xr
 import zarr
 from numpy.typing import NDArray
@@ -167,13 +168,22 @@ Archive = xr.DataTree | ArchiveReader
 def with_committed_rows(dataset: xr.Dataset, group: str, columns: Columns) -> xr.Dataset:
     """Return a group with some columns of its tables replaced; the same dataset if none is replaced."""
     own = {
-        name: (array.dims, columns[label], {**array.attrs, **_packing(array)})
-        for name, array in dataset.data_vars.items()
+        name: _with_values(str(name), stored, columns[label])
+        for name, stored in dataset.variables.items()
         if (label := f"{group}/{name}".lstrip("/")) in columns
     }
-    return dataset.assign(xr.decode_cf(xr.Dataset(own)).data_vars) if own else dataset
+    return dataset.assign(own) if own else dataset
 
 
-def _packing(variable: xr.DataArray) -> dict[str, Any]:
+def _with_values(name: str, stored: xr.Variable, column: NDArray[Any]) -> xr.Variable:
+    """Return a variable with a column of values in its stored form, decoded."""
+    packing = _packing(stored)
+    if column.dtype.kind == "f" and "units" not in packing and np.isnan(packing.get("_FillValue", np.nan)):
+        return xr.Variable(stored.dims, column, stored.attrs)
+    variable = xr.Variable(stored.dims, column, {**stored.attrs, **packing})
+    return xr.conventions.decode_cf_variable(name, variable)
+
+
+def _packing(variable: xr.Variable) -> dict[str, Any]:
     """Return the attributes of a variable that were removed by decoding."""
     return {key: variable.encoding[key] for key in ("units", "calendar", "_FillValue") if key in variable.encoding}
