@@ -19,7 +19,7 @@ from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, 
 from gliderhpc.observations.navigation import (
     Navigation,
     merge_navigation,
-    open_navigation,
+    open_part,
     read_navigation,
     read_part,
     with_dives,
@@ -160,7 +160,7 @@ def _plain_navigation(path: Path, declination: float | None) -> Navigation:
     """Read the navigation from a text table, a netCDF file or a Zarr folder."""
     if is_table(path):
         return read_part(read_table(path), str(path), declination)
-    return open_navigation(path, declination)
+    return open_part(path, declination)
 
 
 def _plain_files(path: Path) -> list[Path]:
@@ -269,7 +269,7 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
     """Return values at the samples of a profile, NaN where there is no estimate."""
     count = len(record.time)
     values: dict[str, NDArray[np.generic]] = {
-        "time": record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]"),
+        "time": record.instants,
         "profile_number": np.full(count, record.number, dtype=np.int32),
         "depth": record.depth,
     }

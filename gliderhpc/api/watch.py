@@ -21,6 +21,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.lock import locked
+from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.landing import (
@@ -296,12 +297,12 @@ class Watch:
 
     def _invert(self, observations: Observations, new: int) -> None:
         watched = self.watched
-        numbers = sorted(observations.profile_numbers)
-        grows = continues_archive(watched.store, numbers)
-        if not grows:
+        numbers = select_profiles(observations.profile_numbers, None)
+        waiting, grows = len(numbers), continues_archive(watched.store, numbers)
+        if grows:
+            waiting = max(1, count_waiting(watched.store, numbers, new, watched.platform, watched.settings))
+        else:
             log.warning("%s: a dive arrived after later ones; the archive is rebuilt", watched.store)
-            new = len(numbers)
-        waiting = max(1, count_waiting(watched.store, numbers, new, watched.platform, watched.settings))
         workers = self._workers.number_for(waiting)
         prepared = prepare_mission(
             observations, watched.platform, watched.settings, None, workers, on_cluster=False, warn=log.warning

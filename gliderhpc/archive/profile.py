@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.archive.angles import on_branch_of, unwrap, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.profiles import describe_numbers
@@ -305,29 +306,6 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
     covered = (edges[:-1] >= truth_edges[0] - _TIME_TOLERANCE) & (edges[1:] <= truth_edges[-1] + _TIME_TOLERANCE)
     average[~covered] = np.nan
     return average
-
-
-def wrap(degrees: Array) -> Array:
-    """Wrap angles to [-180, 180) degrees."""
-    return np.mod(degrees + 180.0, 360.0) - 180.0
-
-
-def unwrap(degrees: Array) -> Array:
-    """Remove the jumps of 360 degrees from angles (degrees); missing values are bridged and remain missing."""
-    unwrapped = degrees.copy()
-    known = np.isfinite(degrees)
-    unwrapped[known] = np.unwrap(degrees[known], period=360.0)
-    return unwrapped
-
-
-def on_branch_of(reference: Array, degrees: Array) -> Array:
-    """Shift angles by whole turns to within 180 degrees of an unwrapped reference, which may have missing values."""
-    known = np.isfinite(reference)
-    if not known.any():
-        return unwrap(degrees)
-    index = np.arange(len(reference))
-    nearby = np.interp(index, index[known], reference[known])
-    return nearby + wrap(degrees - nearby)
 
 
 def _rows(archive: Archive, numbers: Sequence[int]) -> list[dict[str, Any]]:

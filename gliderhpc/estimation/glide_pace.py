@@ -34,7 +34,7 @@ def check_pace_of(record: ProfileRecord) -> None:
     ProfileError
         Time or depth is in a wrong unit.
     """
-    time = record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]")
+    time = record.instants
     fault = fault_of_pace(record.number, time, record.depth) or fault_of_depth_rate(
         record.number, time, record.depth, np.degrees(record.pitch)
     )

@@ -217,16 +217,12 @@ def _write_object(address: str) -> None:
     OSError
         The store refuses it.
     """
-    from gliderhpc.store_schema.place import bucket_at
+    from gliderhpc.store_schema.place import bucket_at, network_errors
 
     bucket, key = bucket_at(address), f".gliderhpc-doctor-{uuid.uuid4().hex}"
-    from obstore.exceptions import BaseError
-
-    try:
+    with network_errors():
         bucket.put(key, b"gliderhpc")
         bucket.delete(key)
-    except BaseError as error:
-        raise OSError(str(error)) from None
 
 
 def _existing(path: Path) -> Path:

@@ -22,9 +22,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from gliderhpc.errors import InputError, RunStoppedError, first_line
+from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.output_files import link_unless_there
-from gliderhpc.store_schema.place import Place, absolute, is_address, with_suffix
+from gliderhpc.store_schema.place import Place, absolute, is_address, network_errors, with_suffix
 
 log = logging.getLogger(__name__)
 
@@ -162,7 +162,7 @@ class ObjectLock:
         from obstore.exceptions import AlreadyExistsError
 
         try:
-            with _network_errors():
+            with network_errors():
                 self._store.put(self._key, content, mode="create")
         except AlreadyExistsError:
             return False
@@ -171,20 +171,20 @@ class ObjectLock:
     def read(self) -> bytes | None:
         """Return the content of the object."""
         try:
-            with _network_errors():
+            with network_errors():
                 return bytes(self._store.get(self._key).bytes())
         except FileNotFoundError:
             return None
 
     def refresh(self, content: bytes) -> None:
         """Put the object again."""
-        with _network_errors():
+        with network_errors():
             self._store.put(self._key, content)
 
     def age(self) -> float:
         """Return the age by the server's time stamp and this machine's clock."""
         try:
-            with _network_errors():
+            with network_errors():
                 stamped: datetime = self._store.head(self._key)["last_modified"]
         except FileNotFoundError:
             return 0.0
@@ -197,21 +197,8 @@ class ObjectLock:
 
     def remove(self) -> None:
         """Delete the object."""
-        with _network_errors():
+        with network_errors():
             self._store.delete(self._key)
-
-
-@contextmanager
-def _network_errors() -> Iterator[None]:
-    """Convert an error of an object store's library, which is none of the system, to an `OSError`."""
-    from obstore.exceptions import AlreadyExistsError, BaseError
-
-    try:
-        yield
-    except AlreadyExistsError:
-        raise
-    except BaseError as error:
-        raise OSError(errno.EIO, first_line(error)) from error
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gliderhpc.errors import InputError
-from gliderhpc.mission.jobs import FIXES, MissionWork, differs_in_fixes_only
+from gliderhpc.mission.inputs import FIXES, differs_in_fixes_only
+from gliderhpc.mission.jobs import MissionWork
 from gliderhpc.mission.planning import MissionPlan
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.store_schema import (

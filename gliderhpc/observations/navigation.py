@@ -168,8 +168,8 @@ def _of_same_surfacing(fixes: Sequence[Fix], moment: np.datetime64) -> tuple[Fix
     return tuple(kept)
 
 
-def open_navigation(path: Path, declination: float | None = None) -> Navigation:
-    """Read the navigation of a netCDF file or Zarr folder.
+def open_part(path: Path, declination: float | None = None) -> Navigation:
+    """Read the navigation of a netCDF file or Zarr folder, as `read_part` does.
 
     Raises
     ------

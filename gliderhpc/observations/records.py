@@ -84,3 +84,8 @@ class ProfileRecord:
     pressure: FloatArray | None = None
     velocity: FloatArray | None = None
     velocity_std: FloatArray | None = None
+
+    @property
+    def instants(self) -> TimeArray:
+        """Times of the samples ``(n,)`` (UTC), exact to the nanosecond."""
+        return np.asarray(self.epoch + np.rint(self.time * 1e9).astype("timedelta64[ns]"))

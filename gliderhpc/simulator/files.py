@@ -64,7 +64,7 @@ def _of_format(name: str) -> tuple[str, dict[str, str]]:
 def _columns(record: ProfileRecord) -> dict[str, npt.NDArray[np.generic]]:
     seawater = {name: values for name in SEAWATER if (values := getattr(record, name)) is not None}
     return {
-        "time": record.epoch + np.rint(record.time * 1e9).astype("timedelta64[ns]"),
+        "time": record.instants,
         "profile": np.full(len(record.time), record.number, dtype=np.int32),
         "roll": np.round(np.degrees(record.roll), _DECIMALS),
         "pitch": np.round(np.degrees(record.pitch), _DECIMALS),

@@ -7,6 +7,7 @@ Importing this module registers the codecs of `gliderhpc.store_schema.codecs`.
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import re
@@ -26,7 +27,7 @@ from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.core.sync import sync
 from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.codecs import MAX_INLINE_BYTES
 from gliderhpc.store_schema.schema import SCHEMA_NAME
 
@@ -371,3 +372,16 @@ def bucket_at(address: str) -> Any:
         return from_url(address)
     except (BaseError, ValueError) as error:
         raise InputError(f"{address}: cannot be opened ({str(error).splitlines()[0]})") from None
+
+
+@contextmanager
+def network_errors() -> Iterator[None]:
+    """Convert an error of obstore, which is none of the system, to an `OSError`; not that an object exists already."""
+    from obstore.exceptions import AlreadyExistsError, BaseError
+
+    try:
+        yield
+    except AlreadyExistsError:
+        raise
+    except BaseError as error:
+        raise OSError(errno.EIO, first_line(error)) from error

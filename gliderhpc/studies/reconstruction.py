@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, uses_measured_density, wrap
+from gliderhpc.archive.angles import wrap
+from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, uses_measured_density
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
@@ -19,7 +20,7 @@ from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.jobs import is_made_from
+from gliderhpc.mission.inputs import is_made_from
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, Survey, open_observations
 from gliderhpc.observations.truth import most_impulses, read_profile_truth

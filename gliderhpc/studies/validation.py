@@ -25,7 +25,7 @@ from gliderhpc.estimation.self_motion import SelfMotion, flight_guesses, glide_a
 from gliderhpc.findings.findings import as_plain
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.jobs import is_made_from
+from gliderhpc.mission.inputs import is_made_from
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform

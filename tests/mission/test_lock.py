@@ -99,7 +99,7 @@ def test_a_lock_that_cannot_be_removed_does_not_fail_the_run(tmp_path, monkeypat
 def test_an_error_of_the_network_is_one_of_the_system():
     """The library's errors are none, and would end the thread that refreshes the lock."""
     exceptions = pytest.importorskip("obstore.exceptions", reason="the extra 'cloud' is not installed")
-    with pytest.raises(OSError, match="no answer"), lock._network_errors():
+    with pytest.raises(OSError, match="no answer"), lock.network_errors():
         raise exceptions.GenericError("no answer\nafter three attempts")
-    with pytest.raises(exceptions.AlreadyExistsError), lock._network_errors():
+    with pytest.raises(exceptions.AlreadyExistsError), lock.network_errors():
         raise exceptions.AlreadyExistsError("there")

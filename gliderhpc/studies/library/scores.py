@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.archive.profile import wrap
+from gliderhpc.archive.angles import wrap
 
 Array = NDArray[np.float64]
 
