@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
+from gliderhpc.estimation.joint_samples import jointly_sampled
 from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
 from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
@@ -127,6 +128,7 @@ def on_points(record: ProfileRecord) -> ProfileSeries:
     ProfileError
         Depth, pitch and heading have no time in common.
     """
+    record = jointly_sampled(record)
     window = noise_window(record.time, record.depth)
     if window > 0.0:
         record = replace(record, depth=smoothed_depth(record.time, record.depth, window))

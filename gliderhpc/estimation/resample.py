@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.filled_values import without_filled_values
+from gliderhpc.estimation.joint_samples import jointly_sampled
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.stuck_sensors import check_sensors
 from gliderhpc.observations.format import CONTROLS, MEASURED
@@ -36,8 +37,9 @@ _ROUNDING = 1e-6
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
     """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    Values that were filled in and isolated false samples are left out. The errors of the platform's sensors are removed
-    first, as in the estimation, and then those of the settings.
+    Attitude and depth in different rows are brought together (`jointly_sampled`). Values that were filled in and
+    isolated false samples are left out. The errors of the platform's sensors are removed first, as in the estimation,
+    and then those of the settings.
     Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
     since the sampling rate may change with depth.
 
@@ -48,7 +50,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
         or the settings require density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
-    record, filled = without_filled_values(record)
+    record, filled = without_filled_values(jointly_sampled(record))
     check_sensors(record)
     record, false_samples = without_false_samples(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)

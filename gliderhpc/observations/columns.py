@@ -77,6 +77,10 @@ def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
     return exact or next((folded[name.casefold()] for name in wanted if name.casefold() in folded), None)
 
 
+class UnitError(InputError):
+    """The declared unit of a variable cannot be converted to the wanted one."""
+
+
 class NamedColumns(ABC):
     """Variables of a file or Dataset by name, read in our units.
 
@@ -129,13 +133,15 @@ class NamedColumns(ABC):
         Raises
         ------
         InputError
-            As for `numbers`, or the declared unit cannot be converted to the wanted one.
+            As for `numbers`.
+        UnitError
+            The declared unit cannot be converted to the wanted one.
         """
         values = self.numbers(name)
         declared = self.attribute("units", name).strip() or undeclared or unit
         factor = FACTORS[unit].get(declared.lower())
         if factor is None:
-            raise InputError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'")
+            raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'")
         return values * factor
 
     def times(self, name: str) -> TimeArray:

@@ -18,7 +18,7 @@ from gliderhpc.observations.depth_screening import noise_window
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, screen_fixes
 from gliderhpc.observations.headings import frozen_profiles
-from gliderhpc.observations.navigation_checks import check_depth_unit, check_heading, check_pitch, describe_short_dives
+from gliderhpc.observations.navigation_checks import check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.navigation_fixes import (
@@ -38,7 +38,7 @@ RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
 
 MIN_SAMPLES = 10
-"""Least number of samples with depth, pitch and heading in a usable profile."""
+"""Least number of samples of depth, of pitch and of heading in a usable profile."""
 
 _DEPTH_ALLOWANCE, _MAX_DEPTH_RATE, _MIN_DIFFERENT = 20.0, 2.0, 20
 """Largest difference of depth (m) between two files of one glider at one time, its growth with the time to the nearest
@@ -242,8 +242,7 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     pitch, heading = np.radians(columns.quantity("pitch")[order]), np.radians(measured + added)
     roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
     check_pitch(source, pitch, depth, SURFACE)
-    if columns.find("depth") and columns.find("pressure") and columns.lies_along_samples("pressure"):
-        remarks += check_depth_unit(source, depth, columns.quantity("pressure")[order])
+    remarks += columns.compare_with_pressure(depth, order)
     if impossible.any():
         remarks.append(_describe_dropouts(time, depth, impossible))
         depth = np.where(impossible, np.nan, depth)
@@ -373,10 +372,12 @@ def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, dept
 
 
 def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:
-    """Profile number of every sample, 0 for profiles with too few complete samples."""
-    complete = np.isfinite(depth) & np.isfinite(pitch) & np.isfinite(heading)
-    counts = np.bincount(found[complete & (found > 0)], minlength=int(found.max(initial=0)) + 1)
-    return np.where(counts[found] >= MIN_SAMPLES, found, 0)
+    """Profile number of every sample, 0 for profiles with too few samples of depth, pitch or heading."""
+    counts = [
+        np.bincount(found[np.isfinite(values) & (found > 0)], minlength=int(found.max(initial=0)) + 1)
+        for values in (depth, pitch, heading)
+    ]
+    return np.where(np.min(counts, axis=0)[found] >= MIN_SAMPLES, found, 0)
 
 
 def _vehicle(dataset: xr.Dataset) -> str:

@@ -6,10 +6,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
+from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, UnitError, find_name
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
 from gliderhpc.observations.headings import VEHICLE_COLUMNS, North, file_declination, north_of
+from gliderhpc.observations.navigation_checks import check_depth_unit
 from gliderhpc.observations.og1_variables import HEADINGS
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -229,6 +230,22 @@ class NavigationColumns(NamedColumns):
         pressure = self.quantity("pressure")
         self._check_range(self.find("pressure"), "pressure", pressure)
         return np.asarray(-gsw.z_from_p(pressure, latitude))
+
+    def compare_with_pressure(self, depth: FloatArray, order: npt.NDArray[np.int64]) -> list[str]:
+        """Compare a depth (m) with the pressure in the same rows, given in order; remarks on contradictions.
+
+        Raises
+        ------
+        InputError
+            The depth is in another unit than metres.
+        """
+        if not (self.find("depth") and self.find("pressure") and self.lies_along_samples("pressure")):
+            return []
+        try:
+            pressure = self.quantity("pressure")
+        except UnitError as error:
+            return [f"{str(error).removeprefix(f'{self.source}: ')}, so the depth is not compared with it"]
+        return check_depth_unit(self.source, depth, pressure[order])
 
     def _check_range(self, name: str, quantity: str, usable: FloatArray) -> None:
         """Refuse a depth or pressure most of whose values are impossible."""

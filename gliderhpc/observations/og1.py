@@ -40,7 +40,7 @@ from gliderhpc.observations.og1_variables import (
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
+from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, rarely_together, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import Span, profile_spans
 
@@ -298,7 +298,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     doubt = _check_heading(file)
     depth = _floats(samples["depth"])
     numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
-    rows = np.flatnonzero(_has_attitude(samples))
+    rows = np.flatnonzero(_is_flight(samples))
     time = samples["time"][rows].astype("datetime64[ns]")
     in_order = increasing(time)
     steps = find_clock_steps(time, in_order, depth[rows])
@@ -336,7 +336,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
 def _read_samples(
     file: ForeignFile, declination: float | None
 ) -> tuple[Columns, Declination, tuple[str, ...], tuple[str, ...]]:
-    """Read all rows of a file, with their heading's declination, the absent controls, and remarks on the heading."""
+    """Read all rows of a file, with the heading's declination, absent controls, and remarks on heading and water."""
     names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -347,9 +347,10 @@ def _read_samples(
     heading, remarks = read_heading(file, names["heading"])
     samples["heading"] = np.mod(heading + turned.angle, 360.0)
     controls, absent = read_controls(file, len(samples["time"]))
-    samples |= controls | read_seawater(file)
+    seawater, unusable = read_seawater(file)
+    samples |= controls | seawater
     check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
-    return samples, turned, absent, remarks
+    return samples, turned, absent, (*remarks, *unusable)
 
 
 def _check_heading(file: ForeignFile) -> str | None:
@@ -363,7 +364,13 @@ def _floats(values: npt.NDArray[np.generic]) -> FloatArray:
     return values.astype(np.float64)
 
 
-def _has_attitude(samples: Columns) -> npt.NDArray[np.bool_]:
-    """Mask of the rows with attitude; other rows hold fixes, or sensors that are sampled at other times."""
-    roll, pitch, heading = (np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading"))
-    return roll | pitch | heading
+def _is_flight(samples: Columns) -> npt.NDArray[np.bool_]:
+    """Mask of the rows with attitude, and of those with depth if the two are hardly ever in one row.
+
+    Other rows contain fixes, or sensors that are sampled at other times.
+    """
+    roll, pitch, heading, depth = (
+        np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading", "depth")
+    )
+    attitude = roll | pitch | heading
+    return attitude | depth if rarely_together(roll, pitch, heading, depth) else attitude

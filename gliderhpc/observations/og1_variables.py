@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import FACTORS, Term
+from gliderhpc.observations.columns import FACTORS, Term, UnitError
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
@@ -204,18 +204,27 @@ def read_heading(file: ForeignFile, name: str) -> tuple[FloatArray, tuple[str, .
     return heading, (remark,)
 
 
-def read_seawater(file: ForeignFile) -> Columns:
-    """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad."""
+def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
+    """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad.
+
+    A variable in a unit that cannot be converted is left out, with a remark.
+    """
     found: Columns = {}
+    remarks: list[str] = []
     for what, term in SEAWATER.items():
         name = term.find(file)
-        if name is not None:
+        if name is None:
+            continue
+        try:
             values = file.converted(name, term.unit)
-            if f"{name}_QC" in file:
-                file.check_lengths((name, f"{name}_QC"))
-                values[np.isin(file.numbers(f"{name}_QC"), REJECTED)] = np.nan
-            found[what] = values
-    return found
+        except UnitError as error:
+            remarks.append(f"{error}; it is left out")
+            continue
+        if f"{name}_QC" in file:
+            file.check_lengths((name, f"{name}_QC"))
+            values[np.isin(file.numbers(f"{name}_QC"), REJECTED)] = np.nan
+        found[what] = values
+    return found, tuple(remarks)
 
 
 def read_gps(file: ForeignFile) -> Fixes:

@@ -98,6 +98,19 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
+_RARELY = 0.1
+"""Share of the samples of one measurement below which rows with all measurements are rare."""
+
+
+def rarely_together(*measured: npt.NDArray[np.bool_]) -> bool:
+    """Return whether measurements, given by the masks ``(n,)`` of their rows, are hardly ever in one row.
+
+    This is so where several computers sample them, and their files were joined by time.
+    """
+    together = np.count_nonzero(np.logical_and.reduce(measured))
+    return bool(together < _RARELY * min(map(np.count_nonzero, measured)))
+
+
 def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     """Find the index of the increasing times ``(n,)``, n >= 1, nearest to each wanted time ``(m,)``.
 

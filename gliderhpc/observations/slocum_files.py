@@ -61,7 +61,7 @@ FLIGHT_SENSORS = (
     Sensor("m_de_oil_vol", _VOLUME, -2000.0, 2000.0),
     Sensor("m_fin", _ANGLE, -90.0, 90.0),
     Sensor("m_gps_lat", _POSITION, -90.0, 90.0),
-    Sensor("m_gps_lon", _POSITION, -180.0, 180.0),
+    Sensor("m_gps_lon", _POSITION, -180.0, 360.0),
     Sensor("m_gps_status", "state", 0.0, 255.0),
     Sensor("m_gps_mag_var", _ANGLE, -180.0, 180.0),
 )

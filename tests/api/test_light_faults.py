@@ -108,6 +108,13 @@ def test_quantities_without_a_unit_are_named():
     assert currents(_pressure(records, 1.0065, "dbar")).attrs["comment"] == "none"
 
 
+def test_a_pressure_in_an_unknown_unit_is_not_compared_with_the_depth():
+    records = mission(GLIDE)
+    found = currents(records.assign(pressure=(17.0 * records["depth"]).assign_attrs(units="counts")))
+    assert "pressure is in 'counts', which cannot be converted to 'dbar', so the depth is not" in found.attrs["comment"]
+    np.testing.assert_array_equal(found["dac_north"].values, currents(records)["dac_north"].values)
+
+
 def test_a_pressure_that_contradicts_the_depth_is_named():
     records = mission(GLIDE)
     absolute = records.assign(pressure=(1.01 * records["depth"] + 10.1).assign_attrs(units="dbar"))

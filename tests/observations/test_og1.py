@@ -10,6 +10,7 @@ from support import seaglider_files as made
 from support.missions import program
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.glide_currents import on_points
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.foreign import HELPFUL_ORDER, ForeignFile
 from gliderhpc.observations.format import read_reference
@@ -143,6 +144,30 @@ def test_profiles_are_judged_from_depth_where_the_dives_are_not_numbered(tmp_pat
 
 ROWS = 2 * (made.AFLOAT + made.HALF) + 3
 """Rows of one dive of the synthetic file."""
+
+
+def test_a_temperature_in_an_unknown_unit_is_left_out_with_a_remark(tmp_path):
+    path = made.write_og1(tmp_path / "sg099_delayed.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["TEMP"].units = "counts"
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert any("TEMP is in 'counts'" in remark and "left out" in remark for remark in summary.remarks)
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert "temperature" not in found
+
+
+def test_depth_and_attitude_may_be_in_different_rows(tmp_path):
+    """As where the files of two computers were joined by time."""
+    parts = [made.og1_rows(dive) for dive in (1, 2)]
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    flown, even = np.isfinite(rows["PITCH"]), np.arange(len(rows["PITCH"])) % 2 == 0
+    turns = {name: np.where(even, rows[name], np.nan) for name in ("ROLL", "PITCH", "HEADING")}
+    turns["DEPTH"] = np.where(flown & even, np.nan, rows["DEPTH"])
+    summary, _ = imported(tmp_path, **turns)
+    assert [profile.number for profile in summary.complete] == [1, 2]
+    with open_observations(tmp_path / "out.nc") as observations:
+        series = on_points(observations.profile(1))
+    assert series.sample_interval == 2.0 * np.median(np.diff(made.clock(1)))
 
 
 @pytest.mark.parametrize(

@@ -566,6 +566,18 @@ def test_positions_interpolated_under_water_do_not_cut_dives(tmp_path):
     np.testing.assert_array_equal(np.unique(after["profile"].values), np.unique(before["profile"].values))
 
 
+def test_longitudes_may_be_counted_from_0_to_360(tmp_path):
+    """As files of ocean models and some exports do."""
+    flown = two_segments()
+    (tmp_path / "as it was").mkdir()
+    expected, before = imported(tmp_path / "as it was", flown)
+    whole = np.trunc(flown["m_gps_lon"] / 100.0)
+    flown["m_gps_lon"] = whole + (flown["m_gps_lon"] - 100.0 * whole) / 60.0 + 360.0
+    summary, after = imported(tmp_path, flown, units={"m_gps_lon": "degrees_east"})
+    assert summary.fixes == expected.fixes
+    np.testing.assert_allclose(after["fix_longitude"].values, before["fix_longitude"].values + 360.0)
+
+
 def test_a_lake_has_a_salinity_and_a_wet_sensor_in_the_air_has_none(tmp_path):
     sampled = science()
     sampled["sci_water_cond"][:20] = 0.03

@@ -149,7 +149,7 @@ def write_og1(path: Path, dives: tuple[int, ...] = (1, 2), *, magnetic: bool = T
 
     The dead reckoning goes 15.5 degrees clockwise of the heading; `changes` as for `write_dive`.
     """
-    parts = [_og1_rows(dive) for dive in dives]
+    parts = [og1_rows(dive) for dive in dives]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     units = {
         "TIME": EPOCH, "DEPTH": "m", "ROLL": "degrees", "PITCH": "degrees", "HEADING": "degrees",
@@ -179,7 +179,7 @@ def og1_depths(maximum: float) -> np.ndarray:
     return np.concatenate([depths(maximum), np.zeros(3)])[order]
 
 
-def _og1_rows(dive: int) -> dict[str, np.ndarray]:
+def og1_rows(dive: int) -> dict[str, np.ndarray]:
     samples, pitch, maximum = clock(dive), pitches(), 100.0
     time, latitude, longitude = fixes(dive)
     count, course = len(samples), np.radians(350.0 + DECLINATION)
