@@ -27,8 +27,7 @@ from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import LONGEST_STAY, MOST_DIVES, dives_until, predict_from
-from gliderhpc.report.surfacing import PROBABILITY
+from gliderhpc.report.next_surfacing import LONGEST_STAY, MOST_DIVES, PROBABILITY, dives_until, predict_from
 
 Array = NDArray[np.float64]
 

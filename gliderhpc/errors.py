@@ -18,7 +18,7 @@ class RunStoppedError(GliderhpcError):
 
 
 class CalibrationError(GliderhpcError):
-    """A calibration found no better hull than the one it started from; nothing is written (exit status 1)."""
+    """A calibration found no better hull than the one it started from (exit status 1)."""
 
 
 def message_line(error: BaseException) -> str:

@@ -65,11 +65,14 @@ class CalibratedHull(FoundHull):
         Calibration on whole dives; None if no rounds were requested or they found no better hull.
     trouble : str
         Reason why the dives gave no better hull; otherwise empty.
+    caution : str
+        What the platform that the calibration started from means for the intervals; empty if nothing.
     """
 
     calibration: Calibration | None
     dives: DiveCalibration | None = None
     trouble: str = ""
+    caution: str = ""
 
     @property
     def table(self) -> pd.DataFrame:
@@ -134,9 +137,12 @@ class CalibratedHull(FoundHull):
     @property
     def notes(self) -> list[str]:
         """Remarks that supplement the tables."""
-        if self.dives is not None:
-            return rounds_report.notes(self.dives.rounds, self.dives.tolerance)
-        return [*calibration_report.notes(self.steady), *([f"WARNING: {self.trouble}"] if self.trouble else [])]
+        if self.dives is None:
+            lines = calibration_report.notes(self.steady)
+        else:
+            lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
+            lines += calibration_report.score_notes(self.fitted, self.held_out)
+        return [*lines, *(f"WARNING: {text}" for text in (self.trouble, self.caution) if text)]
 
     @property
     def steady(self) -> Calibration:
@@ -202,7 +208,7 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
             glider.load_platform(aside)
         except InputError as error:
             raise CalibrationError(
-                "the platform found could not be used, so nothing is written: "
+                "the platform found could not be used: "
                 f"{str(error).removeprefix(f'{aside}: ')}; start from another --platform or choose other --profiles"
             ) from None
     return out

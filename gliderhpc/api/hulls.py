@@ -42,6 +42,13 @@ from gliderhpc.wording import speaks_python
 
 log = logging.getLogger("gliderhpc.calibrate")
 
+CALIBRATED_BEFORE = (
+    "the given platform has been calibrated before: its stated errors are not used, plausible deviations and bounds "
+    "are those about its values, and on the same records the intervals become too narrow; start from the platform that "
+    "was calibrated first"
+)
+"""Caution about a calibration that starts from a calibrated platform."""
+
 HELD_OUT = 4
 """One in this many profiles is held out for the score if none are named."""
 
@@ -152,6 +159,8 @@ def calibrate_open(
         with threadpool_limits(limits=1):
             steady = fit(base, segments, apart, settings.calibration, log.info)
         found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, trouble=trouble)
+    if platform.calibration is not None:
+        found = replace(found, caution=CALIBRATED_BEFORE)
     made = _provenance(found, observations.path.name, observations.digest(), assignments)
     return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
 
@@ -199,7 +208,7 @@ def _before_rounds(
 def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
     if found.dives is None:
         made = calibration_report.provenance(found.steady, observations, digest, assignments)
-        return f"{made} {found.trouble[0].upper()}{found.trouble[1:]}." if found.trouble else made
+        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in (found.trouble, found.caution) if text)])
     scores = (("fitted", found.fitted), ("held out", found.held_out))
     return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
 

@@ -113,8 +113,11 @@ def calibrate(
         )
     if history is not None and settings.rounds.largest_number(platform) == 0:
         raise click.UsageError("--history requires rounds over the dives; add --set rounds.most=8")
-    for file in filter(None, (out, history)):
-        check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    if history is not None and history.absolute() == out.absolute():
+        raise click.UsageError("--out and --history name the same file; give the history another name")
+    for option, file in (("--out", out), ("--history", history)):
+        if file is not None:
+            check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead=f"another {option}")
     with logging_to(log_file), open_observations(observations) as opened:
         calibration = calibrate_and_tune if tunes else calibrate_open
         found = calibration(

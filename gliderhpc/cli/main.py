@@ -185,7 +185,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except RunStoppedError as error:
         return _report_end(f"{error}; the results so far are saved; {remedy}", FAILED)
     except CalibrationError as error:
-        return _report_end(str(error), FAILED)
+        return _report_end(f"{error}; nothing is written", FAILED)
     except GliderhpcError as error:
         return _report_end(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):

@@ -48,7 +48,9 @@ MAX_SIGN_DOUBT = 0.05
     type=options.Finite(0, 89, min_open=True),
     help="Magnitude of the pitch, degrees.",
 )
-@click.option("--depth", default=0.0, show_default=True, help="Depth at which the glides are balanced, m.")
+@click.option(
+    "--depth", type=options.Finite(), default=0.0, show_default=True, help="Depth at which the glides are balanced, m."
+)
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the platform file itself, as a template.")
 def platforms(
     name_or_file: str | None,
@@ -141,6 +143,8 @@ def _facts(glider: Glider, net_masses: tuple[float, ...]) -> Table:
 
 
 def _stall_depths(platform: Platform, net_masses: tuple[float, ...]) -> str:
+    if platform.buoyancy.compressibility is not None:
+        return "depends on the water: buoyancy follows its measured density"
     if platform.buoyancy.depth_slope == 0.0:
         return "none: no gain in buoyancy with depth"
     # With a slope of the opposite sign the climb stalls.

@@ -14,7 +14,7 @@ prediction is the average over the grid, weighted by posterior probability. The 
 half.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -226,7 +226,13 @@ class CurrentState:
 
 
 def filter_currents(observations: Sequence[CurrentObservation], process: CurrentProcess) -> CurrentState:
-    """Filter observations that follow one another without overlap.
+    """Return the state after observations that follow one another without overlap (`filtered_states`)."""
+    *_, last = filtered_states(observations, process)
+    return last
+
+
+def filtered_states(observations: Sequence[CurrentObservation], process: CurrentProcess) -> Iterator[CurrentState]:
+    """Yield the state after each of several observations that follow one another without overlap.
 
     Parameters
     ----------
@@ -238,7 +244,7 @@ def filter_currents(observations: Sequence[CurrentObservation], process: Current
     state = CurrentState.initial(process, observations[0].begin)
     for observation in observations:
         state = state.observed(observation)
-    return state
+        yield state
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +286,15 @@ class Nowcast:
 
 
 def nowcast(observations: Sequence[CurrentObservation], tides: Sequence[str] = tuple(TIDAL_PERIODS)) -> Nowcast:
-    """Filter observations with the processes of a grid.
+    """Return the nowcast after all observations (`nowcasts`)."""
+    *_, last = nowcasts(observations, tides)
+    return last
+
+
+def nowcasts(
+    observations: Sequence[CurrentObservation], tides: Sequence[str] = tuple(TIDAL_PERIODS)
+) -> Iterator[Nowcast]:
+    """Filter observations with the processes of a grid, and yield the nowcast after each of them.
 
     Parameters
     ----------
@@ -294,10 +308,11 @@ def nowcast(observations: Sequence[CurrentObservation], tides: Sequence[str] = t
     deviation, hours, tidal = (axis.ravel() for axis in axes)
     periods = tuple(3600.0 * TIDAL_PERIODS[name] for name in tides)
     process = CurrentProcess(deviation, 3600.0 * hours, tidal_deviation=tidal, periods=periods)
-    state = filter_currents(observations, process)
-    logarithm = state.log_likelihood + _log_prior(deviation, hours, tidal)
-    weights = np.exp(logarithm - np.max(logarithm))
-    return Nowcast(state, weights / np.sum(weights))
+    prior = _log_prior(deviation, hours, tidal)
+    for state in filtered_states(observations, process):
+        logarithm = state.log_likelihood + prior
+        weights = np.exp(logarithm - np.max(logarithm))
+        yield Nowcast(state, weights / np.sum(weights))
 
 
 def _log_prior(deviation: Array, hours: Array, tidal: Array) -> Array:

@@ -132,8 +132,8 @@ def calibrate_on_dives(
     _check_plausible(found)
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
-            "calibration: the hull that fits the dives best has no stable dive and climb, so nothing is written; start "
-            "from another platform, or choose other --profiles"
+            "calibration: the hull that fits the dives best has no stable dive and climb; start from another platform, "
+            "or choose other --profiles"
         )
     errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
     hull = with_deviations_of(platform, with_covariance(found.platform, errors))
@@ -176,7 +176,10 @@ def _score(
     segments: SteadySegments,
     settings: CalibrateSettings,
 ) -> Score:
-    """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors."""
+    """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors.
+
+    Which segments are steady depends on the hull. Both are judged by the segments that are steady with both, if any.
+    """
     numbers = np.unique(segments.profile).tolist()
     if not numbers:
         return Score((), 0, NO_ERRORS, NO_ERRORS)
@@ -185,6 +188,10 @@ def _score(
         again = again.of(again.in_known_water)
     else:
         again = replace(again, seawater=np.full_like(again.seawater, np.nan))
+    reach = 0.5 * settings.steady.length
+    shared, shared_again = segments.shared_with(again, reach), again.shared_with(segments, reach)
+    if len(shared):
+        segments, again = shared, shared_again
     return Score(
         tuple(numbers), len(again), score_of(before, segments), score_of(after, again) if len(again) else NO_ERRORS
     )

@@ -272,8 +272,10 @@ class DiveRounds:
             following = bounded_step(self._base, self._parameters, eta, eta + full_step)
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
-            eta = following
-            if moves[-1] < self._settings.tolerance or len(moves) >= self._most:
+            blocked, eta = np.array_equal(following, eta), following
+            # A step that was shortened for want of a stable glide is no convergence.
+            converged = float(np.abs(full_step).max()) < self._settings.tolerance
+            if converged or blocked or len(moves) >= self._most:
                 break
         held_out = tuple(
             (number, divisor * value, freedom)

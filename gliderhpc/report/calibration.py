@@ -49,6 +49,10 @@ _HELD = {
     ),
     CalibrationVerdict.IMPLAUSIBLE: "the best fit lies outside the plausible range, so held at the bound of that range",
     CalibrationVerdict.UNSTABLE: "left unchanged, because the hull has no stable glide when they are fitted",
+    CalibrationVerdict.CONFOUNDED: (
+        "left unchanged, because the glides determine others less well than the platform states them when they are "
+        "fitted"
+    ),
 }
 
 
@@ -93,15 +97,6 @@ def notes(found: Calibration) -> list[str]:
         if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
             lines.append(f"{words}: {', '.join(held)}")
     lines += [
-        f"WARNING: the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
-        "a parameter that is not fitted is wrong, or a fitted one is implausibly wrong; check the zeros of "
-        "the actuators, signs and units"
-        for name, heading, value, after in zip(
-            QUANTITIES, SCORES[2:], figures(found.fitted.after), found.fitted.after / UNEXPLAINED, strict=True
-        )
-        if after > 1.0
-    ]
-    lines += [
         f"WARNING: at the profiles {which}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
         f"{before} with the given platform; a few segments where the hull hardly balances cause this: {_HOLD_LATERAL}"
         for which, score in (("fitted", found.fitted), ("held out", found.held_out))
@@ -115,13 +110,27 @@ def notes(found: Calibration) -> list[str]:
         )
         if times > _GROWN and name in _OF_TURNS
     ]
-    missed = np.degrees(found.fitted.before[QUANTITIES.index("pitch")])
+    return [*lines, *score_notes(found.fitted, found.held_out)]
+
+
+def score_notes(fitted: Score, held_out: Score) -> list[str]:
+    """Return remarks on the errors of the balance, for a fit of the steady glides or of whole dives."""
+    lines = [
+        f"WARNING: the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
+        "a parameter that is not fitted is wrong, or a fitted one is implausibly wrong; check the zeros of "
+        "the actuators, signs and units"
+        for name, heading, value, after in zip(
+            QUANTITIES, SCORES[2:], figures(fitted.after), fitted.after / UNEXPLAINED, strict=True
+        )
+        if after > 1.0
+    ]
+    missed = np.degrees(fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:
         lines.append(
             f"WARNING: the given platform misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
             "check its name, since quantities that the glides do not determine are still those of the given platform"
         )
-    if not found.held_out.segments:
+    if not held_out.segments:
         lines.append("no profile was held out, so the errors after calibration are those of the fit itself")
     return lines
 

@@ -108,8 +108,14 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
         f"the variance between dives is {mission.inflation:.1f} times the expected one; log evidence "
         f"{mission.log_evidence:.1f}",
     ]
+    ahead = float(np.abs(found.full_step).max())
     if found.moves[-1] >= tolerance:
         lines.append("WARNING: the hull still moved in the last round; allow more rounds with --set rounds.most")
+    elif ahead >= tolerance:
+        lines.append(
+            f"WARNING: the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which "
+            "has no stable glide; start from another platform"
+        )
     if found.base.buoyancy.compressibility is not None:
         lines.append(
             "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's "

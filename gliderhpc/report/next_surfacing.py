@@ -1,6 +1,6 @@
 """Next surfacing: predicted place and time of the end of a dive like the last one, in the predicted current."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +8,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, nowcast
+from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.records import Fix
 
 Array = NDArray[np.float64]
 
@@ -19,6 +21,12 @@ MOST_DIVES = 60
 _COMPARED, _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 20, 3, 0.1
 """Maximum number of differences between displacements of successive dives that are used; number of prior differences
 assumed in addition, and their size as a fraction of the displacement."""
+
+PROBABILITY = 0.68
+"""Probability of the ellipses of positions and currents."""
+
+_PRIOR_PREDICTIONS, _SCALES = 10, (0.1, 10.0)
+"""Number of past predictions of which half the evidence is believed, and limits of the factor on a covariance."""
 
 _OFFSET = 0.2
 """Prior standard deviation of the mean difference between the drift at the surface and the current below, north and
@@ -112,28 +120,114 @@ def predict_from(
     the fixes and of the time at the surface; those of the hull are added to the predicted current. The difference
     between the next dive's displacement and the last one's is assumed to have the mean square of such differences so
     far. At the surface the glider drifts with the current and a further, constant velocity, with the scatter that the
-    drifts so far have (`surface_offset`).
+    drifts so far have (`surface_offset`). The covariance of the position is scaled by the misses that the same
+    prediction would have had after each of the dives before (`ellipse_scale`).
     """
-    offset, scatter = surface_offset(dives, surface_shear)
-    state = nowcast(_observations(dives, fix_error, offset, scatter), tides)
-    last, surface, below = _cycle(dives)
-    begin = max(float(_seconds(dives, "exit_time")[-1]), state.time)
-    drift, covariance = state.drift(begin, begin + surface + below)
-    displacement = _displacements(dives)[-1] + offset * surface
-    shear = (scatter * surface) ** 2 + 2.0 * fix_error**2
-    place = moved((float(last["exit_latitude"]), float(last["exit_longitude"])), displacement + drift)
-    elapsed = surface + below
+    surface = surface_offset(dives, surface_shear)
+    spread = displacement_scatter(_displacements(dives))
+    count = dives.sizes["profile"]
+    predicted = [
+        _predict_cycle(dives, place, state, surface, spread, fix_error)
+        for place, state in _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
+    ]
+    coming, row = predicted[-1], dives.isel(profile=-1)
+    past = [_squared_distance(dives, one) for one in predicted[:-1] if _is_followed(dives, one.place)]
+    latitude, longitude = moved((float(row["exit_latitude"]), float(row["exit_longitude"])), coming.way)
     return Prediction(
-        time=_instant(last, "exit_time") + np.timedelta64(round(elapsed), "s"),
-        latitude=place[0],
-        longitude=place[1],
-        covariance=covariance + displacement_scatter(_displacements(dives)) + shear * np.eye(2),
-        current=drift / elapsed,
-        current_covariance=covariance / elapsed**2 + _covariance(last),
-        dives=int(dives.sizes["profile"]),
-        deviation=state.deviation,
-        correlation_time=state.correlation_time,
+        time=_instant(row, "exit_time") + np.timedelta64(round(coming.elapsed), "s"),
+        latitude=latitude,
+        longitude=longitude,
+        covariance=ellipse_scale(past) * coming.covariance,
+        current=coming.drift / coming.elapsed,
+        current_covariance=coming.drift_covariance / coming.elapsed**2 + _covariance(row),
+        dives=count,
+        deviation=coming.state.deviation,
+        correlation_time=coming.state.correlation_time,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Cycle:
+    """Predicted way from the surfacing after a dive to the next: at the surface, and through a dive like this one.
+
+    Attributes
+    ----------
+    place : int
+        Position of the dive in the table.
+    state : Nowcast
+        Nowcast after the dive.
+    elapsed : float
+        Time from the first fix after the dive to the next surfacing, s.
+    way, covariance : (2,), (2, 2) arrays
+        Way over ground, north and east, and its covariance, m and m2.
+    drift, drift_covariance : (2,), (2, 2) arrays
+        The water's part of the way, and its covariance.
+    """
+
+    place: int
+    state: Nowcast
+    elapsed: float
+    way: Array
+    covariance: Array
+    drift: Array
+    drift_covariance: Array
+
+
+def _predict_cycle(
+    dives: xr.Dataset, place: int, state: Nowcast, surface: tuple[Array, float], spread: Array, fix_error: float
+) -> _Cycle:
+    """Predict the cycle after a dive, given offset and scatter of surface drifts and the displacements' covariance."""
+    offset, scatter = surface
+    afloat, below = _cycle(dives, place)
+    begin = max(float(_seconds(dives, "exit_time")[place]), state.time)
+    drift, covariance = state.drift(begin, begin + afloat + below)
+    shear = (scatter * afloat) ** 2 + 2.0 * fix_error**2
+    return _Cycle(
+        place=place,
+        state=state,
+        elapsed=afloat + below,
+        way=_displacements(dives)[place] + offset * afloat + drift,
+        covariance=covariance + spread + shear * np.eye(2),
+        drift=drift,
+        drift_covariance=covariance,
+    )
+
+
+def _is_followed(dives: xr.Dataset, place: int) -> bool:
+    """Return whether the next dive in the table began before the longest stay at the surface had passed."""
+    stay = (dives["start_time"].values[place + 1] - dives["exit_time"].values[place]) / _SECOND
+    return bool(stay <= LONGEST_STAY)
+
+
+def _squared_distance(dives: xr.Dataset, predicted: _Cycle) -> float:
+    """Return the squared distance of the next surfacing from the predicted one, relative to its ellipse."""
+    here, there = (
+        Fix(_instant(row, "exit_time"), float(row["exit_latitude"]), float(row["exit_longitude"]))
+        for row in (dives.isel(profile=predicted.place), dives.isel(profile=predicted.place + 1))
+    )
+    miss = np.array(local_displacement(here, there)) - predicted.way
+    return float(miss @ np.linalg.solve(predicted.covariance, miss))
+
+
+def ellipse_scale(distances: Sequence[float]) -> float:
+    """Return the factor on the covariance with which its 68 % ellipse would have contained 68 % of past surfacings.
+
+    Parameters
+    ----------
+    distances : sequence of float
+        Squared distances of past surfacings from their predictions, relative to the predicted ellipses.
+
+    Notes
+    -----
+    The factor is the ratio of the distances' quantile to that of a normal distribution, to the power ``n / (n + 10)``
+    for n predictions; without any it is one. A few changes of course, for example, add to the mean square of the
+    displacements' differences, and make the ellipse too wide for all other dives.
+    """
+    count = len(distances)
+    if not count:
+        return 1.0
+    ratio = float(np.quantile(distances, PROBABILITY)) / (-2.0 * np.log1p(-PROBABILITY))
+    return float(np.clip(ratio, *_SCALES) ** (count / (count + _PRIOR_PREDICTIONS)))
 
 
 def dives_until(archive: Archive, number: int, most: int | None = MOST_DIVES) -> xr.Dataset:
@@ -185,10 +279,25 @@ def surface_offset(dives: xr.Dataset, surface_shear: float) -> tuple[Array, floa
     return mean * _OFFSET**2 / (_OFFSET**2 + scatter**2 / count), scatter
 
 
-def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: float) -> list[CurrentObservation]:
-    """Return depth-averaged currents, and the drifts at the surface after each dive less their offset, in order."""
+def _nowcasts_after(
+    dives: xr.Dataset,
+    fix_error: float,
+    surface: tuple[Array, float],
+    tides: Sequence[str],
+    wanted: Container[int],
+) -> Iterator[tuple[int, Nowcast]]:
+    """Yield the positions of the wanted dives, and the nowcast after each."""
+    by_dive = _observations(dives, fix_error, *surface)
+    ends = dict(zip(np.cumsum([len(each) for each in by_dive]).tolist(), range(len(by_dive)), strict=True))
+    for count, state in enumerate(nowcasts([one for each in by_dive for one in each], tides), start=1):
+        if count in ends and ends[count] in wanted:
+            yield ends[count], state
+
+
+def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: float) -> list[list[CurrentObservation]]:
+    """Return for each dive, in order, its current, and the drift at the surface after it less the offset."""
     starts, exits = _seconds(dives, "start_time"), _seconds(dives, "exit_time")
-    found: list[CurrentObservation] = []
+    found: list[list[CurrentObservation]] = []
     for place, begin in enumerate(starts):
         row = dives.isel(profile=place)
         duration = float(row["duration"])
@@ -196,24 +305,24 @@ def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: f
         surface = max(float((row["exit_time"].values - row["entry_time"].values) / _SECOND) - duration, 0.0)
         variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
-        found.append(CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2)))
+        found.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
         time = float(row["exit_surface_time"])
         later = starts[place + 1] if place + 1 < len(starts) else np.inf
         if time > 0.0 and end <= exits[place] <= later:
             drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time - offset
             variance = scatter**2 + 2.0 * (fix_error / time) ** 2
-            found.append(CurrentObservation(exits[place], exits[place], drift, variance * np.eye(2)))
+            found[-1].append(CurrentObservation(exits[place], exits[place], drift, variance * np.eye(2)))
     return found
 
 
-def _cycle(dives: xr.Dataset) -> tuple[xr.Dataset, float, float]:
-    """Return the last dive's row, and the times (s) at the surface and below for a cycle like that dive's."""
-    last = dives.isel(profile=-1)
-    below = float(last["duration"])
-    surface = (last["exit_time"].values - last["entry_time"].values) / _SECOND - below
-    stay = float(last["stay"])
+def _cycle(dives: xr.Dataset, place: int) -> tuple[float, float]:
+    """Return the times (s) at the surface and below for a cycle like that of a dive."""
+    row = dives.isel(profile=place)
+    below = float(row["duration"])
+    surface = (row["exit_time"].values - row["entry_time"].values) / _SECOND - below
+    stay = float(row["stay"])
     surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
-    return last, max(float(surface), 0.0), below
+    return max(float(surface), 0.0), below
 
 
 def _displacements(dives: xr.Dataset) -> Array:

@@ -10,7 +10,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
-from gliderhpc.report.next_surfacing import predict_surfacing
+from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
 from gliderhpc.report.recent_hull import hull_changes, recent_hull
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
@@ -29,9 +29,6 @@ from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
 
 Array = NDArray[np.float64]
-
-PROBABILITY = 0.68
-"""Probability that an ellipse contains the true value."""
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
 """Quality flags, and the fraction of a dive above which a remark is added for each."""

@@ -120,5 +120,5 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
         if rose.any():
             raise CalibrationError(
                 f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
-                f"the platform on the profiles {name}: nothing is written; {REMEDY}"
+                f"the platform on the profiles {name}; {REMEDY}"
             )

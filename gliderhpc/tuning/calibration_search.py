@@ -58,6 +58,7 @@ class CalibrationVerdict(Enum):
     REFUTED = "held at the most probable value: the glides refute the platform's value but do not determine another"
     IMPLAUSIBLE = "held at the bound: the fit reached the limit of plausible values"
     UNSTABLE = "held: if it is free, the hull has no stable glide"
+    CONFOUNDED = "held: if it is free, the glides determine others less well than the platform states them"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
 from gliderhpc.observations.profiles import stretches
+from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.steady_balance import SteadyMotion
 from gliderhpc.wording import most_frequent_reason
@@ -109,6 +110,16 @@ class SteadySegments:
     def of(self, chosen: Mask) -> "SteadySegments":
         """Return the chosen segments."""
         return SteadySegments(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
+    def shared_with(self, other: "SteadySegments", seconds: float) -> "SteadySegments":
+        """Return the segments whose middle is within so many seconds of one of the other's, in the same profile."""
+        shared = np.zeros(len(self), dtype=bool)
+        for number in np.intersect1d(self.profile, other.profile).tolist():
+            own, others = self.profile == number, np.sort(other.time[other.profile == number])
+            time = self.time[own]
+            apart = np.abs(time - others[nearest_rows(others, time)]) / np.timedelta64(1, "s")
+            shared[own] = apart <= seconds
+        return self.of(shared)
 
 
 def steady_segments(

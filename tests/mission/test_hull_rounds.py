@@ -24,9 +24,11 @@ from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
 from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.calibration_score import Errors
 from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.mission_hull import prior_predictive_test
 from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.steady_segments import steady_segments
 
 pytestmark = pytest.mark.compiled
 
@@ -49,6 +51,12 @@ def records(tmp_path_factory):
     path = tmp_path_factory.mktemp("rounds") / "mission.nc"
     simulate_mission(TRUE, path, scenario=SCENARIO, seed=3)
     return path
+
+
+def segments_in(records, hull, numbers):
+    settings = CalibrateSettings()
+    with open_observations(records) as observations:
+        return steady_segments(observations, hull, numbers, settings, settings.steady)
 
 
 @pytest.fixture(scope="module")
@@ -223,6 +231,42 @@ def test_rounds_that_end_early_state_their_last_move(records):
     assert np.abs(rounds.full_step).max() >= rounds.moves[-1] > 0.1
     found = [p.steps(rounds.base, p.value(rounds.platform)) for p in rounds.parameters]
     np.testing.assert_allclose(rounds.errors.mean, found, atol=1e-9)
+
+
+def test_rounds_without_a_stable_glide_ahead_have_not_converged(records, monkeypatch):
+    """They end at once, and the warning gives the distance to the best fit."""
+    monkeypatch.setattr("gliderhpc.mission.hull_rounds.bounded_step", lambda base, parameters, eta, target: eta)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 3})
+    assert found.dives.rounds.moves == (0.0,)
+    (warning,) = [note for note in found.notes if "has no stable glide" in note]
+    assert f"ended {np.abs(found.dives.rounds.full_step).max():.1f} plausible deviations" in warning
+
+
+def test_a_hull_from_whole_dives_has_the_warnings_of_a_steady_fit(found):
+    assert not [note for note in found.notes if "still in error" in note]
+    wrong = replace(found.dives.fitted, errors_after=Errors(np.full(4, 0.2), np.full(4, 0.2)))
+    spoilt = replace(found, dives=replace(found.dives, fitted=wrong))
+    assert sum("still in error" in note for note in spoilt.notes) == 4
+
+
+def test_both_hulls_are_judged_by_the_same_segments(records, found):
+    segments = [
+        segments_in(records, hull, found.dives.fitted.profiles)
+        for hull in (gh.load_platform("petrel-l"), found.platform)
+    ]
+    shared = segments[0].shared_with(segments[1], 30.0)
+    assert 0 < len(shared) <= min(map(len, segments))
+    assert found.dives.fitted.segments == len(segments[1].shared_with(segments[0], 30.0))
+    late = replace(segments[0], time=segments[0].time + np.timedelta64(31, "s"))
+    assert len(late.shared_with(late, 30.0)) == len(late)
+    assert len(segments[0].of(np.arange(len(segments[0])) == 0).shared_with(late, 30.0)) == 0
+
+
+def test_a_calibration_that_starts_from_a_calibrated_hull_says_so(records, found):
+    again = gh.calibrate(records, found.platform, hold_out=4, workers=0, rounds={"most": 1})
+    assert not any("calibrated before" in note for note in found.notes)
+    assert any("has been calibrated before: its stated errors are not used" in note for note in again.notes)
+    assert "has been calibrated before" in again.platform.source
 
 
 def test_errors_that_all_dives_share_limit_what_they_say(records, found):

@@ -6,8 +6,9 @@ import xarray as xr
 
 from benchmarks.next_surfacing import ERRORS, SURFACE, mission
 from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import predict_from, surface_offset
+from gliderhpc.report.next_surfacing import ellipse_scale, predict_from, surface_offset
 
 WIND = np.array([0.25, -0.15])
 
@@ -17,6 +18,12 @@ def dives(wind: np.ndarray, count: int = 12) -> xr.Dataset:
     table = mission(5, count).table
     for name, value in zip(("north", "east"), wind, strict=True):
         table[f"exit_surface_{name}"] = table[f"exit_surface_{name}"] + SURFACE * value
+    carried = SURFACE * np.arange(count)[:, None] * wind
+    places = [
+        moved(place, way)
+        for *place, way in zip(table["exit_latitude"].values, table["exit_longitude"].values, carried, strict=True)
+    ]
+    table["exit_latitude"].values[:], table["exit_longitude"].values[:] = np.transpose(places)
     return table
 
 
@@ -55,3 +62,19 @@ def test_without_drifts_the_usual_difference_is_assumed():
     np.testing.assert_array_equal(offset, 0.0)
     assert scatter == 0.05
     assert surface_offset(dives(WIND, 1), 0.05)[1] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("spread", [0.5, 1.0, 3.0])
+def test_the_ellipse_is_scaled_to_contain_what_it_should_have_contained(spread):
+    """Squared distances of a Gaussian whose covariance is `spread` times the stated one."""
+    distances = spread * np.random.default_rng(2).chisquare(2, 4000)
+    assert ellipse_scale(distances) == pytest.approx(spread, rel=0.1)
+    assert ellipse_scale(distances[:10]) == pytest.approx(np.sqrt(spread), rel=0.5)
+    assert ellipse_scale([]) == 1.0
+
+
+def test_rare_changes_of_course_do_not_widen_the_ellipse_of_all_other_dives():
+    """Nine dives of ten differ by little, the tenth by a lot, so that the mean square is no measure of the most."""
+    rng = np.random.default_rng(4)
+    distances = np.where(rng.uniform(size=20) < 0.1, 20.0, 0.3 * rng.chisquare(2, 20))
+    assert ellipse_scale(distances) < 0.7

@@ -28,7 +28,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.platform_sections import number_at
 from gliderhpc.report.calibration import notes
-from gliderhpc.simulator import read_scenario, simulate_mission
+from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning import steady_segments as segments_module
 from gliderhpc.tuning.calibration import CalibrateSettings, CalibrationSettings, CalibrationVerdict, calibrate
@@ -291,7 +291,7 @@ def twins():
 def test_the_true_hull_is_found_again(twins):
     """Four twins that the page does not count: nine intervals in ten hold the truth, and estimates are near it."""
     inside = [t.covered(key) for t in twins for key in KEYS if t.verdict(key) is CalibrationVerdict.ESTIMATED]
-    assert len(inside) > 40
+    assert len(inside) > 35
     assert np.mean(inside) >= 0.9
     for t in twins:
         for key, least in (("buoyancy.neutral_volume", 40.0), ("position.battery", 0.004), ("viscous.K_D0", 1.2)):
@@ -307,7 +307,8 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
             assert t.verdict(key) is CalibrationVerdict.UNDETERMINED
         for p in t.found.parameters:
             assert math.isnan(p.interval[0]) == (p.verdict is not CalibrationVerdict.ESTIMATED)
-            assert (p.after == p.before) == (p.verdict is CalibrationVerdict.UNDETERMINED)
+            unchanged = p.verdict in (CalibrationVerdict.UNDETERMINED, CalibrationVerdict.CONFOUNDED)
+            assert (p.after == p.before) == unchanged
 
 
 @pytest.mark.long
@@ -546,7 +547,7 @@ EASY = CalibrationSettings(hold=tuple(key for key in KEYS if key not in FOUR))
 def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
     segments = glides(TRUTH, PETREL)
     spoiled(monkeypatch, "position.battery", 4.0)
-    with pytest.raises(CalibrationError, match=r"no fit is better than the platform .* nothing is written"):
+    with pytest.raises(CalibrationError, match=r"no fit is better than the platform \(cost"):
         calibrate(PETREL, segments, segments.none(), EASY)
 
 
@@ -602,6 +603,31 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
     monkeypatch.setattr(calibration, "glides_stably", lambda _: False)
     with pytest.raises(CalibrationError, match="no stable dive and climb, even with the lateral terms held"):
         calibrate(PETREL, segments, segments.none(), EASY)
+
+
+@pytest.mark.parametrize("needed", [False, True])
+def test_a_fit_that_knows_less_than_the_platform_is_repeated_with_the_lateral_terms_held(monkeypatch, needed):
+    """Unless the turns then fit clearly less well."""
+    monkeypatch.setattr(calibration, "_is_vague", lambda *_: True)
+    monkeypatch.setattr(calibration, "_turns_need_it", lambda *_: needed)
+    segments = glides(TRUTH, PETREL)
+    free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in calibration.LATERAL))
+    found = calibrate(PETREL, segments, segments.none(), free)
+    held = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.CONFOUNDED]
+    assert held == ([] if needed else list(calibration.LATERAL))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_true_hull_is_not_lost_near_neutral_stability(tmp_path, seed):
+    """On these missions, fits with free lateral terms doubled the lift and left the drag unknown."""
+    path = tmp_path / "mission.nc"
+    simulate_mission(PETREL, path, scenario=load_scenario("impulses").replaced({"profiles": 8}), seed=seed)
+    found = hulls.calibrate(path, PETREL, workers=0, rounds={"most": 0})
+    assert (found.table.loc[["viscous.K_L", "viscous.K_beta"], "after"] == [442.0, -116.0]).all()
+    drag = found.table.loc["viscous.K_D0"]
+    assert drag["after"] == pytest.approx(PETREL.viscous.K_D0, rel=0.05)
+    assert drag["high"] / drag["low"] < 1.5
 
 
 def test_too_few_profiles_are_refused():

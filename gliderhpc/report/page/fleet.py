@@ -12,13 +12,13 @@ from pathlib import Path
 from urllib.parse import quote
 
 from gliderhpc.errors import InputError
+from gliderhpc.report.next_surfacing import PROBABILITY
 from gliderhpc.report.page.anomalies import POORLY_CONVERGED
 from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing import PROBABILITY
 from gliderhpc.store_schema.place import Place, absolute, is_address
 
 _COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "anomalies")

@@ -1,0 +1,48 @@
+"""Covariance of a fit to steady glides: scatter between profiles, held parameters, and errors of the attitude."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.distributions import normal_quantile, student_quantile
+from gliderhpc.tuning.calibration_search import CalibrationSearch
+from gliderhpc.tuning.least_squares import sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+"""Probability of the intervals."""
+
+
+def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
+    """Covariance (p+r, p+r) of all parameters and of the attitude's other errors, in plausible deviations.
+
+    Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
+    they are held at another one. The attitude may have the errors of `SegmentErrors.attitude`, which the glides do not
+    determine apart from the hull. Both move the free parameters. These also scatter from profile to profile and depend
+    on the rounding of the attitude.
+    """
+    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    count = len(search.free)
+    attitude = np.arange(count, count + len(errors.attitude))
+    jacobian, _ = search.weighted()
+    wrong = np.maximum(1.0, np.abs(search.steps[held]))
+    by_held, by_offsets, by_attitude = (
+        sensitivity(jacobian[:, free], unseen)
+        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_attitude())
+    )
+    covariance = np.eye(count + len(attitude))
+    covariance[held, held] = wrong**2
+    for others, by_others in ((held, by_held * wrong), (attitude, by_attitude)):
+        covariance[np.ix_(free, others)] = by_others
+        covariance[np.ix_(others, free)] = by_others.T
+    covariance[np.ix_(free, free)] = search.scatter_covariance() * few_profiles_factor(errors) + sum(
+        by_others @ by_others.T for by_others in (by_held, by_offsets, by_attitude)
+    )
+    return covariance
+
+
+def few_profiles_factor(errors: SegmentErrors) -> float:
+    """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
+    level = 0.5 + 0.5 * LEVEL
+    return (student_quantile(level, len(np.unique(errors.profile)) - 1) / normal_quantile(level)) ** 2
