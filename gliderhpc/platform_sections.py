@@ -133,10 +133,17 @@ def number_at(platform: Section, key: str) -> Any:
     node: Any = platform
     try:
         for part in key.split("."):
-            node = node[int(part)] if isinstance(node, tuple) else getattr(node, part)
+            node = node[_position(part)] if isinstance(node, tuple) else getattr(node, part)
     except (AttributeError, ValueError, IndexError):
         raise KeyError(key) from None
     return node
+
+
+def _position(part: str) -> int:
+    """Return the position in a list that a part of a key names; `ValueError` if it is not written in digits."""
+    if not part.isdecimal():
+        raise ValueError(part)
+    return int(part)
 
 
 def has_number(platform: Section, key: str) -> bool:

@@ -1,6 +1,7 @@
 """Records whose depth and attitude are in different rows, as where files of two computers were joined by time."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,9 @@ def jointly_sampled(record: ProfileRecord) -> ProfileRecord:
     if not rarely_together(*(np.isfinite(getattr(record, name)) for name in MEASURED)):
         return record
     deep = np.isfinite(record.depth)
-    moved = {name: _moved(record.time, getattr(record, name), deep) for name in MEASURED if name != "depth"}
+    moved: dict[str, Any] = {
+        name: _moved(record.time, getattr(record, name), deep) for name in MEASURED if name != "depth"
+    }
     return replace(record, **moved)
 
 

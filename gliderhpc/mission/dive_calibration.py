@@ -23,10 +23,11 @@ from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.calibration import CalibrateSettings, keys_of
+from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Score, check_errors, score_of
 from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.mission_hull import prior_predictive_test
+from gliderhpc.tuning.segment_errors import keys_of
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]

@@ -36,20 +36,25 @@ def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for sensor in tuned.whiteness_before:
         for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
-            first = " ".join(f"{value:+.2f}" for value in found.autocorrelation[:_SHOWN_LAGS])
+            first = [_figure(value, "+.2f") for value in found.autocorrelation[:_SHOWN_LAGS]]
             rows.append(
                 (
                     sensor,
                     prior,
                     str(found.count),
-                    f"{found.mean:+.3f}",
-                    f"{found.variance:.3f}",
-                    first,
-                    f"{found.portmanteau:.2f}",
-                    f"{found.p:.2g}",
+                    _figure(found.mean, "+.3f"),
+                    _figure(found.variance, ".3f"),
+                    " ".join(filter(None, first)),
+                    _figure(found.portmanteau, ".2f"),
+                    _figure(found.p, ".2g"),
                 )
             )
     return rows
+
+
+def _figure(value: float, form: str) -> str:
+    """Format a value, empty where there were too few innovations for it."""
+    return format(value, form) if math.isfinite(value) else ""
 
 
 def provenance(

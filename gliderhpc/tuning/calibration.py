@@ -1,12 +1,13 @@
 """Calibration of the trim, drag and lateral terms that a hull's own steady glides determine."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from gliderhpc.distributions import normal_quantile
 from gliderhpc.errors import CalibrationError, InputError
@@ -30,7 +31,7 @@ from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVe
 from gliderhpc.tuning.disturbance_prior import TuningSettings
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
-from gliderhpc.tuning.segment_errors import MIN_PROFILES, SegmentErrors, steady_parameters
+from gliderhpc.tuning.segment_errors import MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.tuning.turn_test import TurnTestSettings
 from gliderhpc.wording import counted
@@ -57,13 +58,20 @@ _WITHOUT_LATERAL = {
 """Reasons for a second fit, with the lateral terms held."""
 
 
+def _listed(names: object) -> object:
+    """Return a single name as a list of one."""
+    return (names,) if isinstance(names, str) else names
+
+
 class CalibrationSettings(Settings):
     """Settings of a calibration."""
 
     profiles: int = Field(
         40, ge=MIN_PROFILES, description="number of profiles used, spread over the mission, if none are named"
     )
-    hold: tuple[str, ...] = Field((), description="parameters that keep the platform's value, such as [K_L]")
+    hold: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        (), description="parameters that keep the platform's value, such as [K_L]"
+    )
     trend: bool = Field(False, description="whether the neutral volume may change linearly in time")
     undetermined: float = Field(
         0.33,
@@ -294,26 +302,6 @@ def check_profiles(segments: SteadySegments) -> None:
             f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
             f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
         )
-
-
-def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[str]:
-    """Return the keys of parameters given by key or by the part after its section, such as ``K_L``.
-
-    Raises
-    ------
-    InputError
-        No parameter has the name.
-    """
-    keys = []
-    for name in names:
-        found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
-        if not found:
-            raise InputError(
-                f"--set calibration.hold: no parameter {name}; the parameters are "
-                f"{', '.join(p.key for p in parameters)}"
-            )
-        keys += found
-    return keys
 
 
 def _check_glides(hull: Platform) -> None:

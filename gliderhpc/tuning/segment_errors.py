@@ -45,6 +45,26 @@ _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
 
 
+def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[str]:
+    """Return the keys of parameters given by key or by the part after its section, such as ``K_L``.
+
+    Raises
+    ------
+    InputError
+        No parameter has the name.
+    """
+    keys = []
+    for name in names:
+        found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
+        if not found:
+            raise InputError(
+                f"--set calibration.hold: no parameter {name}; the parameters are "
+                f"{', '.join(p.key for p in parameters)}"
+            )
+        keys += found
+    return keys
+
+
 class SegmentErrors:
     """Errors of the balance over n segments; the parameters (p,) in plausible deviations from the platform's values.
 

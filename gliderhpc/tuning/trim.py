@@ -6,9 +6,9 @@ import numpy as np
 
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.calibration import CalibrationSettings, check_profiles, is_stable, keys_of, start_subset
+from gliderhpc.tuning.calibration import CalibrationSettings, check_profiles, is_stable, start_subset
 from gliderhpc.tuning.calibration_search import DEFAULT_TOLERANCE, RESCALINGS, CalibrationSearch, best_start
-from gliderhpc.tuning.segment_errors import SegmentErrors, steady_parameters
+from gliderhpc.tuning.segment_errors import SegmentErrors, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 TRIM = (

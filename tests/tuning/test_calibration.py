@@ -630,6 +630,18 @@ def test_the_true_hull_is_not_lost_near_neutral_stability(tmp_path, seed):
     assert drag["high"] / drag["low"] < 1.5
 
 
+def test_one_parameter_may_be_held_without_brackets():
+    assert CalibrationSettings(hold="K_L").hold == ("K_L",)
+    assert CalibrationSettings(hold=["K_L", "K_D0"]).hold == ("K_L", "K_D0")
+
+
+def test_a_key_counts_the_numbers_of_a_list_from_zero():
+    assert number_at(PETREL, "position.hull.2") == PETREL.position.hull[2]
+    for key in ("position.hull.-1", "position.hull.+1", "position.hull.3"):
+        with pytest.raises(KeyError):
+            number_at(PETREL, key)
+
+
 def test_too_few_profiles_are_refused():
     segments = glides(TRUTH, PETREL, profiles=2)
     with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, but at least 3"):
