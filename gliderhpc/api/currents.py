@@ -16,6 +16,7 @@ from gliderhpc.estimation.glide_pace import check_pace_of, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
+from gliderhpc.observations.foreign import name_compressed
 from gliderhpc.observations.navigation import (
     Navigation,
     merge_navigation,
@@ -152,6 +153,9 @@ def navigation_of(
     return with_dives(merge_navigation([_plain_navigation(file, declination) for file in files]))
 
 
+_NETCDF = (".nc", ".nc4")
+"""Endings of netCDF files."""
+
 _WITH_DECLINATION = ("slocum", "seaexplorer")
 """Kinds of records whose importers replace the declination in the files by a given one; OG1 is read directly."""
 
@@ -167,7 +171,8 @@ def _plain_files(path: Path) -> list[Path]:
     """Return a file or a Zarr folder itself, or the netCDF files of any other folder."""
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
-    held = sorted(path.glob("*.nc"))
+    held = sorted(each for each in path.iterdir() if each.suffix.lower() in _NETCDF and each.is_file())
+    name_compressed(held, [each for each in path.iterdir() if each.with_suffix("").suffix.lower() in _NETCDF])
     if not held:
         raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")
     return held

@@ -26,12 +26,14 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (0.01, "cm, centimeter, centimeters"),
         (1e-3, "mm"),
         (0.0254, "in, inch, inches"),
+        (0.3048, "ft, foot, feet"),
     ),
     "degree": _scales(
         (
             1.0,
             "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east, degree_n, degrees_n, "
-            "degreen, degreesn, degree_e, degrees_e, degreee, degreese, arc_degree, arc_degrees, °",
+            "degreen, degreesn, degree_e, degrees_e, degreee, degreese, arc_degree, arc_degrees, °, degrees_true, "
+            "degree_true, degrees true, deg true, degt, degree_t, degrees_t",
         ),
         (float(np.degrees(1.0)), "rad, radian, radians"),
     ),
@@ -47,12 +49,12 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (0.1, "kpa"),
         (1e-4, "pa"),
     ),
-    "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, degree_celsius, degrees_celsius")),
-    "mS/cm": _scales((1.0, "ms/cm, ms.cm-1"), (10.0, "s/m, s.m-1")),
-    "1": _scales((1.0, "1, 1e-3, 0.001, psu")),
+    "degC": _scales((1.0, "degc, c, celsius, degree_c, degrees_c, deg_c, deg c, degree_celsius, degrees_celsius")),
+    "mS/cm": _scales((1.0, "ms/cm, ms.cm-1, ms cm-1"), (10.0, "s/m, s.m-1, s m-1, mho/m, mhos/m, siemens/m")),
+    "1": _scales((1.0, "1, 1e-3, 0.001, psu, pss, pss-78, pss78")),
     "cm3": _scales(
-        (1.0, "cm3, cm^3, cc, ml, milliliter, milliliters, millilitre, millilitres"),
-        (1e3, "l, liter, litre"),
+        (1.0, "cm3, cm^3, cm**3, cc, ml, milliliter, milliliters, millilitre, millilitres, cubic centimeters"),
+        (1e3, "l, liter, liters, litre, litres, dm3"),
         (1e6, "m3, m^3"),
     ),
     "s": _scales((1.0, "s, sec, secs, second, seconds")),

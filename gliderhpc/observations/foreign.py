@@ -1,7 +1,9 @@
 """Files of other programs and instruments: finding them, recognising their contents, converting units and names."""
 
+import logging
 import warnings
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,9 +12,12 @@ import netCDF4
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import NamedColumns, find_name
+from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
-from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import check_resolution
+
+log = logging.getLogger(__name__)
 
 _HEADS = (
     (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
@@ -58,8 +63,7 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
             held = sorted(source.iterdir())
             # Reading a pipe or a device that is named like a record would block, or never end.
             chosen = [path for path in held if belongs(path) and path.is_file()]
-            if not chosen:
-                refuse_compressed(path for path in held if belongs(path.with_suffix("")))
+            name_compressed(chosen, [path for path in held if belongs(path.with_suffix(""))])
             yield from chosen
         elif source.is_file():
             if not belongs(source):
@@ -68,6 +72,33 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
         else:
             what = "is a device or a pipe, not a regular file" if source.exists() else "no such file or folder"
             raise InputError(f"{source}: {what}")
+
+
+def name_compressed(chosen: Sequence[Path], candidates: Sequence[Path]) -> None:
+    """Warn once of each compressed file of a folder that is left out, or refuse it if there is no other.
+
+    Parameters
+    ----------
+    chosen : sequence of Path
+        Files of the folder that are read. A compressed file whose unpacked copy is among them is not named.
+    candidates : sequence of Path
+        Other files of the folder that would be records without their last ending.
+
+    Raises
+    ------
+    InputError
+        Nothing is read, and a candidate is compressed.
+    """
+    if not chosen:
+        refuse_compressed(candidates)
+    for path in candidates:
+        if path.suffix.lower() in _COMPRESSED and path.with_suffix("") not in chosen:
+            _warn_of_compressed(path)
+
+
+@cache
+def _warn_of_compressed(path: Path) -> None:
+    log.warning("%s: is compressed and is left out; unpack it first", path)
 
 
 def refuse_compressed(paths: Iterable[Path]) -> None:
@@ -222,6 +253,13 @@ class ForeignFile(NamedColumns):
         # An infinite value was not measured.
         return self._rejected.without(name, np.where(np.isfinite(numbers), numbers, np.nan))
 
+    def times(self, name: str) -> TimeArray:
+        """Times ``(n,)``, as `NamedColumns.times`; `InputError` too if the stored type does not resolve them."""
+        stored = np.ma.asarray(self._read(name)).compressed() if name in self else np.zeros(0)
+        if stored.dtype.kind == "f":
+            check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
+        return super().times(name)
+
     def flags(self, name: str) -> FloatArray:
         """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
         values = np.ma.asarray(self._read(name))
@@ -286,8 +324,10 @@ class ForeignFile(NamedColumns):
     def _read(self, name: str) -> Any:
         try:
             # The library only warns of an invalid scale factor, and returns the values unscaled.
+            # Of other attributes that it cannot use, such as a missing_value of another type, it makes no use.
             with warnings.catch_warnings():
-                warnings.simplefilter("error", UserWarning)
+                warnings.simplefilter("ignore", UserWarning)
+                warnings.filterwarnings("error", ".*(scale_factor|add_offset)", UserWarning)
                 return self._file.variables[name][...]
         except UserWarning as error:
             raise InputError(f"{self.path}: {name} cannot be decoded ({error})") from error

@@ -24,6 +24,7 @@ from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.navigation_fixes import (
     SURFACE,
     find_positions,
+    first_known,
     impossible_rows,
     time_order,
     with_neighbours,
@@ -234,13 +235,15 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     depth = columns.depth(positions.fixes)
     doubts, clock_remarks = find_clock_doubts(time, depth)
     fixes = _without_doubted(positions.fixes, doubts)
-    time, depth = time[order], depth[order]
+    rows, time = time, time[order]
+    depth = first_known(rows, depth, time)
     impossible = impossible_rows(time, depth)
     added, remarks = columns.declination(declination)
     remarks = [*flagged, *positions.remarks, *remarks, *columns.undeclared(), *columns.out_of_range(), *clock_remarks]
-    measured = columns.quantity("heading")[order]
-    pitch, heading = np.radians(columns.quantity("pitch")[order]), np.radians(measured + added)
-    roll = np.radians(columns.quantity("roll")[order]) if columns.find("roll") else np.zeros(len(order))
+    measured, pitch = (first_known(rows, columns.quantity(name), time) for name in ("heading", "pitch"))
+    pitch, heading, roll = np.radians(pitch), np.radians(measured + added), np.zeros(len(order))
+    if columns.find("roll"):
+        roll = np.radians(first_known(rows, columns.quantity("roll"), time))
     check_pitch(source, pitch, depth, SURFACE)
     remarks += columns.compare_with_pressure(depth, order)
     if impossible.any():

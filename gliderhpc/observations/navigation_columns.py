@@ -15,7 +15,7 @@ from gliderhpc.observations.og1_variables import HEADINGS
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
-from gliderhpc.observations.validation import check_time_resolution
+from gliderhpc.observations.times import check_resolution
 
 _LIMITS = {
     "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": HEADINGS,
@@ -97,7 +97,7 @@ class NavigationColumns(NamedColumns):
         if np.issubdtype(array.dtype, np.datetime64):
             time = np.asarray(array.values, dtype="datetime64[ns]")
             return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
-        check_time_resolution(array, self.attribute("units", name) or DEFAULT_UNITS, self.source)
+        check_resolution(array.values, self.attribute("units", name) or DEFAULT_UNITS, f"{self.source}: {name}")
         return super().times(name)
 
     def find(self, quantity: str) -> str:
@@ -223,7 +223,7 @@ class NavigationColumns(NamedColumns):
         """
         name = self.find("depth")
         if name:
-            depth = self.quantity("depth", -1.0 if self.attribute("positive", name) == "up" else 1.0)
+            depth = self.quantity("depth", -1.0 if self.attribute("positive", name).strip().lower() == "up" else 1.0)
             self._check_range(name, "depth", depth)
             return depth
         latitude = float(np.median(fixes.latitude)) if len(fixes.latitude) else 45.0

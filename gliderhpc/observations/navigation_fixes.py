@@ -191,3 +191,24 @@ def time_order(time: TimeArray) -> IntArray:
     order = order[plausible_times(time[order])]
     _, first = np.unique(time[order], return_index=True)
     return np.asarray(order[first])
+
+
+def first_known(time: TimeArray, values: FloatArray, at: TimeArray) -> FloatArray:
+    """Values at some times ``(m,)``, each the first known one among the rows of that time; NaN where there is none.
+
+    Files in which the rows of several sensors were put one after the other have several rows of one time, each with a
+    part of the values.
+
+    Parameters
+    ----------
+    time, values : (n,) arrays
+        Times and values of all rows.
+    at : (m,) array
+        Increasing times among those of the rows.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    place = np.minimum(np.searchsorted(at, time[known]), len(at) - 1)
+    known, place = known[at[place] == time[known]], place[at[place] == time[known]]
+    found = np.full(len(at), np.nan)
+    found[place[::-1]] = values[known[::-1]]
+    return found

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dive_files import (
@@ -21,6 +20,7 @@ from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives
+from gliderhpc.observations.og1_samples import chosen_samples, floats, is_flight
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
     TIME,
@@ -39,8 +39,7 @@ from gliderhpc.observations.og1_variables import (
     reject_flagged,
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
-from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, rarely_together, without_doubtful
+from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.validation import Span, profile_spans
 
@@ -203,7 +202,7 @@ def _read_file(path: Path, declination: float | None) -> Record:
 
 
 def _is_netcdf(path: Path) -> bool:
-    return path.name.endswith(".nc")
+    return path.suffix.lower() == ".nc"
 
 
 def _only_vehicle(found: list[Record]) -> str:
@@ -296,16 +295,16 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     flagged = reject_flagged(file)
     samples, turned, absent, impossible = _read_samples(file, declination)
     doubt = _check_heading(file)
-    depth = _floats(samples["depth"])
+    depth = floats(samples["depth"])
     numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
-    rows = np.flatnonzero(_is_flight(samples))
+    rows = np.flatnonzero(is_flight(samples))
     time = samples["time"][rows].astype("datetime64[ns]")
     in_order = increasing(time)
     steps = find_clock_steps(time, in_order, depth[rows])
     ordered = rows[in_order]
     if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
-    samples = {name: values[ordered] for name, values in samples.items()}
+    samples = chosen_samples(samples, ordered)
     own, contradicting = drop_contradicting(numbers[rows], time, depth[rows], in_order)
     found = find_dives(own[in_order], time[in_order], depth[ordered])
     profile = number_samples(found.spans, len(ordered))
@@ -358,19 +357,3 @@ def _check_heading(file: ForeignFile) -> str | None:
     name = ATTITUDE["heading"].require(file, "heading")
     heading = file.converted(name, "degree")
     return check_heading_unit(heading, {0: (0, len(heading))}, str(file.path), name)
-
-
-def _floats(values: npt.NDArray[np.generic]) -> FloatArray:
-    return values.astype(np.float64)
-
-
-def _is_flight(samples: Columns) -> npt.NDArray[np.bool_]:
-    """Mask of the rows with attitude, and of those with depth if the two are hardly ever in one row.
-
-    Other rows contain fixes, or sensors that are sampled at other times.
-    """
-    roll, pitch, heading, depth = (
-        np.isfinite(_floats(samples[name])) for name in ("roll", "pitch", "heading", "depth")
-    )
-    attitude = roll | pitch | heading
-    return attitude | depth if rarely_together(roll, pitch, heading, depth) else attitude

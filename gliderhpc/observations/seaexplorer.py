@@ -115,7 +115,9 @@ def _read_mission(
     dropped: Counter[str] = Counter()
     unreadable: dict[int, str] = {}
     steps: list[ClockStep] = []
-    rows = read_rows(files.navigation, "Timestamp", _NAVIGATION, dropped, unreadable, steps=steps, reads=reads)
+    # Without the declination in the rows, as in some exports, a given one is enough.
+    needed = {name: limits for name, limits in _NAVIGATION.items() if declination is None or name != "Declination"}
+    rows = read_rows(files.navigation, "Timestamp", needed, dropped, unreadable, steps=steps, reads=reads)
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     if not legs:
         _check_depth_sign(files, sources[0], reads)

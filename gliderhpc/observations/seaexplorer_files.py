@@ -227,7 +227,8 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
-        raise InputError(f"{path}: has no column {absent[0]}; give a complete SeaExplorer record")
+        other = ", or the declination with --declination" if absent[0] == "Declination" else ""
+        raise InputError(f"{path}: has no column {absent[0]}; give a complete SeaExplorer record{other}")
     places = [fields.index(name) for name in names]
     clock_place = fields.index(clock)
     times: list[np.datetime64] = []

@@ -6,6 +6,7 @@ positive ``m_pitch`` nose up, and a positive ``m_battpos`` forward of the middle
 the vehicle to starboard. Positive volumes make the vehicle buoyant.
 """
 
+import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +18,15 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import FACTORS
+from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, UnitError
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.foreign import describe_content, refuse_compressed
+from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
-from gliderhpc.observations.times import EARLIEST, LATEST, decode_times
+from gliderhpc.observations.times import EARLIEST, LATEST, check_resolution, decode_times
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,7 @@ def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
         raise InputError(f"{where} declares no unit; set its units attribute to one of {known}")
     found = accepted.get((unit or "1").strip().lower())
     if found is None:
-        raise InputError(
+        raise UnitError(
             f"{where} is in '{unit}', which is not a unit of {quantity.partition(' ')[0]}; it must be in one of {known}"
         )
     return found
@@ -204,8 +207,8 @@ def _expand(source: Path, out: Path) -> list[Path]:
     if source.is_dir():
         held = sorted(path for path in source.iterdir() if path.is_file() and path.resolve() != out.resolve())
         found = [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
-        if not found:
-            refuse_compressed(path for path in held if _is_record(path.with_suffix("")))
+        kind = is_binary if found and is_binary(found[0]) else _is_record
+        name_compressed(found, [path for path in held if kind(path.with_suffix(""))])
         return found
     if not source.is_file():
         raise InputError(f"{source}: no such file or folder")
@@ -319,9 +322,19 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
     if not np.issubdtype(array.dtype, np.number):
         raise InputError(f"{path}: {sensor.name} does not contain numbers")
     unit = array.attrs.get("units")
-    convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+    try:
+        convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+    except UnitError as error:
+        if sensor not in SCIENCE_SENSORS:
+            raise
+        log.warning("%s; it is left out", error)
+        return np.full(array.shape, np.nan)
     values = np.asarray(array.values, dtype=np.float64)
-    return convert(np.where(np.isfinite(values), values, np.nan))
+    return convert(np.where(np.isfinite(values) & ~np.isin(values, _FILLS), values, np.nan))
+
+
+_FILLS = (-999.0, -9999.0, -99999.0)
+"""Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
 
 
 _POSITIONS = ("m_gps_lat", "m_gps_lon")
@@ -358,7 +371,10 @@ def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
     if not np.issubdtype(clock.dtype, np.number):
         raise InputError(f"{path}: {clock.name} does not contain numbers")
     unit = str(clock.attrs.get("units", "")).strip()
-    if unit.lower() in _BARE_SECONDS:
+    is_bare = unit.lower() in _BARE_SECONDS
+    if is_bare or " since " in unit.lower():
+        check_resolution(clock.values, DEFAULT_UNITS if is_bare else unit, f"{path}: {clock.name}")
+    if is_bare:
         return np.asarray(clock.values, dtype=np.float64)
     if " since " not in unit.lower():
         raise InputError(

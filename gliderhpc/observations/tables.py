@@ -1,6 +1,8 @@
 """Text tables from ERDDAP: names and units in the header, times in ISO 8601."""
 
 import re
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,8 @@ _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.
 
 _NUMERIC_UNITS = ("1", "1e-3", "0.001")
 """Units of dimensionless quantities."""
+
+_UTC = re.compile(r"\s*(?:z|utc|gmt)$", re.IGNORECASE)
 
 _TIME_UNIT = "utc"
 """Unit in ERDDAP tables of times in ISO 8601."""
@@ -48,6 +52,7 @@ def read_table(path: Path) -> xr.Dataset:
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: cannot be read as an ERDDAP table ({reason})") from error
+    _check_separator([str(column) for column in table.columns], path)
     heads = [_UNIT_IN_HEAD.match(str(column)) for column in table.columns]
     if any(heads):
         names = [
@@ -65,6 +70,19 @@ def read_table(path: Path) -> xr.Dataset:
         for place, (name, unit) in enumerate(zip(names, units, strict=True))
     }
     return xr.Dataset(columns, attrs={"title": "ERDDAP table", "id": path.stem})
+
+
+def _check_separator(names: Sequence[str], path: Path) -> None:
+    """Refuse a table whose only column has a name with another separator.
+
+    Raises
+    ------
+    InputError
+        The columns are separated by semicolons or tabs.
+    """
+    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and separator in names[0]:
+            raise InputError(f"{path}: its columns are separated by {word}; separate them by commas")
 
 
 def _check_units(units: pd.Series, path: Path) -> None:
@@ -103,8 +121,11 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
 
 def _times(texts: np.ndarray, name: str, path: Path) -> np.ndarray:
     absent = np.isin(np.char.lower(texts), ("", "nan", "nat"))
-    plain = np.where(absent, "NaT", np.char.rstrip(texts, "Zz"))
+    plain = np.where(absent, "NaT", [_UTC.sub("", text) for text in texts.tolist()])
     try:
-        return plain.astype("datetime64[ns]")
+        with warnings.catch_warnings():
+            # Offsets from UTC are taken into account; the warning says that the result has no time zone.
+            warnings.filterwarnings("ignore", "no explicit representation of timezones", UserWarning)
+            return plain.astype("datetime64[ns]")
     except ValueError as error:
         raise InputError(f"{path}: {name} has a time that is not in ISO 8601 format ({error})") from error

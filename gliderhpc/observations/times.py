@@ -14,6 +14,9 @@ FIRST_YEAR, LAST_YEAR = 2000, 2099
 """Plausible years: gliders have flown missions since about 2000; an unset clock gives 1970 or 1980, a damaged one any
 year."""
 
+MAX_RESOLUTION = 10.0
+"""Resolution of stored times (s) above which samples have no usable times; seconds since 1970 as float32 have 128 s."""
+
 EARLIEST = np.datetime64(f"{FIRST_YEAR}-01-01", "ns")
 LATEST = np.datetime64(f"{LAST_YEAR + 1}-01-01", "ns")
 
@@ -70,6 +73,9 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
         The unit is not a unit of time in the standard calendar, or its reference names a time zone.
     """
     factor, begin = _unit_and_reference(units, where)
+    if (written := _UNITS.fullmatch(units)) is not None:
+        # xarray knows the words in lower case only.
+        units = f"{written['unit'].lower()} since {written['reference']}"
     with np.errstate(invalid="ignore", over="ignore"):
         seconds = begin + values.astype(np.float64) * factor
     plausible = (seconds >= _since_1970(EARLIEST)) & (seconds < _since_1970(LATEST))
@@ -113,6 +119,23 @@ def time_resolution(values: npt.NDArray[np.generic], units: str, where: str) -> 
         return 0.0
     typical = np.median(np.abs(values[np.isfinite(values)]))
     return float(np.spacing(typical.astype(values.dtype))) * _unit_and_reference(units, where)[0]
+
+
+def check_resolution(values: npt.NDArray[np.generic], units: str, where: str) -> None:
+    """Refuse times whose type does not resolve them (`time_resolution`).
+
+    Raises
+    ------
+    InputError
+        Neighbouring numbers of the type are more than `MAX_RESOLUTION` apart.
+    """
+    if values.dtype.itemsize >= 8:
+        return
+    step = time_resolution(values, units, where)
+    if step > MAX_RESOLUTION:
+        raise InputError(
+            f"{where} is stored as {values.dtype}, which resolves '{units}' to {step:.3g} s only; store it as float64"
+        )
 
 
 def plausible_times(time: TimeArray) -> npt.NDArray[np.bool_]:

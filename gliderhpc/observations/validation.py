@@ -16,13 +16,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
 from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_time_unit, time_resolution
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_resolution, check_time_unit
 
 MAX_PROFILE_NUMBER = 1_000_000
 """Greatest profile number; greater values are undeclared fill values."""
-
-MAX_TIME_RESOLUTION = 10.0
-"""Resolution of stored times (s) above which samples have no usable times; seconds since 1970 as float32 have 128 s."""
 
 CLOCK_SET_BACK = 60.0
 """Backward step (s) above which the clock was set back; smaller steps are corrections by GPS."""
@@ -212,25 +209,7 @@ def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
         )
     units, calendar = (str(array.attrs.get(key, "")) for key in ("units", "calendar"))
     check_time_unit(units, calendar, f"{path}: {array.name}")
-    check_time_resolution(array, units, path)
-
-
-def check_time_resolution(array: xr.DataArray, units: str, path: str) -> None:
-    """Refuse times whose type does not resolve them.
-
-    Raises
-    ------
-    InputError
-        Neighbouring numbers of the type are more than `MAX_TIME_RESOLUTION` apart.
-    """
-    if array.dtype.itemsize >= 8:
-        return
-    step = time_resolution(array.values, units, f"{path}: {array.name}")
-    if step > MAX_TIME_RESOLUTION:
-        raise InputError(
-            f"{path}: {array.name} is stored as {array.dtype}, which resolves '{units}' to {step:.3g} s only; "
-            "store it as float64"
-        )
+    check_resolution(array.values, units, f"{path}: {array.name}")
 
 
 def _check_dimension(array: xr.DataArray, dimension: str, path: str) -> None:

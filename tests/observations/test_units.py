@@ -8,8 +8,16 @@ from gliderhpc.observations.columns import FACTORS
 from gliderhpc.observations.slocum_files import conversion
 
 DEFINED = {
-    "m": {"m": 1.0, "metres": 1.0, "cm": 1 / 100, "mm": 1 / 1000, "in": 127 / 5000, "inches": 127 / 5000},
-    "degree": {"deg": 1.0, "degrees_north": 1.0, "rad": 180 / np.pi, "radians": 180 / np.pi},
+    "m": {
+        "m": 1.0,
+        "metres": 1.0,
+        "cm": 1 / 100,
+        "mm": 1 / 1000,
+        "in": 127 / 5000,
+        "inches": 127 / 5000,
+        "ft": 381 / 1250,
+    },
+    "degree": {"deg": 1.0, "degrees_true": 1.0, "degrees_north": 1.0, "rad": 180 / np.pi, "radians": 180 / np.pi},
     "m s-1": {"m/s": 1.0, "m s-1": 1.0, "cm/s": 1 / 100},
     "dbar": {
         "dbar": 1.0,
@@ -21,9 +29,9 @@ DEFINED = {
         "pa": 1 / 1e4,
     },
     "degC": {"degc": 1.0, "degrees_celsius": 1.0},
-    "mS/cm": {"ms/cm": 1.0, "s/m": 1e3 / 1e2},
+    "mS/cm": {"ms/cm": 1.0, "s/m": 1e3 / 1e2, "s m-1": 1e3 / 1e2, "mhos/m": 1e3 / 1e2},
     "1": {"1": 1.0, "1e-3": 1.0, "psu": 1.0},
-    "cm3": {"cm3": 1.0, "cc": 1.0, "ml": 1.0, "l": 1e3, "m3": 1e6},
+    "cm3": {"cm3": 1.0, "cc": 1.0, "ml": 1.0, "l": 1e3, "dm3": 1e3, "m3": 1e6},
     "s": {"s": 1.0, "seconds": 1.0},
     "kg": {"kg": 1.0, "g": 1 / 1000},
 }

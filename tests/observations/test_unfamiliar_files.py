@@ -1,0 +1,214 @@
+"""Files as other programs write them: unusual types, attributes, spellings and orders."""
+
+import gzip
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from support import seaglider_files as made
+from support.glides import Glide, mission
+from support.seaexplorer_files import NAVIGATION, edit, write_mission
+from support.slocum_files import flight, joined, science, write_netcdf
+
+from gliderhpc.api.currents import currents
+from gliderhpc.errors import InputError
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.seaglider import import_seaglider
+from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.observations.tables import read_table
+
+GLIDE = Glide()
+
+
+def rewritten(path, change):
+    """A file after a change of its variables."""
+    with netCDF4.Dataset(path, "a") as file:
+        change(file)
+    return path
+
+
+def in_single_precision(path, *names):
+    with xr.open_dataset(path, decode_times=False) as stored:
+        dataset = stored.load()
+    dataset.to_netcdf(path, encoding={name: {"dtype": "f4"} for name in names})
+    return path
+
+
+def test_times_in_single_precision_are_refused_by_every_importer(tmp_path):
+    """Seconds since 1970 as float32 have 128 s."""
+    out = tmp_path / "out.nc"
+    slocum = in_single_precision(write_netcdf(tmp_path / "slocum.nc", flight()), "m_present_time")
+    with pytest.raises(InputError, match=r"m_present_time is stored as float32, which resolves .* to 128 s only"):
+        import_slocum([slocum], out)
+    og1 = in_single_precision(made.write_og1(tmp_path / "og1.nc"), "TIME")
+    with pytest.raises(InputError, match="TIME is stored as float32"):
+        import_og1([og1], out)
+    dive = in_single_precision(made.write_dive(tmp_path / "sg", 1, columns=True), "time")
+    with pytest.raises(InputError, match="time is stored as float32"):
+        import_seaglider([dive.parent], out)
+    assert not out.exists()
+
+
+def test_compressed_files_beside_others_are_named_once(tmp_path, caplog):
+    for dive in (1, 2, 3):
+        path = made.write_dive(tmp_path / "sg", dive, columns=True)
+    packed = path.with_name(f"{path.name}.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    import_seaglider([path.parent], tmp_path / "whole.nc")
+    assert not caplog.records, "an unpacked copy is there"
+    path.unlink()
+    for _ in range(2):
+        summary = import_seaglider([path.parent], tmp_path / "out.nc", overwrite=True)
+    assert len(summary.complete) == 2
+    named = [one.getMessage() for one in caplog.records if str(packed) in one.getMessage()]
+    assert named == [f"{packed}: is compressed and is left out; unpack it first"]
+
+
+@pytest.mark.parametrize("name", ["b.NC", "b.nc4"])
+def test_endings_of_netcdf_are_read_in_any_case(tmp_path, name):
+    records = mission(GLIDE)
+    half = records.sizes["time"] // 2
+    records.isel(time=slice(0, half)).to_netcdf(tmp_path / "a.nc")
+    records.isel(time=slice(half, None)).to_netcdf(tmp_path / name)
+    assert currents(tmp_path).sizes["profile"] == currents(records).sizes["profile"]
+    (tmp_path / "og1").mkdir()
+    made.write_og1(tmp_path / "og1" / "A.NC")
+    assert len(import_og1([tmp_path / "og1"], tmp_path / "out.nc").complete) == 2
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_a_ctd_in_rows_of_its_own_is_put_on_the_nearest_samples(tmp_path, late):
+    parts = [made.og1_rows(dive) for dive in (1, 2)]
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    flown = np.flatnonzero(np.isfinite(rows["PITCH"]))
+    count = len(rows["TIME"])
+    apart = {name: np.concatenate([values, np.full(len(flown), np.nan)]) for name, values in rows.items()}
+    apart["TIME"][count:] = rows["TIME"][flown] + late
+    apart["TEMP"][count:], apart["TEMP"][:count] = rows["TEMP"][flown], np.nan
+    apart["TEMP_QC"][:] = 1.0
+    apart["divenum"][count:] = rows["divenum"][flown]
+    order = np.argsort(apart["TIME"], kind="stable")
+    original = made.og1_rows
+    try:
+        made.og1_rows = lambda _: {name: values[order] for name, values in apart.items()}
+        path = made.write_og1(tmp_path / "apart.nc", (1,))
+    finally:
+        made.og1_rows = original
+    import_og1([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert np.isfinite(found["temperature"].values).mean() > 0.95
+
+
+def test_a_usual_fill_that_is_not_declared_is_no_position_and_no_volume(tmp_path):
+    flown, sampled = flight(), science()
+    (tmp_path / "as it was").mkdir()
+    import_slocum([write_netcdf(tmp_path / "a.nc", flown, sampled)], tmp_path / "before.nc")
+    for name in ("m_gps_lat", "m_gps_lon"):
+        flown[name] = np.where(np.isfinite(flown[name]), flown[name], -999.0)
+    flown["m_ballast_pumped"][::7] = -999.0
+    import_slocum([write_netcdf(tmp_path / "b.nc", flown, sampled)], tmp_path / "after.nc")
+    with xr.open_dataset(tmp_path / "before.nc") as before, xr.open_dataset(tmp_path / "after.nc") as after:
+        np.testing.assert_array_equal(after["fix_time"].values, before["fix_time"].values)
+        assert np.nanmin(after["ballast_volume"].values) > -900.0
+
+
+def test_rows_of_one_time_are_read_together():
+    """Tables of several sensors, one after the other: depth and attitude have rows of their own with equal times."""
+    records = mission(GLIDE)
+    attitude, depth = (records.copy(deep=True) for _ in range(2))
+    depth["pitch"].values[:] = depth["heading"].values[:] = np.nan
+    attitude["depth"].values[:] = np.nan
+    names = [name for name in records.data_vars if records[name].dims == ("time",)]
+    together = records.drop_dims("time").merge(xr.concat([depth[names], attitude[names]], "time"))
+    found, expected = currents(together), currents(records)
+    np.testing.assert_allclose(found["dac_north"].values, expected["dac_north"].values, atol=1e-9)
+
+
+@pytest.mark.parametrize("attribute", [{"missing_value": "NaN"}, {"valid_min": "-90"}])
+def test_attributes_that_the_library_cannot_use_are_not_used(tmp_path, attribute):
+    path = rewritten(made.write_og1(tmp_path / "og1.nc"), lambda file: file["PITCH"].setncatts(attribute))
+    assert len(import_og1([path], tmp_path / "out.nc").complete) == 2
+
+
+def test_a_scale_factor_that_the_library_cannot_use_is_refused(tmp_path):
+    path = rewritten(made.write_og1(tmp_path / "og1.nc"), lambda file: file["PITCH"].setncattr("scale_factor", "x"))
+    with ForeignFile(path) as file, pytest.raises(InputError, match="PITCH cannot be decoded"):
+        file.numbers("PITCH")
+
+
+@pytest.mark.parametrize(("unit", "known"), [("S m-1", True), ("mS cm-1", True), ("mhos/m", True), ("counts", False)])
+def test_the_unit_of_conductivity_costs_no_more_than_the_salinity(tmp_path, caplog, unit, known):
+    path = write_netcdf(tmp_path / "a.nc", flight(), science(), units={"sci_water_cond": unit})
+    assert len(import_slocum([path], tmp_path / "out.nc").complete) == 1
+    assert ("sci_water_cond is in 'counts'" in caplog.text) == (not known)
+
+
+def test_a_seaexplorer_needs_no_column_of_the_declination_if_one_is_given(tmp_path):
+    folder = write_mission(tmp_path / "se")
+    import_seaexplorer([folder], tmp_path / "whole.nc", declination=16.0)
+    place = NAVIGATION.split(";").index("Declination")
+
+    def without(lines):
+        return [";".join(field for at, field in enumerate(line.split(";")) if at != place) for line in lines]
+
+    for cycle in (5, 6, 7, 8):
+        edit(folder, cycle, without)
+    import_seaexplorer([folder], tmp_path / "out.nc", declination=16.0)
+    with xr.open_dataset(tmp_path / "whole.nc") as whole, xr.open_dataset(tmp_path / "out.nc") as found:
+        np.testing.assert_array_equal(found["heading"].values, whole["heading"].values)
+    with pytest.raises(InputError, match=r"has no column Declination; .*--declination"):
+        import_seaexplorer([folder], tmp_path / "other.nc")
+
+
+def test_words_of_attributes_are_read_in_any_case(tmp_path):
+    records = mission(GLIDE)
+    upward = records.assign(depth=(-records["depth"]).assign_attrs(units="m", positive="Up"))
+    np.testing.assert_allclose(currents(upward)["dac_east"].values, currents(records)["dac_east"].values)
+    path = rewritten(
+        made.write_og1(tmp_path / "og1.nc"), lambda file: file["TIME"].setncattr("units", "Seconds Since 1970-1-1")
+    )
+    assert len(import_og1([path], tmp_path / "out.nc").complete) == 2
+
+
+@pytest.mark.parametrize(("separator", "word"), [(";", "semicolons"), ("\t", "tabs")])
+def test_a_table_with_another_separator_is_called_so(tmp_path, separator, word):
+    path = tmp_path / "table.csv"
+    path.write_text(separator.join(["time", "depth"]) + "\n" + separator.join(["UTC", "m"]) + "\n")
+    with pytest.raises(InputError, match=f"its columns are separated by {word}; separate them by commas"):
+        read_table(path)
+
+
+def test_times_of_a_table_may_name_their_zone(tmp_path, recwarn):
+    path = tmp_path / "table.csv"
+    times = ("2024-05-01T02:00:00+02:00", "2024-05-01 00:00:01 UTC", "2024-05-01T00:00:02Z")
+    path.write_text("\n".join(["time,depth", "UTC,m", *(f"{time},1" for time in times)]) + "\n")
+    start = np.datetime64("2024-05-01", "ns")
+    np.testing.assert_array_equal(read_table(path)["time"].values, start + np.arange(3) * np.timedelta64(1, "s"))
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("order", ["of their names", "backwards"])
+def test_segments_that_were_joined_in_another_order_are_sorted(tmp_path, caplog, order):
+    """A pattern of file names gives segment 10 before segment 2."""
+    segments = [flight(number) for number in range(12)]
+    import_slocum([write_netcdf(tmp_path / "sorted.nc", joined(segments))], tmp_path / "expected.nc")
+    assert not caplog.text
+    shuffled = joined([segments[place] for place in sorted(range(12), key=str)])
+    if order == "backwards":
+        shuffled = {name: values[::-1].copy() for name, values in joined(segments).items()}
+    summary = import_slocum([write_netcdf(tmp_path / "shuffled.nc", shuffled)], tmp_path / "out.nc")
+    assert len(summary.complete) == 12
+    assert "its rows are not in the order of time" in caplog.text
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        for name in expected.variables:
+            np.testing.assert_array_equal(found[name].values, expected[name].values)
+
+
+def test_a_clock_that_was_wrong_for_a_day_is_not_sorted(tmp_path, caplog):
+    segments = [flight(0), flight(1), flight(2)]
+    segments[0]["m_present_time"] = segments[0]["m_present_time"] + 86_400.0
+    import_slocum([write_netcdf(tmp_path / "a.nc", joined(segments))], tmp_path / "out.nc")
+    assert "not in the order of time" not in caplog.text
