@@ -86,9 +86,13 @@ def estimate_currents(
     platform: Platform | str | Path | None,
     declination: float | None,
     errors: GlideErrors | None = None,
+    out: Path | None = None,
 ) -> xr.Dataset:
-    """Estimate currents as `currents` does, with error messages in the words of the command line."""
-    navigation = navigation_of(records, declination)
+    """Estimate currents as `currents` does, with error messages in the words of the command line.
+
+    An earlier result `out` in a folder of records is not read.
+    """
+    navigation = navigation_of(records, declination, out)
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
     unusable = navigation.faults
@@ -132,9 +136,11 @@ _SUMMARY = (
 
 
 def navigation_of(
-    records: xr.Dataset | str | Path | Iterable[str | Path], declination: float | None = None
+    records: xr.Dataset | str | Path | Iterable[str | Path],
+    declination: float | None = None,
+    out: Path | None = None,
 ) -> Navigation:
-    """Read the navigation of records of any kind; an instrument's own files are imported first."""
+    """Read the navigation of records of any kind but `out`; an instrument's own files are imported first."""
     if isinstance(records, xr.Dataset):
         return read_navigation(records, declination=declination)
     if isinstance(records, xr.DataTree | xr.DataArray):
@@ -149,7 +155,7 @@ def navigation_of(
         if declination is not None and kind_of(paths) in _WITH_DECLINATION:
             return read_navigation(import_records(paths, declination=declination), str(paths[0]))
         return read_navigation(import_records(paths), str(paths[0]), declination)
-    files = [file for path in paths for file in _plain_files(path)]
+    files = [file for path in paths for file in _plain_files(path, out)]
     return with_dives(merge_navigation([_plain_navigation(file, declination) for file in files]))
 
 
@@ -167,11 +173,12 @@ def _plain_navigation(path: Path, declination: float | None) -> Navigation:
     return open_part(path, declination)
 
 
-def _plain_files(path: Path) -> list[Path]:
-    """Return a file or a Zarr folder itself, or the netCDF files of any other folder."""
+def _plain_files(path: Path, out: Path | None) -> list[Path]:
+    """Return a file or a Zarr folder itself, or the netCDF files but `out` of any other folder."""
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
     held = sorted(each for each in path.iterdir() if each.suffix.lower() in _NETCDF and each.is_file())
+    held = [each for each in held if out is None or each.resolve() != out.resolve()]
     name_compressed(held, [each for each in path.iterdir() if each.with_suffix("").suffix.lower() in _NETCDF])
     if not held:
         raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")

@@ -15,6 +15,7 @@ from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
 from gliderhpc.errors import InputError
 from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.foreign import ForeignFile, is_in_the_format
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import read_records, write_records
 from gliderhpc.observations.joined import join_observations
@@ -142,12 +143,26 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
         except InputError as error:
             faults[path.name] = str(error)
     if len(kinds) > 1:
+        faults |= _remove_foreign(kinds)
+    if len(kinds) > 1:
         (first, (one, *_)), (second, (other, *_)), *_ = kinds.items()
         raise InputError(
             f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as --kind {first}"
         )
     found, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
     return found, chosen, faults
+
+
+def _remove_foreign(kinds: dict[str, list[Path]]) -> dict[str, str]:
+    """Remove the files that are neither an instrument's nor in the observation format; return why, by name."""
+    foreign = {}
+    for path in kinds.pop(OBSERVATIONS, []):
+        with ForeignFile(path) as file:
+            if is_in_the_format(file.names):
+                kinds.setdefault(OBSERVATIONS, []).append(path)
+            else:
+                foreign[path.name] = f"{path}: is neither a record like the others nor in the observation format"
+    return foreign
 
 
 def _named_file(error: InputError, paths: Sequence[Path]) -> Path:

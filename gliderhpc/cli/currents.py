@@ -56,7 +56,7 @@ def currents(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     check_output(out, overwrite=overwrite, inputs=files)
     stated = {} if deployment is None else read_deployment(deployment)
-    found = estimate_currents(files, platform=platform, declination=declination).assign_attrs(stated)
+    found = estimate_currents(files, platform=platform, declination=declination, out=out).assign_attrs(stated)
     _write(found, out, overwrite)
     title = f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}"
     results().print(table(title, _rows(found), _HEADINGS, _WORDS))

@@ -8,10 +8,12 @@ import pytest
 import xarray as xr
 from support import seaglider_files as made
 from support.glides import Glide, mission
+from support.missions import program
 from support.seaexplorer_files import NAVIGATION, edit, write_mission
 from support.slocum_files import flight, joined, science, write_netcdf
 
 from gliderhpc.api.currents import currents
+from gliderhpc.api.watch_records import FileImport
 from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.og1 import import_og1
@@ -212,3 +214,20 @@ def test_a_clock_that_was_wrong_for_a_day_is_not_sorted(tmp_path, caplog):
     segments[0]["m_present_time"] = segments[0]["m_present_time"] + 86_400.0
     import_slocum([write_netcdf(tmp_path / "a.nc", joined(segments))], tmp_path / "out.nc")
     assert "not in the order of time" not in caplog.text
+
+
+def test_an_earlier_result_in_the_folder_is_not_read(tmp_path):
+    mission(GLIDE).to_netcdf(tmp_path / "records.nc")
+    out = tmp_path / "out.nc"
+    for _ in range(2):
+        done = program("currents", tmp_path, out, "--overwrite")
+        assert done.status == 0, done.err
+
+
+def test_a_file_of_another_program_beside_an_instruments_is_named_and_left_out(tmp_path):
+    made.write_og1(tmp_path / "og1.nc")
+    mission(GLIDE).to_netcdf(tmp_path / "other.nc")
+    (tmp_path / "made").mkdir()
+    faults = FileImport(None, {}).import_files(sorted(tmp_path.glob("*.nc")), tmp_path / "made" / "records.nc")
+    assert list(faults) == ["other.nc"]
+    assert "is neither a record like the others nor in the observation format" in faults["other.nc"]
