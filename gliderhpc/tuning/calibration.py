@@ -169,9 +169,9 @@ def calibrate(
     value, or at the most probable one if the glides refute the platform's. When every direction is determined, the
     remaining parameters are fitted without the prior. A parameter that runs to its bound is held there. A hull without
     stable glides is fitted again with the lateral terms held, and so is one with a parameter whose interval is wider
-    than its plausible deviation, unless the turns then fit clearly less well: near neutral stability in yaw, real
-    disturbances pass for small errors of the balance, and the fit follows them. The result is compared with the start,
-    on the profiles fitted and on those held out.
+    than its plausible deviation, if less is then in doubt and the turns fit about as well: near neutral stability in
+    yaw, real disturbances pass for small errors of the balance, and the fit follows them. The result is compared with
+    the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------
@@ -207,8 +207,8 @@ def calibrate(
     if why is not None:
         report(f"fitting again with the lateral terms held ({_WITHOUT_LATERAL[why]})")
         again = _search_from_best_start(errors, free & ~lateral, settings, report)
-        if why is CalibrationVerdict.CONFOUNDED and _turns_need_it(search, again):
-            report("without the lateral terms the turns do not fit: the first fit is kept")
+        if why is CalibrationVerdict.CONFOUNDED and not _is_better_without(errors, search, again):
+            report("without the lateral terms less is known, or the turns do not fit: the first fit is kept")
             why = None
         else:
             search = again
@@ -279,13 +279,19 @@ def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
 
 def _is_vague(errors: SegmentErrors, search: CalibrationSearch, lateral: Mask) -> bool:
     """Return whether lateral terms are fitted, and a fitted parameter is known less well than the platform states."""
-    variance = np.diag(fit_covariance(errors, search))[: len(lateral)]
-    return bool((search.free & lateral).any() and (variance[search.free] > 1.0).any())
+    return bool((search.free & lateral).any()) and _largest_variance(errors, search) > 1.0
 
 
-def _turns_need_it(search: CalibrationSearch, again: CalibrationSearch) -> bool:
-    """Return whether the errors of a fit are clearly larger if the lateral terms are held."""
-    return search.cost_of(again.steps) > _CLEARLY_LARGER * search.cost_of(search.steps)
+def _largest_variance(errors: SegmentErrors, search: CalibrationSearch) -> float:
+    """Return the largest variance of the fitted parameters, in plausible deviations; zero if none is fitted."""
+    variance = np.diag(fit_covariance(errors, search))[: len(search.free)]
+    return float(np.max(variance[search.free], initial=0.0))
+
+
+def _is_better_without(errors: SegmentErrors, search: CalibrationSearch, again: CalibrationSearch) -> bool:
+    """Return whether a fit without the lateral terms leaves less in doubt, and fits the turns about as well."""
+    fits = search.cost_of(again.steps) <= _CLEARLY_LARGER * search.cost_of(search.steps)
+    return fits and _largest_variance(errors, again) < _largest_variance(errors, search)
 
 
 def check_profiles(segments: SteadySegments) -> None:
