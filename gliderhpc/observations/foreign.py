@@ -92,7 +92,8 @@ def name_compressed(chosen: Sequence[Path], candidates: Sequence[Path]) -> None:
     if not chosen:
         refuse_compressed(candidates)
     for path in candidates:
-        if path.suffix.lower() in _COMPRESSED and path.with_suffix("") not in chosen:
+        # Some instruments' files are read as they are, compressed.
+        if path.suffix.lower() in _COMPRESSED and path not in chosen and path.with_suffix("") not in chosen:
             _warn_of_compressed(path)
 
 
@@ -329,7 +330,7 @@ class ForeignFile(NamedColumns):
                 warnings.simplefilter("ignore", UserWarning)
                 warnings.filterwarnings("error", ".*(scale_factor|add_offset)", UserWarning)
                 return self._file.variables[name][...]
-        except UserWarning as error:
+        except (UserWarning, TypeError) as error:
             raise InputError(f"{self.path}: {name} cannot be decoded ({error})") from error
         except (OSError, RuntimeError, UnicodeDecodeError, ValueError) as error:
             raise self._unreadable(error) from error

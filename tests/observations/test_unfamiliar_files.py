@@ -69,6 +69,16 @@ def test_compressed_files_beside_others_are_named_once(tmp_path, caplog):
     assert named == [f"{packed}: is compressed and is left out; unpack it first"]
 
 
+def test_compressed_files_that_are_read_are_not_called_left_out(tmp_path, caplog):
+    """A SeaExplorer's are delivered so."""
+    folder = write_mission(tmp_path / "se")
+    for path in list(folder.iterdir()):
+        path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+        path.unlink()
+    assert len(import_seaexplorer([folder], tmp_path / "out.nc").complete) == 3
+    assert "left out" not in caplog.text
+
+
 @pytest.mark.parametrize("name", ["b.NC", "b.nc4"])
 def test_endings_of_netcdf_are_read_in_any_case(tmp_path, name):
     records = mission(GLIDE)
@@ -135,8 +145,10 @@ def test_attributes_that_the_library_cannot_use_are_not_used(tmp_path, attribute
     assert len(import_og1([path], tmp_path / "out.nc").complete) == 2
 
 
-def test_a_scale_factor_that_the_library_cannot_use_is_refused(tmp_path):
-    path = rewritten(made.write_og1(tmp_path / "og1.nc"), lambda file: file["PITCH"].setncattr("scale_factor", "x"))
+@pytest.mark.parametrize("factor", ["x", "0.1"])
+def test_a_scale_factor_that_the_library_cannot_use_is_refused(tmp_path, factor):
+    path = made.write_og1(tmp_path / "og1.nc")
+    rewritten(path, lambda file: file["PITCH"].setncattr("scale_factor", factor))
     with ForeignFile(path) as file, pytest.raises(InputError, match="PITCH cannot be decoded"):
         file.numbers("PITCH")
 
