@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import LONGEST_STAY, MOST_DIVES, PROBABILITY, dives_until, predict_from
+from gliderhpc.report.next_surfacing import MOST_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
 
 Array = NDArray[np.float64]
 
@@ -96,8 +97,7 @@ class Mission:
 
     def fix(self, place: int) -> Fix:
         """First fix after a dive."""
-        row = self.table.isel(profile=place)
-        return Fix(row["exit_time"].values, float(row["exit_latitude"]), float(row["exit_longitude"]))
+        return fix_after(self.table, place)
 
 
 def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
@@ -180,15 +180,14 @@ def rows_of_archives(paths: Sequence[Path]) -> Iterator[dict[str, object]]:
     """Rows of the table for real missions: all dives that follow one another within the longest stay at the surface."""
     for path in paths:
         flown, errors = archived(path)
-        exits, starts = flown.table["exit_time"].values[:-1], flown.table["start_time"].values[1:]
-        follows = (starts - exits) / np.timedelta64(1, "s") <= LONGEST_STAY
-        found = [misses(flown, after, errors) for after in (np.flatnonzero(follows) + 1).tolist()]
+        places = range(flown.table.sizes["profile"] - 1)
+        found = [misses(flown, place + 1, errors) for place in places if is_followed(flown.table, place)]
         yield {"mission": path.stem, **_summary(found)}
 
 
 def _summary(found: Sequence[tuple[dict[str, float], dict[str, float]]]) -> dict[str, object]:
     """Columns of the table for predictions."""
-    limit = -2.0 * np.log1p(-PROBABILITY)
+    limit = chi_square_quantile(PROBABILITY, 2)
     inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in NOWCASTS}
     medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
     return {

@@ -177,12 +177,17 @@ def _plain_files(path: Path, out: Path | None) -> list[Path]:
     """Return a file or a Zarr folder itself, or the netCDF files but `out` of any other folder."""
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
-    held = sorted(each for each in path.iterdir() if each.suffix.lower() in _NETCDF and each.is_file())
-    held = [each for each in held if out is None or each.resolve() != out.resolve()]
-    name_compressed(held, [each for each in path.iterdir() if each.with_suffix("").suffix.lower() in _NETCDF])
-    if not held:
+    held = sorted(path.iterdir())
+    chosen = [each for each in held if _is_netcdf(each) and each.is_file()]
+    chosen = [each for each in chosen if out is None or each.resolve() != out.resolve()]
+    name_compressed(chosen, held, _is_netcdf)
+    if not chosen:
         raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")
-    return held
+    return chosen
+
+
+def _is_netcdf(path: Path) -> bool:
+    return path.suffix.lower() in _NETCDF
 
 
 def _polar(navigation: Navigation, platform: Platform | str | Path | None) -> GlidePolar:

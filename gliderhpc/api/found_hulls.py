@@ -142,7 +142,12 @@ class CalibratedHull(FoundHull):
         else:
             lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
             lines += calibration_report.score_notes(self.fitted, self.held_out)
-        return [*lines, *(f"WARNING: {text}" for text in (self.trouble, self.caution) if text)]
+        return [*lines, *(f"WARNING: {text}" for text in self.doubts)]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt the hull or its intervals: `trouble` and `caution`, if any."""
+        return tuple(filter(None, (self.trouble, self.caution)))
 
     @property
     def steady(self) -> Calibration:

@@ -208,7 +208,7 @@ def _before_rounds(
 def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
     if found.dives is None:
         made = calibration_report.provenance(found.steady, observations, digest, assignments)
-        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in (found.trouble, found.caution) if text)])
+        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in found.doubts)])
     scores = (("fitted", found.fitted), ("held out", found.held_out))
     return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
 

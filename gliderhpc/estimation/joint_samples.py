@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.observations.format import MEASURED
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, ProfileRecord
-from gliderhpc.observations.rows import nearest_rows, rarely_together
+from gliderhpc.observations.rows import onto_nearest, rarely_together
 
 
 def jointly_sampled(record: ProfileRecord) -> ProfileRecord:
@@ -42,15 +42,9 @@ def _moved(time: FloatArray, values: FloatArray, deep: NDArray[np.bool_]) -> Flo
     """Return values ``(n,)``, each moved to the nearest row with depth if that is within reach."""
     rows, others = np.flatnonzero(deep), np.flatnonzero(np.isfinite(values) & ~deep)
     reach = 0.5 * usual_interval(without_gaps(np.diff(time[rows])))
-    nearest = rows[nearest_rows(time[rows], time[others])]
-    distance = np.abs(time[others] - time[nearest])
-    free = np.isnan(values[nearest]) & (distance <= reach)
-    # Farthest first, so that of several samples the nearest is the last to be put on a row.
-    order = np.flatnonzero(free)[np.argsort(-distance[free], kind="stable")]
-    source = np.full(len(time), -1)
-    source[nearest[order]] = others[order]
-    taken = np.flatnonzero(source >= 0)
-    result = values.copy()
-    result[taken] = values[source[taken]]
-    result[source[taken]] = np.nan
+    source = onto_nearest(time[rows], time[others], others.astype(np.float64), reach)
+    taken = np.isfinite(source) & np.isnan(values[rows])
+    moved, result = source[taken].astype(np.int64), values.copy()
+    result[rows[taken]] = values[moved]
+    result[moved] = np.nan
     return result

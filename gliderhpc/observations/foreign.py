@@ -63,7 +63,7 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
             held = sorted(source.iterdir())
             # Reading a pipe or a device that is named like a record would block, or never end.
             chosen = [path for path in held if belongs(path) and path.is_file()]
-            name_compressed(chosen, [path for path in held if belongs(path.with_suffix(""))])
+            name_compressed(chosen, held, belongs)
             yield from chosen
         elif source.is_file():
             if not belongs(source):
@@ -74,21 +74,24 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
             raise InputError(f"{source}: {what}")
 
 
-def name_compressed(chosen: Sequence[Path], candidates: Sequence[Path]) -> None:
+def name_compressed(chosen: Sequence[Path], held: Sequence[Path], belongs: Callable[[Path], bool]) -> None:
     """Warn once of each compressed file of a folder that is left out, or refuse it if there is no other.
 
     Parameters
     ----------
     chosen : sequence of Path
         Files of the folder that are read. A compressed file whose unpacked copy is among them is not named.
-    candidates : sequence of Path
-        Other files of the folder that would be records without their last ending.
+    held : sequence of Path
+        All files of the folder.
+    belongs : callable
+        Whether a file is a record, by its name.
 
     Raises
     ------
     InputError
-        Nothing is read, and a candidate is compressed.
+        Nothing is read, and a record is compressed.
     """
+    candidates = [path for path in held if belongs(path.with_suffix(""))]
     if not chosen:
         refuse_compressed(candidates)
     for path in candidates:
@@ -256,9 +259,11 @@ class ForeignFile(NamedColumns):
 
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, as `NamedColumns.times`; `InputError` too if the stored type does not resolve them."""
-        stored = np.ma.asarray(self._read(name)).compressed() if name in self else np.zeros(0)
-        if stored.dtype.kind == "f":
-            check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
+        # Most files store times in double precision, and need not be read twice.
+        if name in self and self._file.variables[name].dtype != np.float64:
+            stored = np.ma.asarray(self._read(name)).compressed()
+            if stored.dtype.kind == "f":
+                check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
         return super().times(name)
 
     def flags(self, name: str) -> FloatArray:

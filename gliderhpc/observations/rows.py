@@ -121,9 +121,7 @@ def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArra
     return np.where(np.abs(wanted - time[left]) <= np.abs(time[right] - wanted), left, right)
 
 
-def onto_nearest(
-    time: TimeArray, sampled: TimeArray, values: FloatArray, within: np.timedelta64 | TimeArray
-) -> FloatArray:
+def onto_nearest(time: npt.NDArray[Any], sampled: npt.NDArray[Any], values: FloatArray, within: Any) -> FloatArray:
     """Put each sample on the nearest of other times; times without a sample within reach are NaN.
 
     Nothing is interpolated, because an interpolated value is not a measurement.
@@ -133,10 +131,10 @@ def onto_nearest(
     time : (n,) array
         Times to put the samples on, increasing, n >= 1.
     sampled : (m,) array
-        Times of the samples.
+        Times of the samples, of the same type.
     values : (m,) array
         Values of the samples.
-    within : numpy.timedelta64, or (m,) array of them
+    within : numpy.timedelta64 or float, or (m,) array of them
         Greatest time by which a sample is moved, for all samples or for each.
 
     Returns

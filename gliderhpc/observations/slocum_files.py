@@ -207,8 +207,7 @@ def _expand(source: Path, out: Path) -> list[Path]:
     if source.is_dir():
         held = sorted(path for path in source.iterdir() if path.is_file() and path.resolve() != out.resolve())
         found = [path for path in held if is_binary(path)] or [path for path in held if _ending(path) == _DECODED]
-        kind = is_binary if found and is_binary(found[0]) else _is_record
-        name_compressed(found, [path for path in held if kind(path.with_suffix(""))])
+        name_compressed(found, held, is_binary if found and is_binary(found[0]) else _is_record)
         return found
     if not source.is_file():
         raise InputError(f"{source}: no such file or folder")
@@ -372,14 +371,13 @@ def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
         raise InputError(f"{path}: {clock.name} does not contain numbers")
     unit = str(clock.attrs.get("units", "")).strip()
     is_bare = unit.lower() in _BARE_SECONDS
-    if is_bare or " since " in unit.lower():
-        check_resolution(clock.values, DEFAULT_UNITS if is_bare else unit, f"{path}: {clock.name}")
-    if is_bare:
-        return np.asarray(clock.values, dtype=np.float64)
-    if " since " not in unit.lower():
+    if not is_bare and " since " not in unit.lower():
         raise InputError(
             f"{path}: {clock.name} is in '{unit}'; it must be in seconds since 1970, or in a CF unit of time"
         )
+    check_resolution(clock.values, DEFAULT_UNITS if is_bare else unit, f"{path}: {clock.name}")
+    if is_bare:
+        return np.asarray(clock.values, dtype=np.float64)
     calendar = str(clock.attrs.get("calendar", ""))
     nanoseconds = decode_times(clock.values, unit, calendar, f"{path}: {clock.name}").time
     seconds: FloatArray = np.where(np.isnat(nanoseconds), np.nan, nanoseconds.astype(np.int64) * 1e-9)

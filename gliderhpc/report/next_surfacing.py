@@ -1,6 +1,6 @@
 """Next surfacing: predicted place and time of the end of a dive like the last one, in the predicted current."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
@@ -128,18 +129,20 @@ def predict_from(
     count = dives.sizes["profile"]
     predicted = [
         _predict_cycle(dives, place, state, surface, spread, fix_error)
-        for place, state in _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
+        for place, state in _nowcasts_after(
+            dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count)
+        ).items()
     ]
-    coming, row = predicted[-1], dives.isel(profile=-1)
-    past = [_squared_distance(dives, one) for one in predicted[:-1] if _is_followed(dives, one.place)]
-    latitude, longitude = moved((float(row["exit_latitude"]), float(row["exit_longitude"])), coming.way)
+    coming, last = predicted[-1], fix_after(dives, count - 1)
+    past = [_squared_distance(dives, one) for one in predicted[:-1] if is_followed(dives, one.place)]
+    latitude, longitude = moved((last.latitude, last.longitude), coming.way)
     return Prediction(
-        time=_instant(row, "exit_time") + np.timedelta64(round(coming.elapsed), "s"),
+        time=last.time + np.timedelta64(round(coming.elapsed), "s"),
         latitude=latitude,
         longitude=longitude,
         covariance=ellipse_scale(past) * coming.covariance,
         current=coming.drift / coming.elapsed,
-        current_covariance=coming.drift_covariance / coming.elapsed**2 + _covariance(row),
+        current_covariance=coming.drift_covariance / coming.elapsed**2 + _covariance(dives.isel(profile=-1)),
         dives=count,
         deviation=coming.state.deviation,
         correlation_time=coming.state.correlation_time,
@@ -193,18 +196,21 @@ def _predict_cycle(
     )
 
 
-def _is_followed(dives: xr.Dataset, place: int) -> bool:
+def is_followed(dives: xr.Dataset, place: int) -> bool:
     """Return whether the next dive in the table began before the longest stay at the surface had passed."""
     stay = (dives["start_time"].values[place + 1] - dives["exit_time"].values[place]) / _SECOND
     return bool(stay <= LONGEST_STAY)
 
 
+def fix_after(dives: xr.Dataset, place: int) -> Fix:
+    """Return the first fix after a dive in the table."""
+    row = dives.isel(profile=place)
+    return Fix(_instant(row, "exit_time"), float(row["exit_latitude"]), float(row["exit_longitude"]))
+
+
 def _squared_distance(dives: xr.Dataset, predicted: _Cycle) -> float:
     """Return the squared distance of the next surfacing from the predicted one, relative to its ellipse."""
-    here, there = (
-        Fix(_instant(row, "exit_time"), float(row["exit_latitude"]), float(row["exit_longitude"]))
-        for row in (dives.isel(profile=predicted.place), dives.isel(profile=predicted.place + 1))
-    )
+    here, there = (fix_after(dives, place) for place in (predicted.place, predicted.place + 1))
     miss = np.array(local_displacement(here, there)) - predicted.way
     return float(miss @ np.linalg.solve(predicted.covariance, miss))
 
@@ -226,7 +232,7 @@ def ellipse_scale(distances: Sequence[float]) -> float:
     count = len(distances)
     if not count:
         return 1.0
-    ratio = float(np.quantile(distances, PROBABILITY)) / (-2.0 * np.log1p(-PROBABILITY))
+    ratio = float(np.quantile(distances, PROBABILITY)) / chi_square_quantile(PROBABILITY, 2)
     return float(np.clip(ratio, *_SCALES) ** (count / (count + _PRIOR_PREDICTIONS)))
 
 
@@ -285,13 +291,12 @@ def _nowcasts_after(
     surface: tuple[Array, float],
     tides: Sequence[str],
     wanted: Container[int],
-) -> Iterator[tuple[int, Nowcast]]:
-    """Yield the positions of the wanted dives, and the nowcast after each."""
-    by_dive = _observations(dives, fix_error, *surface)
-    ends = dict(zip(np.cumsum([len(each) for each in by_dive]).tolist(), range(len(by_dive)), strict=True))
-    for count, state in enumerate(nowcasts([one for each in by_dive for one in each], tides), start=1):
-        if count in ends and ends[count] in wanted:
-            yield ends[count], state
+) -> dict[int, Nowcast]:
+    """Return the nowcast after each of the wanted dives, by the dive's position, in order."""
+    observed = [(place, one) for place, each in enumerate(_observations(dives, fix_error, *surface)) for one in each]
+    states = nowcasts([one for _, one in observed], tides)
+    # The last observation of a dive replaces those before.
+    return {place: state for (place, _), state in zip(observed, states, strict=True) if place in wanted}
 
 
 def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: float) -> list[list[CurrentObservation]]:

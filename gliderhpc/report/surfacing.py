@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
 from gliderhpc.report.recent_hull import hull_changes, recent_hull
@@ -48,8 +49,7 @@ def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellips
         Probability that it contains the true value.
     """
     longer, shorter, angle = ellipse_axes(covariance)
-    # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
-    scale = math.sqrt(-2.0 * math.log1p(-probability))
+    scale = math.sqrt(chi_square_quantile(probability, 2))
     direction = (90.0 - angle) % 180.0
     return Ellipse(probability=probability, major=scale * longer, minor=scale * shorter, direction=direction)
 

@@ -25,7 +25,7 @@ from gliderhpc.flight.hull_parameters import (
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.tuning.calibration_covariance import LEVEL, few_profiles_factor, fit_covariance
+from gliderhpc.tuning.calibration_covariance import LEVEL, Fit, few_profiles_factor
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.disturbance_prior import TuningSettings
@@ -199,20 +199,20 @@ def calibrate(
     free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, known))
     errors = SegmentErrors(platform, candidates, segments)
     lateral = np.isin([p.key for p in candidates], LATERAL)
-    search, why = _search_from_best_start(errors, free, settings, report), None
-    if not is_stable(errors, search):
+    fit, why = Fit(errors, _search_from_best_start(errors, free, settings, report)), None
+    if not is_stable(errors, fit.search):
         why = CalibrationVerdict.UNSTABLE
-    elif _is_vague(errors, search, lateral):
+    elif _is_vague(fit, lateral):
         why = CalibrationVerdict.CONFOUNDED
     if why is not None:
         report(f"fitting again with the lateral terms held ({_WITHOUT_LATERAL[why]})")
-        again = _search_from_best_start(errors, free & ~lateral, settings, report)
-        if why is CalibrationVerdict.CONFOUNDED and not _is_better_without(errors, search, again):
+        again = Fit(errors, _search_from_best_start(errors, free & ~lateral, settings, report))
+        if why is CalibrationVerdict.CONFOUNDED and not _is_better_without(fit, again):
             report("without the lateral terms less is known, or the turns do not fit: the first fit is kept")
             why = None
         else:
-            search = again
-    covariance = fit_covariance(errors, search)
+            fit = again
+    search, covariance = fit.search, fit.covariance
     reasons = _reasons(search, free, free & lateral, why)
     parameters, estimated = _judge_parameters(errors, search, covariance, reasons)
     hull = with_values(
@@ -277,21 +277,15 @@ def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
     return glides_stably(Glider(errors.hull(search.steps)))
 
 
-def _is_vague(errors: SegmentErrors, search: CalibrationSearch, lateral: Mask) -> bool:
+def _is_vague(fit: Fit, lateral: Mask) -> bool:
     """Return whether lateral terms are fitted, and a fitted parameter is known less well than the platform states."""
-    return bool((search.free & lateral).any()) and _largest_variance(errors, search) > 1.0
+    return bool((fit.search.free & lateral).any()) and fit.largest_variance > 1.0
 
 
-def _largest_variance(errors: SegmentErrors, search: CalibrationSearch) -> float:
-    """Return the largest variance of the fitted parameters, in plausible deviations; zero if none is fitted."""
-    variance = np.diag(fit_covariance(errors, search))[: len(search.free)]
-    return float(np.max(variance[search.free], initial=0.0))
-
-
-def _is_better_without(errors: SegmentErrors, search: CalibrationSearch, again: CalibrationSearch) -> bool:
+def _is_better_without(fit: Fit, again: Fit) -> bool:
     """Return whether a fit without the lateral terms leaves less in doubt, and fits the turns about as well."""
-    fits = search.cost_of(again.steps) <= _CLEARLY_LARGER * search.cost_of(search.steps)
-    return fits and _largest_variance(errors, again) < _largest_variance(errors, search)
+    before, after = (fit.search.cost_of(each.search.steps) for each in (fit, again))
+    return after <= _CLEARLY_LARGER * before and again.largest_variance < fit.largest_variance
 
 
 def check_profiles(segments: SteadySegments) -> None:

@@ -1,5 +1,8 @@
 """Covariance of a fit to steady glides: scatter between profiles, held parameters, and errors of the attitude."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,25 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.95
 """Probability of the intervals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A finished search over some errors; its covariance takes several of their Jacobians and is computed once."""
+
+    errors: SegmentErrors
+    search: CalibrationSearch
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the fit (`fit_covariance`)."""
+        return fit_covariance(self.errors, self.search)
+
+    @property
+    def largest_variance(self) -> float:
+        """Largest variance of the fitted parameters, in plausible deviations; zero if none is fitted."""
+        free = self.search.free
+        return float(np.max(np.diag(self.covariance)[: len(free)][free], initial=0.0))
 
 
 def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:

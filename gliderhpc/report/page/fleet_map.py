@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.findings.drawing import (
     FILTER,
     GLIDE_ANGLE,
@@ -180,7 +181,7 @@ def _ellipse(track: Track) -> Array:
     """Return the outline (61, 2) of the current's error about zero, m/s."""
     factor = covariance_factors(*(np.atleast_1d(value) for value in track.deviations))[0]
     # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
-    return np.asarray(math.sqrt(-2.0 * math.log1p(-PROBABILITY)) * (factor @ CIRCLE).T)
+    return np.asarray(math.sqrt(chi_square_quantile(PROBABILITY, 2)) * (factor @ CIRCLE).T)
 
 
 def _draw_legend(figure: Figure, axes: Axes) -> None:
