@@ -93,7 +93,7 @@ def test_every_kind_can_be_run():
 
 
 def test_recipes_survive_their_file():
-    @settings(max_examples=50, derandomize=True, database=None)
+    @settings(max_examples=50, derandomize=True, database=None, deadline=None)
     @given(st.one_of(*(recipes for recipes, _ in KINDS.values())))
     def trial(recipe):
         assert json.dumps(json.loads(json.dumps(recipe))) == json.dumps(recipe)
