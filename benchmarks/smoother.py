@@ -100,7 +100,7 @@ def linear_dive(hull: Hull, dive: Dive, path: Trajectory, rows: NDArray[np.int64
     segments, block, tally = allocate_segments(rows), allocate_block(), np.zeros(LOG_DETERMINANT + 1)
     transition, noise, offset = np.empty((count, 16, 16)), np.empty((count, 16, 16)), np.empty((count, 16))
     for number in range(0, count, LANES):
-        linearise_segments(hull, dive, path.states, path.disturbances, segments, number, block, 0, tally, False)
+        linearise_segments(hull, dive, path.states, path.disturbances, segments, number, 0, block, 0, tally)
         part = slice(number, min(number + LANES, count))
         size = part.stop - part.start
         transition[part] = block.tangent[:size].swapaxes(1, 2)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -160,6 +161,11 @@ class DiveProblem:
     plan: WindowPlan
     path: Array | None = None
 
+    @cached_property
+    def samples_before(self) -> NDArray[np.int64]:
+        """Number of samples with a weight in the rows before each row ``(n+2,)``."""
+        return np.concatenate([[0], np.cumsum(self.profile.series.weights != 0.0)])
+
 
 class StartingPath(NamedTuple):
     """Path from which windows start: disturbance ``(n, 6)`` and the resulting states ``(n+1, 12)``."""
@@ -222,16 +228,35 @@ class DiveSolution:
 
 @dataclass(frozen=True, eq=False)
 class PosedWindow:
-    """A window of a dive, to be solved: first step, plan, data and start."""
+    """A window of a dive, to be solved: first step, plan, and the sensed state ``(10,)`` from which it starts."""
 
+    problem: DiveProblem
     begin: int
     plan: WindowPlan
-    task: WindowTask
+    state: Array
 
     @property
     def identity(self) -> tuple[int, WindowPlan]:
         """First step and plan: windows of one path that have these in common are the same."""
         return self.begin, self.plan
+
+    @property
+    def task(self) -> WindowTask:
+        """Data of the window, and the disturbance from which it starts."""
+        problem, profile = self.problem, self.problem.profile
+        series, steps = profile.series, slice(self.begin, min(self.begin + self.plan.length, len(profile.bodies)))
+        rows = slice(steps.start, steps.stop + 1)
+        data = WindowData(
+            profile.glider.hull,
+            profile.bodies[steps],
+            self.state,
+            series.measurements[rows],
+            series.weights[rows],
+            series.step,
+            np.array(self.plan.scale),
+            self.plan.halves_early,
+        )
+        return data, problem.start[steps]
 
 
 def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSolution, DiveSolution]:
@@ -251,7 +276,7 @@ def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSoluti
         plan = length.plan
         end = min(begin + plan.length, n)
         if _has_data(problem, begin, end):
-            solution = yield PosedWindow(begin, plan, _task(problem, plan, joined.state_at(begin), begin, end))
+            solution = yield PosedWindow(problem, begin, plan, joined.state_at(begin))
         else:
             solution = _NO_DATA
         if solution.outcome.unfinished and length.shorten():
@@ -293,11 +318,11 @@ def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below_threshold:
         )
         end = min(begin + plan.length, n)
         if _has_data(problem, begin, end):
-            yield PosedWindow(begin, plan, _task(problem, plan, problem.path[begin], begin, end))
+            yield PosedWindow(problem, begin, plan, problem.path[begin])
 
 
 def _has_data(problem: DiveProblem, begin: int, end: int) -> bool:
-    return bool(problem.profile.series.weights[begin + 1 : end + 1].any())
+    return bool(problem.samples_before[end + 1] > problem.samples_before[begin + 1])
 
 
 def _may_retract(problem: DiveProblem, plan: WindowPlan, end: int) -> bool:
@@ -316,21 +341,6 @@ def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
     except StopIteration as stop:
         solution: DiveSolution = stop.value
         return replace(solution, seconds=time.perf_counter() - began)
-
-
-def _task(problem: DiveProblem, plan: WindowPlan, state: Array, begin: int, end: int) -> WindowTask:
-    profile, series = problem.profile, problem.profile.series
-    data = WindowData(
-        profile.glider.hull,
-        profile.bodies[begin:end],
-        state,
-        series.measurements[begin : end + 1],
-        series.weights[begin : end + 1],
-        series.step,
-        np.array(plan.scale),
-        plan.halves_early,
-    )
-    return data, problem.start[begin:end]
 
 
 def _is_worse_than_filter(

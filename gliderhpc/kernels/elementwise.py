@@ -13,6 +13,12 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from gliderhpc.kernels.array_sizes import declared_sizes, with_last_axes
 from gliderhpc.kernels.lane_type import LANES, VECTOR, Lanes, as_vector, lane_mask, lanes, vector_intrinsic
 
+_CACHE_LINE = 64
+"""Bytes in a line of the processor's caches."""
+
+_READ_INTO_SECOND_CACHE = 0, 2, 1
+"""Arguments of LLVM's prefetch: read, locality, data."""
+
 
 class UncompiledLanes(np.ndarray):
     """Lanes without compilation; as with numbers, ``+=`` creates a new value and changes no other variable's value."""
@@ -92,6 +98,10 @@ def clear(array):
 def copy(source, target):
     """Copy a contiguous array into another of the same shape."""
     target[...] = source
+
+
+def prefetch(array):
+    """Ask for a contiguous array before it is read, into the second-level cache; without compilation, do nothing."""
 
 
 def with_sizes(memory):
@@ -213,6 +223,17 @@ def _lower_copy(context, builder, sig, args):
     return context.get_dummy_value()
 
 
+def _lower_prefetch(context, builder, sig, args):
+    data, size = _bytes(context, builder, sig.args[0], args[0])
+    number, byte = ir.IntType(32), ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+    intrinsic = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    first, options = builder.bitcast(data, byte), [ir.Constant(number, value) for value in _READ_INTO_SECOND_CACHE]
+    with cgutils.for_range_slice(builder, size.type(0), size, size.type(_CACHE_LINE)) as (offset, _):
+        builder.call(intrinsic, [builder.gep(first, [offset]), *options])
+    return context.get_dummy_value()
+
+
 def _bytes(context, builder, kind, array):
     """Return the address of a contiguous array's bytes, and their number."""
     data, items, size = _members(context, builder, kind, array, "data", "nitems", "itemsize")
@@ -289,6 +310,7 @@ operation(clear, _nothing_of_contiguous, _lower_clear)
 operation(with_columns, lambda array, columns: array, _lower_with_columns, literal=True)
 operation(with_sizes, lambda memory: memory, _lower_with_sizes)
 operation(copy, _nothing_of_contiguous, _lower_copy)
+operation(prefetch, _nothing_of_contiguous, _lower_prefetch)
 
 __all__ = [
     "LANES", "Lanes", "entry", "lane_array", "load", "load_along", "select", "set_entry", "square_root", "store",

@@ -5,13 +5,23 @@ steps, between samples. The path is free in the first row of every segment; insi
 path's disturbances. The defect of a row is the difference between the run from the previous row and the row itself. In
 deviations from the path the problem is linear (`gliderhpc.kernels.smoother_segments`). The forward sweep solves it up
 to each row, and the backward sweep adds the information of the later samples (Bierman's modified Bryson-Frazier form).
-Covariances are stored at every `BLOCK`-th row and recomputed in between.
+What the backward sweep needs of the forward one is kept on a tape: to compute it twice takes longer than to read
+it from memory.
 """
 
 import math
 
 from gliderhpc.kernels.elementary import wrap
-from gliderhpc.kernels.elementwise import LANES, clear, copy, load_along, store_along, with_columns, with_sizes
+from gliderhpc.kernels.elementwise import (
+    LANES,
+    clear,
+    copy,
+    load_along,
+    prefetch,
+    store_along,
+    with_columns,
+    with_sizes,
+)
 from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.smoother_covariance import (
     predict_over_segment,
@@ -26,8 +36,11 @@ from gliderhpc.kernels.smoother_covariance import (
 )
 from gliderhpc.kernels.smoother_mean_shift import expected_mean_shift
 from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, copy_row
-from gliderhpc.kernels.smoother_segments import linearise_segments, run_segments
+from gliderhpc.kernels.smoother_segments import linearise_segments, run_segments, scatter_after, scatter_products
 from gliderhpc.kernels.window import sensed_of
+
+_AHEAD = 4
+"""Number of rows between the one that is asked for and the one that is read."""
 
 
 @inner_kernel
@@ -95,48 +108,48 @@ def _apply_mean_shift(mean_shift, block, at):
 
 
 @inner_kernel
-def _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, gate, tally, backwards):
+def _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, gate, tally, tape):
     """Filter rows ``first`` to ``stop`` (exclusive) between segments, and predict row ``stop`` if the dive has it."""
     last = segments.rows.shape[0] - 1
     for number in range(first, stop):
-        at = number - first
+        at, k = number - first, segments.rows[number]
         if number < last and at % LANES == 0:
-            linearise_segments(hull, dive, states, disturbances, segments, number, block, at, tally, backwards)
-        _assimilate(dive, states, segments.rows[number], block, at, gate, tally)
+            linearise_segments(hull, dive, states, disturbances, segments, number, number // LANES, block, at, tally)
+            scatter_after(segments, number, tape)
+        _assimilate(dive, states, k, block, at, gate, tally)
         if mean_shift.shape[0] > 0:
             _apply_mean_shift(mean_shift[number], block, at)
+        copy_row(block, at, tape, number)
+        if dive.fed[k]:
+            _write_updates(block, at, tape, tape.sample[number])
         if number < last:
+            _write_transition(block.tangent[at], tape.transition[number])
             predict_over_segment(segments, block, at)
 
 
-@kernel
-def sweep(
-    backwards, hull, dive, states, disturbances, mean_shift, gate, segments, block, checkpoints, tally, costates, out
-):
-    """Sweep `backward` or `forward`: one kernel, since both contain the filter and its segments.
-
-    Parameters
-    ----------
-    hull, dive, states, disturbances, mean_shift, gate, segments, block, checkpoints, tally
-        Arguments of `forward`; the gate is not used backwards.
-    costates : tuple of (16,), (16, 16)
-        Scratch of `backward`.
-    out : Backward
-        Results, filled by `backward`.
-    """
-    dive, segments, block = with_sizes(dive), with_sizes(segments), with_sizes(block)
-    checkpoints, out = with_sizes(checkpoints), with_sizes(out)
-    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
-    mean_shift = with_columns(mean_shift, 16)
-    if backwards:
-        backward(hull, dive, states, disturbances, mean_shift, segments, block, checkpoints, tally, costates, out)
-    else:
-        forward(hull, dive, states, disturbances, mean_shift, gate, segments, block, checkpoints, tally)
+@inner_kernel
+def _write_updates(block, at, tape, sample):
+    """Write the updates of row ``at`` of the block to the tape."""
+    copy(block.information[at], tape.information[sample])
+    copy(block.scaled_innovation[at], tape.scaled_innovation[sample])
+    for index in range(10):
+        if block.information[at, index] > 0.0:
+            copy(block.gain[at, index], tape.gain[sample, index])
 
 
 @inner_kernel
-def forward(hull, dive, states, disturbances, mean_shift, gate, segments, block, checkpoints, tally):
-    """Filter the dive about a path, store checkpoints, and sum up the cost of the path.
+def _write_transition(tangent, transition):
+    """Write the transition of which ``tangent (16, 16)`` is the transpose, in the form of `Tape`."""
+    for i in range(10):
+        for j in range(16):
+            transition[i, j] = tangent[j, i]
+    for i in range(10, 16):
+        transition[10, i] = tangent[i, i]
+
+
+@kernel
+def forward(hull, dive, states, disturbances, mean_shift, gate, segments, block, tally, tape):
+    """Filter the dive about a path, fill the tape, and sum up the cost of the path.
 
     Parameters
     ----------
@@ -150,22 +163,26 @@ def forward(hull, dive, states, disturbances, mean_shift, gate, segments, block,
     gate : float
         Number of standard deviations that no innovation may exceed; variances are inflated permanently to achieve this
         (infinite: never).
-    segments, block, checkpoints : Segments, Block, Checkpoints
-        Memory.
+    segments, block : Segments, Block
+        Memory; that of the segments for the whole dive.
     tally : (14,)
         Costs of initial state, measurements and noise (half the sums of squares over variances), sums of the sensed
         states' absolute defects, and half the logarithm of the ratio of the Hessian's determinant to that of the prior;
         to be filled.
+    tape : Tape
+        Memory for `backward`, to be filled.
     """
+    dive, segments, block, tape = with_sizes(dive), with_sizes(segments), with_sizes(block), with_sizes(tape)
+    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
+    mean_shift = with_columns(mean_shift, 16)
     clear(tally)
     rows = segments.rows.shape[0]
     _begin(dive, states, disturbances, block)
     _add_cost_of_start(dive, states, disturbances, tally)
     for first in range(0, rows, BLOCK):
-        number, stop = first // BLOCK, min(first + BLOCK, rows)
+        stop = min(first + BLOCK, rows)
         symmetrise(block.covariance[0])
-        copy_row(block, 0, checkpoints, number)
-        _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, gate, tally, False)
+        _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, gate, tally, tape)
         copy_row(block, BLOCK, block, 0)
 
 
@@ -193,59 +210,83 @@ def run_path(hull, dive, states, disturbances, segments, tally):
                     tally[1] += 0.5 * residual * residual / dive.variance[k, channel]
 
 
-@inner_kernel
-def backward(hull, dive, states, disturbances, mean_shift, segments, block, checkpoints, tally, costates, out):
-    """Smooth the dive from its end to its beginning, about the path and from the checkpoints of `forward`.
+@kernel
+def backward(hull, dive, states, disturbances, mean_shift, segments, block, tape, costates, out):
+    """Smooth the dive from its end to its beginning, about the path and from the tape of the last `forward`.
 
     Parameters
     ----------
-    tally, costates : (14,), tuple of (16,), (16, 16)
-        Scratch; `costates` are the costate and its covariance.
+    hull, dive, states, disturbances, mean_shift, segments, block, tape
+        Arguments of `forward`, as it left them; the block is scratch.
+    costates : tuple of (16,), (16, 16)
+        Scratch: the costate and its covariance.
     out : Backward
         Results, to be filled; the mean shift only if memory is allocated for it.
     """
-    rows = segments.rows.shape[0]
+    dive, segments, block, tape = with_sizes(dive), with_sizes(segments), with_sizes(block), with_sizes(tape)
+    states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
+    mean_shift, out = with_columns(mean_shift, 16), with_sizes(out)
+    last = segments.rows.shape[0] - 1
     costate, information = costates
     clear(costate)
     clear(information)
     clear(out.steepest)
+    copy(tape.track[last], out.displacement)
     wanted = out.rows.shape[0]
-    for checkpoint in range((rows - 1) // BLOCK, -1, -1):
-        first = checkpoint * BLOCK
-        stop = min(first + BLOCK, rows)
-        copy_row(checkpoints, checkpoint, block, 0)
-        _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, segments, block, math.inf, tally, True)
-        if stop == rows:
-            copy(block.track[rows - 1 - first], out.displacement)
-        for number in range(stop - 1, first - 1, -1):
-            at, k = number - first, segments.rows[number]
-            if number < rows - 1:
-                smoothed_noise(dive, segments, number, at, costate, information, out)
-                undo_step(block, at, costate, information)
-                if out.mean_shift.shape[0] > 0 and segments.stands_for[number] > 0:
-                    _mean_shift(hull, dive, states, disturbances, segments, number, block, at, out.mean_shift[number])
-            smoothed_mean(block, at, costate, out.correction[number])
-            smoothed_variances(
-                block, at, information, out.state_variance[number], out.disturbance_variance[number],
-                out.track_variance[number],
-            )  # fmt: skip
-            if wanted > 0 and out.rows[wanted - 1] == k:
-                wanted -= 1
-                smoothed_covariance(block, at, information, out.covariances[wanted])
-            if mean_shift.shape[0] > 0:
-                for i in range(16):
-                    costate[i] += mean_shift[number, i]
-            if dive.fed[k]:
-                for index in range(9, -1, -1):
-                    if block.information[at, index] > 0.0:
-                        undo_update(block, at, index, costate, information)
-            for i in range(10):
-                out.steepest[i] = max(out.steepest[i], abs(costate[i]))
+    for number in range(last, -1, -1):
+        k = segments.rows[number]
+        _prefetch_row(tape, max(number - _AHEAD, 0))
+        if number < last:
+            if number == last - 1 or number % LANES == LANES - 1:
+                scatter_products(segments, number // LANES)
+                prefetch(segments.lanes.by_noise[max(number // LANES - 1, 0)])
+            smoothed_noise(dive, segments, number, costate, information, out)
+            undo_step(tape.transition[number], block, costate, information)
+            if out.mean_shift.shape[0] > 0 and segments.stands_for[number] > 0:
+                _mean_shift(hull, dive, states, disturbances, segments, number, block, tape, out.mean_shift[number])
+        smoothed_mean(tape, number, costate, out.correction[number])
+        smoothed_variances(
+            tape, number, information, block.half, out.state_variance[number], out.disturbance_variance[number],
+            out.track_variance[number],
+        )  # fmt: skip
+        if wanted > 0 and out.rows[wanted - 1] == k:
+            wanted -= 1
+            smoothed_covariance(tape, number, information, out.covariances[wanted])
+        if mean_shift.shape[0] > 0:
+            for i in range(16):
+                costate[i] += mean_shift[number, i]
+        if dive.fed[k]:
+            _undo_updates(tape, tape.sample[number], block, costate, information)
+        for i in range(10):
+            out.steepest[i] = max(out.steepest[i], abs(costate[i]))
 
 
 @inner_kernel
-def _mean_shift(hull, dive, states, disturbances, segments, number, block, at, mean_shift):
+def _prefetch_row(tape, number):
+    """Ask for a row of the tape, which processors expect less well in this order than in ascending order."""
+    prefetch(tape.covariance[number])
+    prefetch(tape.cross[number])
+    prefetch(tape.transition[number])
+
+
+@inner_kernel
+def _undo_updates(tape, sample, block, costate, information):
+    """Carry the costate and its covariance from after the updates of a sample to before them."""
+    for index in range(9, -1, -1):
+        inverse = tape.information[sample, index]
+        if inverse > 0.0:
+            undo_update(
+                tape.gain[sample, index], tape.scaled_innovation[sample, index], inverse, index, block.half[0], costate,
+                information,
+            )  # fmt: skip
+
+
+@inner_kernel
+def _mean_shift(hull, dive, states, disturbances, segments, number, block, tape, mean_shift):
     """Compute the mean shift of a segment's first step, times the number of steps that it stands for."""
-    expected_mean_shift(hull, dive, states, disturbances, segments.rows[number], segments, block, at, mean_shift)
+    expected_mean_shift(
+        hull, dive, states, disturbances, segments.rows[number], tape.covariance[number],
+        tape.after[tape.shift[number]], block, mean_shift,
+    )  # fmt: skip
     for i in range(16):
         mean_shift[i] *= segments.stands_for[number]

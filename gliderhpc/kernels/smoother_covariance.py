@@ -191,12 +191,12 @@ def update(block, at, index, innovation, variance):
 
 
 @inner_kernel
-def undo_update(block, at, index, costate, information):
+def undo_update(gain, scaled_innovation, inverse, index, moved, costate, information):
     """Carry the costate ``(16,)`` and its covariance ``(16, 16)`` from after an update to before it.
 
-    ``costate <- (I - K H)' costate - H' e / S`` and ``information <- (I - K H)' information (I - K H) + H' H / S``.
+    ``costate <- (I - K H)' costate - H' e / S`` and ``information <- (I - K H)' information (I - K H) + H' H / S``,
+    with the gain ``K (16,)``, ``e / S`` and ``1 / S`` of a measurement of state ``index``; ``moved (16,)`` is scratch.
     """
-    gain, moved = block.gain[at, index], block.half[0]
     for first in range(0, 16, LANES):
         total = gain[0] * load_along(information, (0, first))
         for i in range(1, 16):
@@ -206,27 +206,24 @@ def undo_update(block, at, index, costate, information):
     for i in range(16):
         along += gain[i] * costate[i]
         quadratic += gain[i] * moved[i]
-    costate[index] -= along + block.scaled_innovation[at, index]
+    costate[index] -= along + scaled_innovation
     for first in range(0, 16, LANES):
         store_along(information, (index, first), load_along(information, (index, first)) - load_along(moved, (first,)))
     for i in range(16):
         information[i, index] -= moved[i]
-    information[index, index] += quadratic + block.information[at, index]
+    information[index, index] += quadratic + inverse
 
 
 @inner_kernel
-def undo_step(block, at, costate, information):
-    """Carry the costate and its covariance from after the step of row ``at`` to before it, by the transposed tangent.
+def undo_step(transition, block, costate, information):
+    """Carry the costate and its covariance from after a segment to before it, by its transition as in `Tape`.
 
     ``costate <- Phi' costate`` is the adjoint equation; ``information <- Phi' information Phi``, of which the scratch
-    `half` gets ``Phi' information``.
+    `half` of the block gets ``Phi' information``.
     """
-    tangent, transition, half, decay = block.tangent[at], block.ahead, block.half, block.behind[0]
-    for i in range(10):
-        for j in range(16):
-            transition[i, j] = tangent[j, i]
+    half, decay = block.half, block.behind[0]
     for i in range(16):
-        decay[i] = tangent[i, i] if i >= 10 else 0.0
+        decay[i] = transition[10, i]
     for first in range(0, 16, LANES):
         total = load_along(decay, (first,)) * load_along(costate, (first,))
         for k in range(10):
@@ -243,10 +240,10 @@ def undo_step(block, at, costate, information):
             d = decay[i + 3] * load_along(information, (i + 3, first))
             for k in range(10):
                 row = load_along(information, (k, first))
-                a += tangent[i, k] * row
-                b += tangent[i + 1, k] * row
-                c += tangent[i + 2, k] * row
-                d += tangent[i + 3, k] * row
+                a += transition[k, i] * row
+                b += transition[k, i + 1] * row
+                c += transition[k, i + 2] * row
+                d += transition[k, i + 3] * row
             store_along(half, (i, first), a)
             store_along(half, (i + 1, first), b)
             store_along(half, (i + 2, first), c)
@@ -274,7 +271,7 @@ def undo_step(block, at, costate, information):
 
 
 @inner_kernel
-def smoothed_noise(dive, segments, number, at, costate, information, out):
+def smoothed_noise(dive, segments, number, costate, information, out):
     """Compute the mean of the noise of a segment's steps, and the resolved fraction of its variance ``Q``.
 
     With the derivative ``V`` of the state at the segment's end with respect to a step's noise, they are
@@ -284,7 +281,7 @@ def smoothed_noise(dive, segments, number, at, costate, information, out):
     for i in range(6):
         half[2, NOISE_COLUMN + i] = information[10 + i, 10 + i]
     for k in range(begin, segments.rows[number + 1]):
-        by_noise = segments.by_noise[at, k - begin]
+        by_noise = segments.by_noise[number % LANES, k - begin]
         for first in range(0, 8, LANES):
             # A disturbance depends on its own noise only; the columns are those of the disturbances.
             own = load_along(by_noise, (10, first))
@@ -305,20 +302,23 @@ def smoothed_noise(dive, segments, number, at, costate, information, out):
 
 
 @inner_kernel
-def smoothed_mean(block, at, costate, correction):
-    """Set ``correction (16,) = mean - P costate``."""
-    covariance = block.covariance[at]
+def smoothed_mean(tape, number, costate, correction):
+    """Set ``correction (16,) = mean - P costate`` for a row."""
+    covariance = tape.covariance[number]
     for first in range(0, 16, LANES):
-        total = load_along(block.mean, (at, first))
+        total = load_along(tape.mean, (number, first))
         for j in range(16):
             total -= costate[j] * load_along(covariance, (j, first))
         store_along(correction, (first,), total)
 
 
 @inner_kernel
-def smoothed_variances(block, at, information, states, disturbances, track):
-    """Compute the diagonal of ``P - P information P`` for the ten sensed states, the disturbances, and X and Y."""
-    covariance, half = block.covariance[at], block.half
+def smoothed_variances(tape, number, information, half, states, disturbances, track):
+    """Compute the diagonal of ``P - P information P`` for the ten sensed states, the disturbances, and X and Y.
+
+    ``half (16, 16)`` is scratch.
+    """
+    covariance = tape.covariance[number]
     multiply(information, covariance, half)
     for first in range(0, 16, LANES):
         total = load_along(covariance, (0, first)) * load_along(half, (0, first))
@@ -330,22 +330,22 @@ def smoothed_variances(block, at, information, states, disturbances, track):
     for i in range(6):
         disturbances[i] = max(covariance[10 + i, 10 + i] - half[0, 10 + i], 0.0)
     for r in range(2):
-        c = block.cross[at, r]
+        c = tape.cross[number, r]
         for first in range(0, 16, LANES):
             weighted = c[0] * load_along(information, (0, first))
             for j in range(1, 16):
                 weighted += c[j] * load_along(information, (j, first))
             store_along(half, (1, first), weighted * load_along(c, (first,)))
-        total = block.track[at, r, r]
+        total = tape.track[number, r, r]
         for i in range(16):
             total -= half[1, i]
         track[r] = max(total, 0.0)
 
 
 @inner_kernel
-def smoothed_covariance(block, at, information, out):
+def smoothed_covariance(tape, number, information, out):
     """Compute the full covariance ``(18, 18)`` of the sixteen states, X and Y: ``P - P information P``."""
-    covariance, cross, track = block.covariance[at], block.cross[at], block.track[at]
+    covariance, cross, track = tape.covariance[number], tape.cross[number], tape.track[number]
     for i in range(18):
         left = covariance[i] if i < 16 else cross[i - 16]
         for j in range(i + 1):

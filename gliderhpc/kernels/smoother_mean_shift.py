@@ -45,17 +45,16 @@ def _load_six(columns, first):
 
 
 @inner_kernel
-def expected_mean_shift(hull, dive, states, disturbances, k, segments, block, at, mean_shift):
+def expected_mean_shift(hull, dive, states, disturbances, k, covariance, after, block, mean_shift):
     """Compute the mean shift ``(16,)`` of a segment's first step, row ``k`` of the dive, right after its `undo_step`.
 
     The second derivatives are differences of the step's transpose over at most one standard deviation to either side of
     the path, with one output in each column.
     """
     product, joint, columns = block.behind, block.ahead, block.columns
-    covariance = block.covariance[at]
     # `undo_step` has stored Phi' L in the scratch, for the transition Phi of the whole segment. With the costate's
     # covariance carried back to the end of the first step, this is F' L of the step.
-    multiply(block.half, segments.after[at], product)
+    multiply(block.half, after, product)
     multiply(covariance, product, joint)
     # Scratch: largest moves in deviations, their reciprocals, and products.
     longest, length, products = block.half[0], block.half[1], block.half[2]

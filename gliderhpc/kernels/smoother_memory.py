@@ -1,4 +1,4 @@
-"""Memory of the smoother for one dive: the problem, its segments, a block of rows, and a checkpoint for each block.
+"""Memory of the smoother for one dive: the problem, its segments, a block of rows, and a tape of all rows.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
 are carried separately as the track.
@@ -16,8 +16,8 @@ from gliderhpc.kernels.jit import inner_kernel
 Array = Any
 
 BLOCK = 16
-"""Number of rows between checkpoints. A block (110 kB, with the segments of five steps 310 kB) fits into the
-second-level cache; twice as many rows or more were slower in measurements."""
+"""Number of rows that are linearised before they are filtered, and after which rounding is removed from the covariance.
+A block (110 kB) fits into the second-level cache; twice as many rows or more were slower in measurements."""
 
 NOISE_COLUMN = 2
 """Column of the first disturbance among the last eight of the sixteen states, a whole number of vectors."""
@@ -66,7 +66,7 @@ class Dive(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments into which a dive's steps are divided, and the memory to linearise those of one block.
+    """Segments into which a dive's steps are divided, and the memory to linearise those of one block of ``m`` rows.
 
     Attributes
     ----------
@@ -81,11 +81,10 @@ class Segments(NamedTuple):
         Covariance that it adds to X and Y with the sixteen states, and to X and Y.
     offset : (m, 16)
         Deviation at the end of a segment that follows from the path's own defects.
-    after : (m, 16, 16)
-        Transition matrix from the end of a segment's first step to the end of the segment.
-    by_noise : (m, l, 11, 8)
-        Derivatives of the sensed states at the end of a segment with respect to the noise of each step, and in the last
-        row those of each disturbance with respect to its own noise; the columns are those from `NOISE_COLUMN` on.
+    by_noise : (lanes, l, 11, 8)
+        For as many segments as there are lanes: derivatives of the sensed states at the end of a segment with respect
+        to the noise of each step, and in the last row those of each disturbance with respect to its own noise; the
+        columns are those from `NOISE_COLUMN` on.
     lanes : SegmentLanes
         Scratch for as many segments as there are lanes.
     half : (3, 8)
@@ -98,7 +97,6 @@ class Segments(NamedTuple):
     noise_cross: Array
     noise_track: Array
     offset: Array
-    after: Array
     by_noise: Array
     lanes: "SegmentLanes"
     half: Array
@@ -124,10 +122,11 @@ class SegmentLanes(NamedTuple):
     offset : (16,)
         As in `Segments`, without the defect of the sensed states.
     after : (10, 16)
-        As in `Segments`; for the sensed states at the end.
-    by_noise, by_own : (g, l, 12, 6), (g, l, 6)
-        Derivatives of the sensed states, X and Y at the end with respect to the noise of each step, and the decay of
-        the disturbances from there; for as many groups of segments as a block has.
+        As in `Tape`; for the sensed states at the end.
+    by_noise, track_by_noise, by_own : (g, l-1, 10, 6), (b, l-1, 2, 6), (g, l, 6)
+        Derivatives of the sensed states, X and Y at the end with respect to the noise of each step (those of the last
+        step are zero), and the decay of the disturbances from there; for as many groups of segments, each of the number
+        of lanes, as are needed at once. Those of X and Y are needed for one block only.
     partials, track_partials : (l, 4, 67), (l, 4, 3, 6)
         Jacobians of the sensed states at the four stages of each step, and those of nothing, X and Y by angles and
         velocities.
@@ -149,6 +148,7 @@ class SegmentLanes(NamedTuple):
     offset: Array
     after: Array
     by_noise: Array
+    track_by_noise: Array
     by_own: Array
     partials: Array
     track_partials: Array
@@ -199,13 +199,39 @@ class Block(NamedTuple):
     behind: Array
 
 
-class Checkpoints(NamedTuple):
-    """Predicted mean, covariance, cross-covariance and covariance of the track at the first row of each block."""
+class Tape(NamedTuple):
+    """What the forward sweep leaves for the backward sweep, for the ``s + 1`` rows between segments.
+
+    The derivatives with respect to the noise are in `SegmentLanes`.
+
+    Attributes
+    ----------
+    mean, covariance, cross, track : (s+1, 16), (s+1, 16, 16), (s+1, 2, 16), (s+1, 2, 2)
+        Filtered mean and covariances of `Block`.
+    transition : (s, 11, 16)
+        Transition over each segment: ten rows for the sensed states at its end, and in the last row the decay of the
+        disturbances, in their columns.
+    sample : (s+1,) int
+        Number of each row's sample; of a row without one, that of the sample before.
+    gain, scaled_innovation, information : (m, 10, 16), (m, 10), (m, 10)
+        Updates of `Block` for each of ``m`` samples; gains only where there was an update.
+    shift : (s,) int
+        Number of the mean shift that is computed in each segment; where none is, that of the one before.
+    after : (g, 16, 16)
+        Transition matrix from the end of the first step to the end, of each segment whose mean shift is computed.
+    """
 
     mean: Array
     covariance: Array
     cross: Array
     track: Array
+    transition: Array
+    sample: Array
+    gain: Array
+    scaled_innovation: Array
+    information: Array
+    shift: Array
+    after: Array
 
 
 class Backward(NamedTuple):
@@ -250,7 +276,6 @@ declare_sizes(
     noise_cross=(2, 16),
     noise_track=(2, 2),
     offset=(16,),
-    after=(16, 16),
     by_noise=(11, 8),
     half=(3, 8),
 )
@@ -268,7 +293,8 @@ declare_sizes(
     gathered_own=(6, LANES),
     offset=(16, LANES),
     after=(10, 16, LANES),
-    by_noise=(12, 6, LANES),
+    by_noise=(10, 6, LANES),
+    track_by_noise=(2, 6, LANES),
     by_own=(6, LANES),
     partials=(4, ENTRIES, LANES),
     track_partials=(4, 3, 6, LANES),
@@ -293,7 +319,18 @@ declare_sizes(
     ahead=(16, 16),
     behind=(16, 16),
 )
-declare_sizes(Checkpoints, mean=(16,), covariance=(16, 16), cross=(2, 16), track=(2, 2))
+declare_sizes(
+    Tape,
+    mean=(16,),
+    covariance=(16, 16),
+    cross=(2, 16),
+    track=(2, 2),
+    transition=(11, 16),
+    gain=(10, 16),
+    scaled_innovation=(10,),
+    information=(10,),
+    after=(16, 16),
+)
 declare_sizes(
     Backward,
     correction=(16,),
@@ -329,41 +366,55 @@ def allocate_block() -> Block:
 
 @inner_kernel
 def copy_row(source, i, target, j):
-    """Copy row ``i`` of a `Block` or `Checkpoints` to row ``j`` of another: the entries that checkpoints have."""
+    """Copy mean and covariances of row ``i`` of a `Block`, or of another tuple that has them, to row ``j`` of one."""
     copy(source.mean[i], target.mean[j])
     copy(source.covariance[i], target.covariance[j])
     copy(source.cross[i], target.cross[j])
     copy(source.track[i], target.track[j])
 
 
-def allocate_segments(rows: Array, stands_for: Array = ()) -> Segments:
-    """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`."""
+def allocate_segments(rows: Array, stands_for: Array = (), *, whole: bool = False) -> Segments:
+    """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`.
+
+    The products of all segments are kept only if the `whole` dive is asked for, else those of one block.
+    """
     longest = int(np.diff(rows).max())
     return Segments(
         rows=np.ascontiguousarray(rows, dtype=np.int64), stands_for=np.ascontiguousarray(stands_for, dtype=np.int64),
         noise=aligned(BLOCK, 16, 16), noise_cross=aligned(BLOCK, 2, 16), noise_track=np.zeros((BLOCK, 2, 2)),
-        offset=aligned(BLOCK, 16), after=aligned(BLOCK, 16, 16), by_noise=aligned(BLOCK, longest, 11, 8),
-        lanes=_allocate_lanes(longest), half=aligned(3, 8),
+        offset=aligned(BLOCK, 16), by_noise=aligned(LANES, longest, 11, 8),
+        lanes=_allocate_lanes(longest, -(-(len(rows) - 1) // LANES) if whole else BLOCK // LANES), half=aligned(3, 8),
     )  # fmt: skip
 
 
-def _allocate_lanes(longest: int) -> SegmentLanes:
-    groups = BLOCK // LANES
+def _allocate_lanes(longest: int, groups: int) -> SegmentLanes:
     return SegmentLanes(
         durations=lane_array(longest), bodies=lane_array(longest, 11), disturbances=lane_array(longest, 6),
         noise=lane_array(longest, 6), defects=lane_array(longest, 6), states=lane_array(longest + 1, 12),
         transition=lane_array(12, 16), remaining=lane_array(6), gathered=lane_array(12, 12),
         gathered_cross=lane_array(6, 12), gathered_own=lane_array(6), offset=lane_array(16), after=lane_array(10, 16),
-        by_noise=lane_array(groups, longest, 12, 6), by_own=lane_array(groups, longest, 6),
+        by_noise=lane_array(groups, longest - 1, 10, 6), by_own=lane_array(groups, longest, 6),
+        track_by_noise=lane_array(BLOCK // LANES, longest - 1, 2, 6),
         partials=lane_array(longest, 4, ENTRIES), track_partials=lane_array(longest, 4, 3, 6),
         stages=lane_array(longest, 4, 10), stage_costates=lane_array(4, 12, 10),
     )  # fmt: skip
 
 
-def allocate_checkpoints(segments: int) -> Checkpoints:
-    """Allocate the memory for the checkpoints of a dive."""
-    m = segments // BLOCK + 1
-    return Checkpoints(np.zeros((m, 16)), np.zeros((m, 16, 16)), np.zeros((m, 2, 16)), np.zeros((m, 2, 2)))
+def allocate_tape(fed: Array, stands_for: Array) -> Tape:
+    """Allocate the tape of a dive, given which rows between segments have a sample, and `stands_for` of `Segments`."""
+    n, shifted = len(fed), np.asarray(stands_for) > 0
+    samples, shifts = int(np.sum(fed)), int(np.sum(shifted))
+    return Tape(
+        mean=aligned(n, 16), covariance=aligned(n, 16, 16), cross=aligned(n, 2, 16), track=np.zeros((n, 2, 2)),
+        transition=aligned(n - 1, 11, 16), sample=_numbers(fed), gain=aligned(samples, 10, 16),
+        scaled_innovation=np.zeros((samples, 10)), information=np.zeros((samples, 10)), shift=_numbers(shifted),
+        after=aligned(shifts, 16, 16),
+    )  # fmt: skip
+
+
+def _numbers(chosen: Array) -> Array:
+    """Return the number of each chosen element among them; of any other, that of the chosen one before (or zero)."""
+    return np.maximum(np.cumsum(chosen, dtype=np.int64) - 1, 0)
 
 
 def allocate_backward(segments: int, steps: int, rows: Any = (), *, mean_shift: bool = False) -> Backward:

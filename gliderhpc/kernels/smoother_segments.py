@@ -116,18 +116,23 @@ def begin_products(lanes):
 @inner_kernel
 def _add_noise(lanes, group, s):
     """Add the noise of step ``s``, carried from its end to the end of the segment by the products saved there."""
-    noise, products, left = _load_six(lanes.noise, s, 0), lanes.by_noise[group, s], lanes.by_own[group]
-    for i in range(12):
-        t = _load_six(products, i, 0)
-        weighted = (
-            noise[0] * t[0], noise[1] * t[1], noise[2] * t[2], noise[3] * t[3], noise[4] * t[4], noise[5] * t[5],
-        )  # fmt: skip
-        for j in range(i + 1):
-            total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(products, j, 0))
-            store(lanes.gathered, (i, j), total)
-        for j in range(6):
-            total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(left, (s, j))
-            store(lanes.gathered_cross, (j, i), total)
+    noise, left = _load_six(lanes.noise, s, 0), lanes.by_own[group]
+    if s < lanes.by_noise.shape[1]:
+        products, moved = lanes.by_noise[group, s], lanes.track_by_noise[group % lanes.track_by_noise.shape[0], s]
+        for i in range(12):
+            t = _load_six(products, i, 0) if i < 10 else _load_six(moved, i - 10, 0)
+            weighted = (
+                noise[0] * t[0], noise[1] * t[1], noise[2] * t[2], noise[3] * t[3], noise[4] * t[4], noise[5] * t[5],
+            )  # fmt: skip
+            for j in range(min(i + 1, 10)):
+                total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(products, j, 0))
+                store(lanes.gathered, (i, j), total)
+            for j in range(10, i + 1):
+                total = load(lanes.gathered, (i, j)) + dot6(weighted, _load_six(moved, j - 10, 0))
+                store(lanes.gathered, (i, j), total)
+            for j in range(6):
+                total = load(lanes.gathered_cross, (j, i)) + weighted[j] * load(left, (s, j))
+                store(lanes.gathered_cross, (j, i), total)
     for j in range(6):
         own = load(left, (s, j))
         store(lanes.gathered_own, j, load(lanes.gathered_own, j) + noise[j] * own * own)
@@ -145,10 +150,17 @@ def add_defects(lanes, s):
 
 @inner_kernel
 def save_products(lanes, group, s):
-    """Save what the products are at the end of step ``s``, for the noise and for the backward sweep."""
-    for i in range(12):
+    """Save what the products are at the end of step ``s``, for the noise and for the backward sweep.
+
+    The noise of the last step acts on nothing but its disturbance.
+    """
+    if s < lanes.by_noise.shape[1]:
+        place = group % lanes.track_by_noise.shape[0]
         for j in range(6):
-            store(lanes.by_noise, (group, s, i, j), load(lanes.transition, (i, 10 + j)))
+            for i in range(10):
+                store(lanes.by_noise, (group, s, i, j), load(lanes.transition, (i, 10 + j)))
+            for i in range(2):
+                store(lanes.track_by_noise, (place, s, i, j), load(lanes.transition, (10 + i, 10 + j)))
     for j in range(6):
         store(lanes.by_own, (group, s, j), load(lanes.remaining, j))
     if s == 0:
@@ -303,28 +315,36 @@ def sum_noise(noise, segments, number, group, at):
 
 
 @inner_kernel
-def _scatter_products(segments, number, at):
-    """Write what only the backward sweep uses: derivatives by the noise, and the transition after the first step."""
+def scatter_after(segments, number, tape):
+    """Write the transition after the first step of the segments whose mean shift is computed."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
         if segments.stands_for[number + lane] > 0:
-            after = segments.after[at + lane]
+            after = tape.after[tape.shift[number + lane]]
             for i in range(16):
                 for j in range(10):
                     after[j, i] = lanes.after[j, i, lane]
             for j in range(6):
-                after[10 + j, 10 + j] = lanes.by_own[0, 0, j, lane]
-        for s in range(lanes.durations.shape[0]):
-            by_noise = segments.by_noise[at + lane, s]
-            for i in range(10):
-                for j in range(6):
-                    by_noise[i, NOISE_COLUMN + j] = lanes.by_noise[0, s, i, j, lane]
+                after[10 + j, 10 + j] = lanes.by_own[number // LANES, 0, j, lane]
+
+
+@inner_kernel
+def scatter_products(segments, group):
+    """Write the derivatives by the noise of a group of segments, one in each lane, to the rows of `by_noise`."""
+    lanes, first = segments.lanes, group * LANES
+    for lane in range(min(LANES, segments.rows.shape[0] - 1 - first)):
+        for s in range(segments.rows[first + lane + 1] - segments.rows[first + lane]):
+            by_noise = segments.by_noise[lane, s]
             for j in range(6):
-                by_noise[10, NOISE_COLUMN + j] = lanes.by_own[0, s, j, lane]
+                by_noise[10, NOISE_COLUMN + j] = lanes.by_own[group, s, j, lane]
+            if s < lanes.by_noise.shape[1]:
+                for i in range(10):
+                    for j in range(6):
+                        by_noise[i, NOISE_COLUMN + j] = lanes.by_noise[group, s, i, j, lane]
 
 
 @kernel
-def linearise_segments(hull, dive, states, disturbances, segments, number, block, at, tally, backwards):
+def linearise_segments(hull, dive, states, disturbances, segments, number, group, block, at, tally):
     """Linearise segments ``number`` to ``number + LANES`` of the dive; results go to rows from ``at`` of the block.
 
     Parameters
@@ -336,12 +356,10 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
         displacement along it.
     segments, block : Segments, Block
         Memory, in which the results are stored.
-    number, at : int
-        First segment, and its row in the block.
+    number, group, at : int
+        First segment, the group in which its products are saved, and its row in the block.
     tally : (14,)
-        Sums as in `gliderhpc.kernels.smoother.forward`; those of defects and, in the forward sweep, noise are added.
-    backwards : bool
-        Whether the results that only the backward sweep uses are stored too.
+        Sums as in `gliderhpc.kernels.smoother.forward`; those of defects and noise are added.
     """
     lanes = segments.lanes
     gather(dive, states, disturbances, segments, number)
@@ -349,15 +367,12 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, block
     begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
         add_defects(lanes, s)
-        save_products(lanes, 0, s)
+        save_products(lanes, group, s)
         pull_back(hull, dive.decay, lanes, s, False)
     scatter_run(states, segments, number, tally)
     scatter_transition(segments, number, block, at)
-    sum_noise(dive.noise, segments, number, 0, at)
-    if backwards:
-        _scatter_products(segments, number, at)
-    else:
-        _add_cost_of_noise(dive, segments, number, tally)
+    sum_noise(dive.noise, segments, number, group, at)
+    _add_cost_of_noise(dive, segments, number, tally)
 
 
 @inner_kernel

@@ -95,7 +95,7 @@ def is_compiled() -> bool:
     """
     if bool(vars(config)["DISABLE_JIT"]) or precompiled_kernels()[0] is not None:
         return True
-    return any(compiled_cache().glob("smoother.sweep*.nbi"))
+    return any(compiled_cache().glob("smoother.forward*.nbi"))
 
 
 @contextmanager

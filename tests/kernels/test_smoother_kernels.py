@@ -11,8 +11,8 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.dynamics import horizontal_velocity
 from gliderhpc.kernels.elementwise import with_sizes
 from gliderhpc.kernels.jacobian import track_partials
-from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, allocate_block, allocate_segments
-from gliderhpc.kernels.smoother_segments import linearise_segments
+from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, allocate_block, allocate_segments, allocate_tape
+from gliderhpc.kernels.smoother_segments import linearise_segments, scatter_after
 
 STEPS = 4 * BLOCK + 10
 
@@ -183,8 +183,10 @@ def test_transition_and_noise_of_a_segment_are_those_of_its_steps(seed):
     dive = fly(1, 3).dive._replace(bodies=PETREL.bodies(controls), decay=decay, noise=noise)
     segments, block = allocate_segments(segment_rows(dive, longest=3), [3]), allocate_block()
     linearise_segments(
-        PETREL.hull, dive, path.states, path.disturbances, segments, 0, block, 0, np.zeros(LOG_DETERMINANT + 1), True
+        PETREL.hull, dive, path.states, path.disturbances, segments, 0, 0, block, 0, np.zeros(LOG_DETERMINANT + 1)
     )
+    tape = allocate_tape(dive.fed[segments.rows], segments.stands_for)
+    scatter_after(segments, 0, tape)
     Phi, added, after = np.eye(18), np.zeros((18, 18)), np.eye(18)
     offset = np.zeros(18)
     for k in range(3):
@@ -198,7 +200,7 @@ def test_transition_and_noise_of_a_segment_are_those_of_its_steps(seed):
     scale = {"rtol": 1e-10, "atol": 1e-12 * np.abs(Phi).max()}
     np.testing.assert_allclose(block.tangent[0].T, Phi[:16, :16], **scale)
     np.testing.assert_allclose(block.track_tangent[0], Phi[16:, :16], **scale)
-    np.testing.assert_allclose(segments.after[0], after[:16, :16], **scale)
+    np.testing.assert_allclose(tape.after[0], after[:16, :16], **scale)
     np.testing.assert_allclose(segments.noise[0], added[:16, :16], **scale)
     np.testing.assert_allclose(segments.noise_cross[0], added[16:, :16], **scale)
     np.testing.assert_allclose(segments.noise_track[0], added[16:, 16:], **scale)
@@ -246,5 +248,5 @@ def test_the_declared_sizes_are_those_of_the_memory(problem, sweeps):
     """Kernels rely on them, and only code without the compiler checks them."""
     dive, _ = problem
     assert with_sizes(dive) is dive
-    for memory in (sweeps._segments, sweeps._block, sweeps._checkpoints, sweeps._backward):
+    for memory in (sweeps._segments, sweeps._block, sweeps._tape, sweeps._backward):
         assert with_sizes(memory) is memory

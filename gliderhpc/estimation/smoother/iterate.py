@@ -55,6 +55,8 @@ _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
 _SEGMENT = (0.15, 0.4)
 """Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
+_LONGEST_SEGMENT = 1200.0
+"""Longest duration of that part, s; a longer one would hardly determine the noise better."""
 _SIMPLER: dict[str, dict[str, bool | str]] = {
     "the noise is the prior's, not fitted to the dive": {"adaptive": False},
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
@@ -145,6 +147,7 @@ def noise_from_segment(
     update the noise where it differs.
     """
     first, stop = (int(part * len(dive.noise)) for part in _SEGMENT)
+    stop = min(stop, first + round(_LONGEST_SEGMENT / dive.step))
     segment, rows = slice(first, stop), slice(first, stop + 1)
     part = dive._replace(
         bodies=dive.bodies[segment], noise=dive.noise[segment].copy(), fed=dive.fed[rows], measured=dive.measured[rows],

@@ -35,9 +35,9 @@ from gliderhpc.kernels.smoother_memory import (
     Dive,
     allocate_backward,
     allocate_block,
-    allocate_checkpoints,
     allocate_costate,
     allocate_segments,
+    allocate_tape,
 )
 from gliderhpc.kernels.smoother_path import move_path
 from gliderhpc.platform import DisturbancePrior
@@ -51,8 +51,8 @@ _LONGEST_GAP = 40.0
 """Longest gap (s) of the actuators' records in which their moves may be anywhere; with longer ones, dives diverge."""
 _SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
-_SEGMENTS_OF_MEAN_SHIFT = 3
-"""Number of segments with a common mean shift, which otherwise would take half of a pass's time."""
+_SEGMENTS_OF_MEAN_SHIFT = 5
+"""Number of segments with a common mean shift, which otherwise would take half of a pass's time; odd."""
 _SWAY, _YAW = (list(CHANNELS).index(name) for name in ("B_cv", "B_cr"))
 _GUST_FACTORS = np.array([100.0, 1.0, 1.0, 1.0])
 """Factors on the variances of roll, pitch, heading and depth where gusts roll the glider."""
@@ -255,7 +255,7 @@ def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = 
 def steps_of_mean_shifts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each segment the number of steps that the mean shift of its first step stands for (`Segments`).
 
-    One of three segments stands for all three, unless segments are single steps. The mean shift rises and falls between
+    One of five segments stands for all five, unless segments are single steps. The mean shift rises and falls between
     samples, of which two segments are usual: an even number would always take it from the same phase.
     """
     steps = np.diff(rows)
@@ -297,9 +297,10 @@ class Sweeps:
         self.rows = segment_rows(dive, rows, longest=longest)
         self.mean_shift = np.zeros((len(self.rows) if mean else 0, 16))
         self._hull = hull
-        self._segments = allocate_segments(self.rows, steps_of_mean_shifts(self.rows))
-        self._block = allocate_block()
-        self._checkpoints, self._costates = allocate_checkpoints(len(self.rows) - 1), allocate_costate()
+        stands_for = steps_of_mean_shifts(self.rows) if mean else np.zeros(len(self.rows) - 1, dtype=np.int64)
+        self._segments = allocate_segments(self.rows, stands_for, whole=True)
+        self._block, self._costates = allocate_block(), allocate_costate()
+        self._tape = allocate_tape(dive.fed[self.rows], stands_for)
         self._tally = np.zeros(LOG_DETERMINANT + 1)
         self._mean = mean
         self._backward = allocate_backward(len(self.rows) - 1, len(dive.bodies), rows, mean_shift=mean)
@@ -310,7 +311,10 @@ class Sweeps:
         Rows inside the segments are replaced by the model's run from the segment's first row; X and Y are replaced by
         the displacement along the trajectory.
         """
-        self._sweep(trajectory, gate, backwards=False)
+        kernel.forward(
+            self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, gate, self._segments,
+            self._block, self._tally, self._tape,
+        )  # fmt: skip
         return self._tallied(trajectory)
 
     def run(self, trajectory: Trajectory) -> Iterate:
@@ -329,7 +333,10 @@ class Sweeps:
 
     def backward(self, trajectory: Trajectory) -> Backward:
         """Smooth about the trajectory of the last forward sweep; the next backward sweep overwrites the result."""
-        self._sweep(trajectory, np.inf, backwards=True)
+        kernel.backward(
+            self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, self._segments,
+            self._block, self._tape, self._costates, self._backward,
+        )  # fmt: skip
         return self._backward
 
     def moved(self, trajectory: Trajectory, linear: Backward, fraction: float) -> Trajectory:
@@ -340,12 +347,6 @@ class Sweeps:
         states, disturbances = trajectory.states.copy(), trajectory.disturbances.copy()
         move_path(self.dive.decay, self.rows, linear.correction, linear.noise_mean, fraction, states, disturbances)
         return Trajectory(states, disturbances)
-
-    def _sweep(self, trajectory: Trajectory, gate: float, *, backwards: bool) -> None:
-        kernel.sweep(
-            backwards, self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, gate,
-            self._segments, self._block, self._checkpoints, self._tally, self._costates, self._backward,
-        )  # fmt: skip
 
 
 _FIRST, _WEAKEST, _STRONGEST = 1.0, 0.5, 1e6
