@@ -79,7 +79,8 @@ class Summary:
     notes : mapping of str to str
         Caveat of a study by group: interrupted, or outdated by a change of the archive.
     first_time, last_time : numpy.datetime64
-        Times of the first observation of the mission's first and last profiles, NaT if no profile is done yet.
+        Times of the first observation of the mission's first profile and of the last one of its last profile, NaT if
+        no profile is done yet.
     current : MedianCurrent
         Median depth-averaged current.
     run_seconds : float
@@ -296,8 +297,10 @@ def describe(path: Place) -> Summary:
     with archive_errors(path), open_for_reading(path) as archive:
         table = archive.to_dataset().load()
         nodes = {"/": table, **{name: group.to_dataset() for name, group in archive.children.items()}}
-        times = table["start_time"].values
-        known = np.sort(times[~np.isnat(times)])
+        starts = table["start_time"].values.astype("datetime64[ns]")
+        known = ~np.isnat(starts)
+        starts = starts[known]
+        ends = starts + np.round(np.nan_to_num(table["duration"].values[known])).astype("timedelta64[s]")
         return Summary(
             path=path,
             attributes={str(key): value for key, value in archive.attrs.items()},
@@ -306,8 +309,8 @@ def describe(path: Place) -> Summary:
             groups={name: {str(dim): size for dim, size in node.sizes.items()} for name, node in nodes.items()},
             variables={name: len(node.data_vars) for name, node in nodes.items()},
             notes={name: note for name, node in nodes.items() if (note := _note(node))},
-            first_time=known[0] if known.size else np.datetime64("NaT", "ns"),
-            last_time=known[-1] if known.size else np.datetime64("NaT", "ns"),
+            first_time=starts.min() if starts.size else np.datetime64("NaT", "ns"),
+            last_time=ends.max() if ends.size else np.datetime64("NaT", "ns"),
             current=_median_current(table),
             run_seconds=float(table["run_seconds"].sum()),
         )

@@ -138,6 +138,13 @@ class ProfileData(RecordedProfile):
     motion_std: Array
 
     @property
+    def converged(self) -> Mask:
+        """Mask ``(n,)`` of the samples whose window converged; all samples of an estimate without windows."""
+        if self.estimate == SMOOTHED:
+            return np.ones(len(self.time), dtype=np.bool_)
+        return ~self.flagged("window_not_converged")
+
+    @property
     def residuals(self) -> Array:
         """Measured minus reconstructed values ``(m, 4)``, degree (heading difference wrapped) and m."""
         difference = self.measured - self.reconstructed
@@ -292,8 +299,14 @@ def truth_on_samples(data: ProfileData, truth: xr.Dataset) -> Array:
     Raises
     ------
     InputError
-        The truth covers none of the profile's time.
+        The truth covers none of the profile's time, or names another mission.
     """
+    named = [str(attributes.get("mission", "")) for attributes in (data.attributes, truth.attrs)]
+    if all(named) and named[0] != named[1]:
+        raise InputError(
+            f"the truth is that of mission {named[1]!r}, not of {named[0]!r}; give the truth file that was written "
+            "with the observations"
+        )
     starts = _seconds(truth["truth_time"].values, data.epoch)
     if len(starts) < 2 or starts[0] > data.time[-1] or starts[-1] < data.time[0]:
         raise InputError(

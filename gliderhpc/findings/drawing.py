@@ -24,7 +24,7 @@ MODEL = "#0072B2"
 ESTIMATE = ADJOINT = MODEL
 SMOOTHER = "#009E73"
 FILTER = "#D55E00"
-GLIDE_ANGLE = "#009E73"
+GLIDE_ANGLE = "#CC79A7"
 TRUTH = "#000000"
 SHADE = "#999999"
 
@@ -146,7 +146,7 @@ def footnote(figure: Figure, text: str) -> None:
 def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
     """Write a panel's title and the names of its axes."""
     # With a height given, Matplotlib does not search for labels above the panel, of which there are none.
-    axes.set_title(title, fontsize=TEXT, loc="left", y=1.0)
+    axes.set_title(title, fontsize=TEXT, loc="left", y=1.0, parse_math=False)
     axes.set_xlabel(x, fontsize=SMALL + 0.5)
     axes.set_ylabel(y, fontsize=SMALL + 0.5)
 

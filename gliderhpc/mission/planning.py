@@ -15,6 +15,7 @@ from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profiles import describe_numbers
+from gliderhpc.wording import counted
 
 MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
 """Maximum number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
@@ -73,8 +74,8 @@ class MissionPlan:
         disk = self.steps * BYTES_PER_STEP_DISK / 1e6
         hours = self.steps * settings.step / 3600.0
         return (
-            f"{len(self.profiles)} profiles, {hours:.1f} h of record, {self.steps} steps; about {minutes:.1f} min on "
-            f"{busy} {'worker' if busy == 1 else 'workers'}, {memory:.2f} GB of memory per worker, {disk:.0f} MB of "
+            f"{counted(len(self.profiles), 'profile')}, {hours:.1f} h of record, {self.steps} steps; about "
+            f"{minutes:.1f} min on {counted(busy, 'worker')}, {memory:.2f} GB of memory per worker, {disk:.0f} MB of "
             "disk"
         )
 

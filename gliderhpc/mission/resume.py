@@ -28,6 +28,7 @@ from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import Fault, as_lines, damaged_studies
 from gliderhpc.store_schema.maintenance import check_continuation, grow_archive, mark_studies_outdated, mend_metadata
 from gliderhpc.store_schema.place import Place, remove_partial_files
+from gliderhpc.wording import counted
 
 KINDS = {
     "software": "another version of gliderhpc",
@@ -73,7 +74,7 @@ class Validity:
         counts = Counter(self.outstanding.values())
         reasons = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
         rest = f"to be computed: {reasons}" if reasons else "nothing to compute"
-        return f"{len(self.valid)} profiles are valid; {rest}"
+        return f"{counted(len(self.valid), 'profile is', 'profiles are')} valid; {rest}"
 
 
 def check_profiles(

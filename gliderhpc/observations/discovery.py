@@ -10,10 +10,7 @@ from gliderhpc.observations.regions import bounding_polygon, longitude_range
 
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 
-_KEYWORDS = (
-    "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS, In Situ Ocean-based Platforms > SEAGLIDER, "
-    "underwater glider, depth-averaged current"
-)
+_KEYWORDS = "EARTH SCIENCE > OCEANS > OCEAN CIRCULATION > OCEAN CURRENTS, underwater glider, depth-averaged current"
 """Keywords: terms of NASA's GCMD and plain terms."""
 
 SHARED_ATTRIBUTES = {

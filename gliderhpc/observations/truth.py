@@ -84,6 +84,14 @@ def most_impulses(path: str | Path) -> int:
 
 def _opened(path: str | Path) -> xr.Dataset:
     try:
-        return xr.open_dataset(path, engine="netcdf4")
+        dataset = xr.open_dataset(path, engine="netcdf4")
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as the truth of a synthetic mission ({error})") from error
+    missing = [name for name in OF_PROFILE.values() if name not in dataset]
+    if missing:
+        dataset.close()
+        raise InputError(
+            f"{path}: is not the truth of a synthetic mission, as it has no variable {missing[0]}; give the file "
+            "OUT.truth.nc that was written with the observations"
+        )
+    return dataset

@@ -1,5 +1,6 @@
 """Facts of an archive, heading of a profile's figure, times and error ellipses, formatted for text and figures."""
 
+import math
 import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import MedianCurrent, Summary
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.wording import counted
 
 
 def facts(summary: Summary) -> dict[str, str]:
@@ -55,11 +57,19 @@ def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
 def _describe_median_current(current: MedianCurrent) -> str:
     if not current.count:
         return "none"
-    origin = f"median of {current.count} profiles, {current.label}"
+    origin = f"median of {counted(current.count, 'profile')}, {current.label}"
     return f"{current.north:+.3f} m/s north, {current.east:+.3f} m/s east ({origin})"
 
 
 _TITLE_WIDTH, _MESSAGE_WIDTH = 80, 115
+
+_LEAST_DEVIATION = 1e-3
+"""Standard deviation below which numbers have exponents."""
+
+
+def failure_text(number: int, message: str) -> str:
+    """Return a failed profile's message; most messages name the profile themselves."""
+    return f"profile {number} failed: {message.removeprefix(f'profile {number}: ')}"
 
 
 def title_of(data: ProfileData) -> str:
@@ -70,7 +80,7 @@ def title_of(data: ProfileData) -> str:
 
 
 def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
-    """Return lines on the results of a profile, its message last."""
+    """Return lines on the results of a profile; `message_lines` has its message."""
     attributes, table = data.attributes, data.table
     facts = (
         f"preset {attributes.get('preset', 'unknown')} · {int(table['window_count'])} windows, "
@@ -80,10 +90,13 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
     lines = [facts, _describe_adopted_current(data), *_describe_other_current(data)]
     if truth is not None:
         lines.append(_describe_true_current(data, truth))
-    message = str(table["message"])
-    if message:
-        lines += textwrap.wrap(f"note: {message}", _MESSAGE_WIDTH, max_lines=3, placeholder=" ...")
     return lines
+
+
+def message_lines(data: ProfileData) -> list[str]:
+    """Return the message of a profile, shortened and wrapped to lines; empty if it has none."""
+    message = str(data.table["message"])
+    return textwrap.wrap(f"note: {message}", _MESSAGE_WIDTH, max_lines=3, placeholder=" ...") if message else []
 
 
 def ellipse_axes(covariance: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -110,6 +123,14 @@ def instant(epoch: np.datetime64) -> str:
 def signed(value: float, form: str = ".3f") -> str:
     """Format a number with its sign, using the minus sign of the figures' axes."""
     return f"{value:+{form}}".replace("-", "−")
+
+
+def with_deviation(value: float, deviation: float) -> str:
+    """Format a value with its sign and its standard deviation, both to the second digit of the latter."""
+    if not (math.isfinite(value) and deviation >= _LEAST_DEVIATION and math.isfinite(deviation)):
+        return f"{signed(value, '.3g')} ± {deviation:.2g}"
+    decimals = max(0, 1 - math.floor(math.log10(deviation)))
+    return f"{signed(value, f'.{decimals}f')} ± {deviation:.{decimals}f}"
 
 
 def polar(north: float, east: float) -> str:

@@ -17,7 +17,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
-from gliderhpc.report.facts import facts_of, instant, signed, title_of
+from gliderhpc.report.facts import facts_of, instant, message_lines, signed, title_of
 from gliderhpc.vocabulary import CHANNELS
 
 A4 = (8.27, 11.69)
@@ -211,7 +211,8 @@ def _draw_disturbance(
     axes.yaxis.set_label_coords(-0.068, 0.5)
     outside = outside_axis(curves, limits, _UNITS[unit])
     if outside:
-        _note(axes, outside, "right")
+        # With a truth, the errors are above the panel.
+        _note(axes, outside, "right", inside=true is not None)
 
 
 def _draw_band(axes: Axes, data: ProfileData, channel: int, colour: str, opacity: float) -> None:
@@ -239,15 +240,16 @@ def _describe_errors(accuracy: ProfileAccuracy, channel: int) -> str:
     return f"RMSE in steady glide: {'; '.join(texts)}"
 
 
-def _note(axes: Axes, text: str, side: Literal["left", "right"]) -> None:
-    """Write a text above a panel."""
-    x = 0.0 if side == "left" else 1.0
-    axes.text(x, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=_SMALL, color="#333333")
+def _note(axes: Axes, text: str, side: Literal["left", "right"], *, inside: bool = False) -> None:
+    """Write a text above a panel, or at its upper end inside."""
+    x, y = 0.0 if side == "left" else 1.0, 0.97 if inside else 1.02
+    up: Literal["top", "bottom"] = "top" if inside else "bottom"
+    axes.text(x, y, text, transform=axes.transAxes, ha=side, va=up, fontsize=_SMALL, color="#333333")
 
 
 def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:
     """Write title and facts of the profile at the top of the page, and return the height of their lower end."""
-    lines = facts_of(data, truth)
+    lines = [*facts_of(data, truth), *message_lines(data)]
     # A dollar sign in a mission's name must not start a formula.
     style: dict[str, Any] = {"va": "top", "parse_math": False}
     figure.text(_LEFT, _TITLE_TOP, title_of(data), fontsize=_LARGE, fontweight="bold", **style)

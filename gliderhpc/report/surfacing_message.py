@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gliderhpc.report.facts import polar
+from gliderhpc.report.facts import polar, with_deviation
 
 MESSAGE_VERSION = "1.2"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
@@ -99,7 +99,7 @@ class HullChange(_Part):
     @property
     def size_text(self) -> str:
         """Change with its standard deviation and unit."""
-        return f"{self.change:+.3g} ± {self.change_std:.2g} {self.unit}"
+        return f"{with_deviation(self.change, self.change_std)} {self.unit}"
 
     def is_shown_only_by(self, profile: int) -> bool:
         """Return whether the change begins with this dive, the last one, which alone shows it."""

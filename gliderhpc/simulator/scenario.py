@@ -3,9 +3,9 @@
 import datetime
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, NaiveDatetime, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, NaiveDatetime, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
@@ -33,6 +33,13 @@ from gliderhpc.yaml_text import shown
 _FILES = ShippedFiles("scenario", "gliderhpc.simulator", "scenarios", "such as `depth: 400`")
 
 
+def _in_utc(start: object) -> object:
+    """Return a time without its zone, in UTC."""
+    if isinstance(start, datetime.datetime) and start.tzinfo is not None:
+        return start.astimezone(datetime.UTC).replace(tzinfo=None)
+    return start
+
+
 class Scenario(Section):
     """A synthetic mission, except for its hull and its seed."""
 
@@ -43,7 +50,7 @@ class Scenario(Section):
         0.0, ge=0, description="half width of the uniform distribution of turning depths about depth, m"
     )
     start_depth: float = Field(1.0, ge=0, le=5, description="depth at which the records of a profile begin and end, m")
-    start: NaiveDatetime = Field(
+    start: Annotated[NaiveDatetime, BeforeValidator(_in_utc)] = Field(
         datetime.datetime(2024, 1, 1),
         ge=datetime.datetime(FIRST_YEAR, 1, 1),
         lt=datetime.datetime(LAST_YEAR, 1, 1),
@@ -138,7 +145,7 @@ def _explanation(error: ValidationError) -> str:
         return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
     if fault["type"] == "value_error":
         return f"{key}: {fault['ctx']['error']}"
-    return f"{key} is {shown(fault['input'])}: {fault['msg'].lower()}"
+    return f"{key} is {shown(fault['input'])}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
 
 
 def _section_at(keys: tuple[int | str, ...]) -> type[Section]:

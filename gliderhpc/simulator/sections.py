@@ -96,9 +96,9 @@ class Disturbances(Section):
         (0.15, 0.0, 0.2, 0.0, 0.035, 0.0), description="root mean square of the slow part, six channels, N and N m"
     )
     slow_periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
-    slow_terms: int = Field(3, ge=1, description="number of sinusoids per channel")
+    slow_terms: int = Field(3, ge=1, le=1000, description="number of sinusoids per channel")
     impulse_interval: float | None = Field(
-        90.0, gt=0, description="mean time between yaw impulses (a Poisson process), s; null for none"
+        90.0, ge=1, description="mean time between yaw impulses (a Poisson process), s; null for none"
     )
     impulse_amplitude: Range = Field((0.6, 3.0), description="peak of an impulse, either sign, N m")
     impulse_width: PositiveRange = Field(
@@ -120,7 +120,9 @@ class Current(Section):
     mode_rms: NonNegative = Field(
         0.0, description="rms, north and east each, of the first of the vertical modes cos(k pi Z / mode_depth), m/s"
     )
-    modes: int = Field(3, ge=1, description="number of modes; the k-th has the amplitude of the first divided by k")
+    modes: int = Field(
+        3, ge=1, le=1000, description="number of modes; the k-th has the amplitude of the first divided by k"
+    )
     mode_depth: float = Field(1000.0, gt=0, description="depth of the modes' lower end, m")
     fine_rms: NonNegative = Field(
         0.0,
@@ -142,7 +144,7 @@ class VerticalCurrent(Section):
 
     rms: NonNegative = Field(0.0, description="root mean square of the vertical velocity, m/s")
     periods: PositiveRange = Field((600.0, 2400.0), description="periods of the sinusoids, s")
-    terms: int = Field(3, ge=1, description="number of sinusoids")
+    terms: int = Field(3, ge=1, le=1000, description="number of sinusoids")
 
 
 class Gusts(Section):
@@ -156,7 +158,7 @@ class Gusts(Section):
     kind: Literal["none", "cascade", "gaussian"] = Field("none", description="none, cascade or gaussian")
     rms: NonNegative = Field(0.02, description="root mean square, m/s")
     outer: float = Field(128.0, gt=0, description="largest scale, m")
-    inner: float = Field(0.5, gt=0, description="smallest scale, m")
+    inner: float = Field(0.5, ge=0.01, description="smallest scale, m")
     slope: float | None = Field(
         None,
         gt=1,
@@ -248,9 +250,9 @@ class SensorErrors(Section):
         "rounded", description="rounded to the resolution, or with white Gaussian noise of the same variance"
     )
     fix_deviation: float = Field(5.0, ge=0, description="standard deviation of a GPS fix, north and east each, m")
-    roll_offset: float = Field(0.0, description="constant error of the roll, degree")
-    pitch_offset: float = Field(0.0, description="constant error of the pitch, degree")
-    heading_offset: float = Field(0.0, description="constant error of the heading, degree")
+    roll_offset: float = Field(0.0, ge=-30, le=30, description="constant error of the roll, degree")
+    pitch_offset: float = Field(0.0, ge=-30, le=30, description="constant error of the pitch, degree")
+    heading_offset: float = Field(0.0, ge=-180, le=180, description="constant error of the heading, degree")
     dropouts: NonNegative = Field(0.0, description="gaps per hour, equally often in the attitude and in the depth")
     dropout_length: float = Field(20.0, gt=0, description="mean length of a gap, s")
     outliers: NonNegative = Field(0.0, description="false samples per hour, each in one of the four channels")
@@ -274,7 +276,7 @@ class Surface(Section):
     """Intervals at the surface; a mission begins and ends with half of one."""
 
     half_interval: PositiveRange = Field((180.0, 420.0), description="time at the surface before and after a dive, s")
-    fixes: int = Field(2, ge=1, description="GPS fixes before, and as many after, each dive")
+    fixes: int = Field(2, ge=1, le=1000, description="GPS fixes before, and as many after, each dive")
     fix_delay: float = Field(30.0, ge=0, description="time between a dive and the fix nearest to it, s")
     fix_spacing: float = Field(60.0, gt=0, description="time between fixes, s")
 

@@ -14,7 +14,13 @@ from gliderhpc.flight.steady_glide import sign_in_doubt
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import COMPONENTS, CURRENT_PHASES, bin_column, component_column
 from gliderhpc.studies.archived import platform_of, settings_of
-from gliderhpc.studies.library.reference_currents import bin_count, bins_of, compare_with_reference, open_reference
+from gliderhpc.studies.library.reference_currents import (
+    ReferenceFile,
+    bin_count,
+    bins_of,
+    compare_with_reference,
+    open_reference,
+)
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings, Retrieval, half_width, retrieve, scale_draws
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.tracks import archived_drift
@@ -166,7 +172,8 @@ def _bin_currents(
         sorted_ = bins_of(depth, known & chosen, settings.bin, bins)
         independent = np.maximum(1.0, sorted_.count * interval / settings.smoothing)
         drawn = np.stack([sorted_.mean(found.horizontal[:, i, None] * scales) for i in range(2)], axis=-1)
-        of_noise = np.sqrt(sorted_.mean((noise[:, None] * found.across) ** 2) / independent[:, None])
+        with_noise = bins_of(depth, known & chosen & np.isfinite(noise), settings.bin, bins)
+        of_noise = np.sqrt(with_noise.mean((noise[:, None] * found.across) ** 2) / independent[:, None])
         row |= {
             bin_column(phase, "count"): sorted_.count,
             **_components(bin_column(phase, "shear"), sorted_.mean(found.horizontal)),
@@ -204,12 +211,13 @@ def prepare(
     InputError
         The budget or the reference cannot be read.
     """
-    if request.reference is not None:
-        open_reference(request.reference)
+    reference = None if request.reference is None else ReferenceFile.of(request.reference)
+    if reference is not None:
+        open_reference(reference)
     errors, remarks = _uncertainty_model(request, archive, platform_of(archive))
     bins = bin_count(float(archive["max_depth"].sel(profile=list(numbers)).max()), settings.bin)
     return Preparation(
-        inputs=(errors, bins, request.reference),
+        inputs=(errors, bins, reference),
         sizes={"bin": bins},
         attributes={"errors": errors.current.model_dump(), "by_hull": errors.by_hull},
         remarks=remarks,

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
@@ -114,7 +115,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
             "source_profile": data.number,
             **_sample_columns(data, channel, int(sample)),
             "latitude": float(position[0]),
-            "longitude": float(position[1]),
+            "longitude": wrapped_longitude(float(position[1])),
             "channel": settings.channel,
             "amplitude": float(amplitude),
             "width": float(width),

@@ -77,7 +77,8 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     fast = averaged_over(part.series, settings.interval)
     found = resolved_structure_functions(fast, settings, channel.sample_interval)
     drawn = _bootstrap(fast, settings, channel.sample_interval, np.random.default_rng([settings.seed, data.number, 0]))
-    tested = surrogate_test(fast, settings, np.random.default_rng([settings.seed, data.number, 1]))
+    rng = np.random.default_rng([settings.seed, data.number, 1])
+    tested = surrogate_test(fast, settings, channel.sample_interval, rng)
     ranges = _by_range(found, drawn, settings)
     ratios = ranges[range_column("zeta_ratio")]
     exponents, drawn_exponents, surrogate_exponents = (
@@ -88,7 +89,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         **statistics_row(part.series, found, channel, settings),
         **_interval_row("flatness", drawn.flatness_at(settings.lag)),
         **_interval_row("zeta_ratio", drawn.zeta_ratio(settings.scaling)),
-        **_surrogates_row(tested, settings, found),
+        **_surrogates_row(tested, settings),
         "zeta_ratio_least": float(np.min(ratios)),
         "zeta_ratio_most": float(np.max(ratios)),
         **_actuated_row(channel, settings, data.number),
@@ -116,11 +117,10 @@ def _ends_row(columns: Ends, low: float, high: float) -> Row:
     return {columns.low: float(low), columns.high: float(high)}
 
 
-def _surrogates_row(tested: SurrogateTest, settings: IntermittencySettings, found: StructureFunctions) -> Row:
-    """Rank test and envelopes; the p-value is NaN if the records do not resolve the tested lag."""
-    resolved = bool(np.isfinite(found.flatness_at(settings.lag)))
+def _surrogates_row(tested: SurrogateTest, settings: IntermittencySettings) -> Row:
+    """Rank test and envelopes."""
     return {
-        "p_value": tested.p_value if resolved else float("nan"),
+        "p_value": tested.p_value,
         **_envelope_row("flatness", tested.structures.flatness_at(settings.lag)),
         **_envelope_row("zeta_ratio", tested.structures.zeta_ratio(settings.scaling)),
         "surrogate_iterations": float(np.median(tested.iterations)),
@@ -151,7 +151,8 @@ def _actuated_row(channel: ChannelSeries, settings: IntermittencySettings, seed:
     part = fast_part(channel, settings, actuated=True)
     fast = averaged_over(part.series, settings.interval)
     found = resolved_structure_functions(fast, settings, channel.sample_interval)
-    tested = surrogate_test(fast, settings, np.random.default_rng([settings.seed, seed, 2]))
+    rng = np.random.default_rng([settings.seed, seed, 2])
+    tested = surrogate_test(fast, settings, channel.sample_interval, rng)
     row = statistics_row(part.series, found, channel, settings) | {"p_value": tested.p_value}
     return {actuated_column(name): value for name, value in row.items()}
 

@@ -176,7 +176,9 @@ def gaussian_disturbances(
         if phases is None:
             phases = np.exp(2j * np.pi * rng.uniform(size=len(spectrum)))
             phases[0] = 1.0
-        random = scipy.fft.irfft(spectrum * phases, len(fast))
+        # The fast part is zero in gaps, to which the phases spread its variance.
+        share = max(float(counted.mean()), 1.0 / len(counted))
+        random = scipy.fft.irfft(spectrum * phases, len(fast)) / np.sqrt(share)
         drawn[:, list(CHANNELS).index(name)] = np.interp(times, series.time, random)
     return drawn
 
@@ -263,8 +265,9 @@ def _inverted_row(
     row |= gaussianity_row(noise_of_estimate(inversion, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}
+    rng = np.random.default_rng([seed, 2])
     try:
-        return row | {"p_value": surrogate_test(fast, settings, np.random.default_rng([seed, 2])).p_value}
+        return row | {"p_value": surrogate_test(fast, settings, channel.sample_interval, rng).p_value}
     except ProfileError as error:
         return row | {"message": str(error)}
 

@@ -37,10 +37,11 @@ from gliderhpc.studies.library.tracks import (
     DivePath,
     archived_currents,
     dive_path,
-    has_currents_study,
+    ellipses_used,
 )
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -167,15 +168,13 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     """
     sources = tuple(path for source in request.models for path in expand_source(source))
     currents = dict(zip(numbers, archived_currents(archive, numbers, request.estimate), strict=True))
-    by_study = has_currents_study(archive, request.estimate)
+    ellipses = ellipses_used(archive, request.estimate)
+    by_study = ellipses["ellipses_of_study"]
     with open_models(sources) as models:
         return Preparation(
             inputs=ReanalysisInputs(currents, sources),
             labels={MODEL: [model.name for model in models]},
-            attributes={
-                "models": {model.name: model.labels for model in models},
-                "ellipses_of_study": by_study,
-            },
+            attributes={"models": {model.name: model.labels for model in models}, **ellipses},
             remarks=(
                 *(remark for model in models for remark in _daily_remark(model)),
                 *(outdated_input_remarks(archive, CURRENTS) if by_study else ()),
@@ -369,7 +368,7 @@ def _shares(compared: Compared, one: Agreement) -> dict[str, float]:
 
 
 def _compare_agreement(one: Agreement) -> Iterator[Comparison]:
-    pair, count = f"{one.of} against {one.against}", f"{one.profiles} profiles"
+    pair, count = f"{one.of} against {one.against}", counted(one.profiles, "profile")
     published = {one.of, one.against} == {"HYCOM", "GLORYS12"}
     yield Comparison(f"vector RMSD, {pair}", "m/s", one.vector_rmsd, MUTUAL_RMSD if published else None, remark=count)
     yield Comparison(f"mean speed difference, {pair}", "m/s", one.speed, remark=count)
@@ -396,5 +395,5 @@ def _compare_distance(compared: Compared, index: int) -> Iterator[Comparison]:
             "1",
             share_within(distance, sigmas),
             WITHIN.get((name, sigmas)),
-            remark=f"{known.size} profiles; {gaussian:g} if the ellipse covered all differences",
+            remark=f"{counted(known.size, 'profile')}; {gaussian:g} if the ellipse covered all differences",
         )

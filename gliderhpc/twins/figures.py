@@ -40,7 +40,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     axes.tick_params(which="minor", labelsize=SMALL - 2)
     axes.spines[["top", "right"]].set_visible(False)
     if title:
-        axes.set_title(title, loc="left", fontsize=SMALL + 1)
+        axes.set_title(title, loc="left", fontsize=SMALL + 1, parse_math=False)
 
 
 def along_and_across(error: Array, track: Array) -> tuple[Array, Array]:

@@ -48,6 +48,7 @@ def _fill(path) -> None:
                 "dac_north": 0.3,
                 "dac_east": -0.2,
                 "start_time": np.datetime64("2023-04-02"),
+                "duration": 5400.0,
                 "run_seconds": 3.0,
             },
             2: {"status": "failed", "message": "pitch is [missing] from 10:00 on"},
@@ -73,7 +74,7 @@ def test_describe(archive):
     assert summary.current.count == 2
     assert summary.current.north == pytest.approx(0.2)
     assert summary.run_seconds == 5.0
-    assert summary.last_time == np.datetime64("2023-04-02")
+    assert summary.last_time == np.datetime64("2023-04-02") + np.timedelta64(90, "m")
 
 
 def test_describe_an_empty_archive(archive):

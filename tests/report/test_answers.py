@@ -8,7 +8,7 @@ from support.pages import DOCS
 from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull as recent_hull_module
-from gliderhpc.report.facts import signed
+from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.page import answers as module
 from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.answers import answers_section
@@ -98,7 +98,7 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
     assert not [block for block in hull_blocks(near) if isinstance(block, Notice)]
     (one, *_) = near.trim
     assert _facts(hull_blocks(near))[one.quantity] == (
-        f"{signed(one.difference, '.3g')} ± {one.difference_std:.2g} {one.unit}"
+        f"{with_deviation(one.difference, one.difference_std)} {one.unit}"
     )
 
 
@@ -138,7 +138,7 @@ def test_a_changed_hull_and_a_dive_without_smoothed_estimate_are_odd(brief_store
         monkeypatch.setattr(module, "filter_fallbacks", lambda *_: [2])
         (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
     assert odd.texts[:2] == (
-        "lift: changed since profile 2, by -130 ± 20 kg/m (probability 0.97)",
+        "lift: changed since profile 2, by −130 ± 20 kg/m (probability 0.97)",
         "the smoother has no estimate of profile 2",
     )
 

@@ -27,6 +27,7 @@ from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
+from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.report.page.content import Picture
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
@@ -483,3 +484,33 @@ def test_the_browser_would_tell(tab, tmp_path):
     assert (seen.dangling, seen.doubled) == (("gone",), ("a",))
     assert any("bad" in error for error in seen.errors)
     assert any("worse" in error for error in seen.errors)
+
+
+def test_no_page_is_written_into_an_archive(own_copy):
+    for folder in (own_copy, own_copy / "smoothed"):
+        assert "a page would be written into" in program("report", own_copy, "--out", folder).line
+    assert not (own_copy / "index.html").exists()
+
+
+def test_a_file_that_is_no_truth_or_another_missions_is_refused(brief, own_copy, tmp_path):
+    arguments = ("report", own_copy, "--out", tmp_path / "out", "--profile", 1, "--truth")
+    assert "is not the truth of a synthetic mission, as it has no variable" in program(*arguments, brief).line
+    with xr.open_dataset(truth_path(brief)) as content:
+        other = content.load().assign_attrs(mission="another")
+    other.to_netcdf(tmp_path / "other.truth.nc")
+    assert "the truth is that of mission 'another'" in program(*arguments, tmp_path / "other.truth.nc").line
+
+
+@pytest.mark.parametrize(
+    ("value", "deviation", "text"),
+    [(-239.2, 171.0, "−239 ± 171"), (0.12345, 0.0123, "+0.123 ± 0.012"), (12.0, 3.4, "+12.0 ± 3.4"),
+     (1.5e-6, 2e-7, "+1.5e−06 ± 2e-07"), (1.0, float("nan"), "+1 ± nan")],
+)  # fmt: skip
+def test_a_value_and_its_deviation_end_at_the_same_decimal(value, deviation, text):
+    assert with_deviation(value, deviation) == text
+
+
+@pytest.mark.parametrize(("column", "text"), [("entry_longitude", "115.1235"), ("longitude, degree", "115.1235"),
+                                              ("displacement_north", "115")])  # fmt: skip
+def test_positions_are_shown_to_ten_metres(column, text):
+    assert cell(115.12345, column) == text

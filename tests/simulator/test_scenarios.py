@@ -1,5 +1,7 @@
 """Scenarios: their files, the worlds they make, and missions in parts that do not depend on who makes them."""
 
+from datetime import datetime
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -73,6 +75,8 @@ def test_scenario_file_needs_only_what_differs(tmp_path):
     scenario = load_scenario(path)
     assert (scenario.name, scenario.depth, scenario.gusts.kind) == ("mine", 60.0, "gaussian")
     assert scenario.current == Scenario().current
+    path.write_text("start: 2024-02-03T01:00:00+01:00\n")
+    assert load_scenario(path).start == datetime(2024, 2, 3), "UTC"
 
 
 @pytest.mark.parametrize(
@@ -83,6 +87,9 @@ def test_scenario_file_needs_only_what_differs(tmp_path):
         ("gusts: {kind: storm}", "gusts.kind is 'storm': input should be 'none', 'cascade' or 'gaussian'"),
         ("gusts: {outer: 1.0}", "gusts: outer must be at least four times inner"),
         ("depth: 50\ndepth_spread: 40", "leaves less than 15 m"),
+        ("sensors: {pitch_offset: 400}", "sensors.pitch_offset is 400: input should be less than or equal to 30"),
+        ("disturbances: {slow_terms: 1000000}", "slow_terms is 1000000: input should be less than or equal to 1000"),
+        ("start: 2200-01-01", "input should be less than 2099-01-01T00:00:00"),
         ("- 1", "not a scenario file"),
         ("a: [", "not YAML at line"),
     ],

@@ -12,7 +12,12 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.library.reference_currents import bin_count, read_reference_currents
+from gliderhpc.studies.library.reference_currents import (
+    ReferenceFile,
+    bin_count,
+    open_reference,
+    read_reference_currents,
+)
 from gliderhpc.studies.library.scores import COVERAGE, MIN_COVERAGE
 
 pytestmark = pytest.mark.compiled
@@ -168,3 +173,43 @@ def test_a_file_that_is_none_gets_one_line(archive, tmp_path):
     text.write_text("no netCDF")
     with pytest.raises(InputError, match="cannot be read as netCDF"):
         read_reference_currents(text)
+
+
+def test_cells_deeper_than_the_dive_do_not_count(archive, tmp_path):
+    with open_mission(archive) as opened:
+        data = read_profile_data(opened, 2)
+    path = write_grid(tmp_path / "adcp.nc", data)
+    bins = bin_count(float(np.nanmax(data.measured[:, 3])), BIN)
+    whole = read_reference_currents(path).of(data, BIN, bins)
+    with xr.open_dataset(path) as content:
+        wrong = content.load()
+    wrong["VN"] = wrong["VN"].where(-wrong["z"] < bins * BIN, -5000.0)
+    wrong.to_netcdf(tmp_path / "deep.nc")
+    np.testing.assert_allclose(
+        read_reference_currents(tmp_path / "deep.nc").of(data, BIN, bins).velocity, whole.velocity
+    )
+
+
+def test_the_depths_of_the_cells_are_those_along_both_dimensions(archive, tmp_path):
+    """A profiler on a glider has its own depth too, and both have the standard name."""
+    with open_mission(archive) as opened:
+        data = read_profile_data(opened, 2)
+    path = write_grid(tmp_path / "adcp.nc", data)
+    with xr.open_dataset(path) as content:
+        both = content.load()
+    own = xr.zeros_like(both["z"].isel(cell=0)).assign_attrs(standard_name="depth", units="m", positive="down")
+    xr.Dataset({"depth": own, **both.data_vars}, coords=both.coords).to_netcdf(tmp_path / "both.nc")
+    one, other = (read_reference_currents(tmp_path / name) for name in ("adcp.nc", "both.nc"))
+    np.testing.assert_array_equal(one.depth, other.depth)
+
+
+def test_a_reference_that_was_replaced_is_read_again(archive, tmp_path):
+    with open_mission(archive) as opened:
+        data = read_profile_data(opened, 2)
+    path = write_grid(tmp_path / "adcp.nc", data)
+    first = open_reference(ReferenceFile.of(path))
+    assert open_reference(ReferenceFile.of(path)) is first
+    path.unlink()
+    write_grid(path, data, deepest=20.0)
+    assert len(open_reference(ReferenceFile.of(path)).depth[np.isfinite(first.depth)]) == len(first.depth)
+    assert open_reference(ReferenceFile.of(path)) is not first

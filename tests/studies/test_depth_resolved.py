@@ -135,6 +135,8 @@ def test_bins_average_what_lies_in_them():
     np.testing.assert_array_equal(bins.count, [2, 1, 0, 0])
     np.testing.assert_array_equal(bins.mean(values)[:, 0], [2.0, 7.0, np.nan, np.nan])
     np.testing.assert_array_equal(bins.spread(values)[:2, 0], [1.0, 0.0])
+    below = bins_of(np.array([5.0, 15.0, 25.0]), np.ones(3, dtype=bool), 10.0, 2)
+    np.testing.assert_array_equal(below.count, [1, 1])
 
 
 @pytest.mark.compiled

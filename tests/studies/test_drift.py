@@ -324,9 +324,11 @@ def test_days_until_the_drag_has_grown():
 
 
 def test_interval_adds_what_is_not_resolved():
-    assert combine_errors(1.0, (0.9, 1.1), (1.0, 1.0), 0.0) == pytest.approx((0.9, 1.1))
-    assert combine_errors(1.0, (1.0, 1.0), (0.7, 1.2), 0.4) == pytest.approx((0.5, 1.0 + np.hypot(0.2, 0.4)))
-    assert combine_errors(-1.0, (-1.0, -1.0), (0.7, 1.2), 0.0) == pytest.approx((-1.2, -0.7))
+    assert combine_errors(1.0, (0.9, 1.1), (0.0, 0.0), 0.0) == pytest.approx((0.9, 1.1))
+    assert combine_errors(1.0, (1.0, 1.0), (-0.3, 0.2), 0.4) == pytest.approx((0.5, 1.0 + np.hypot(0.2, 0.4)))
+    assert combine_errors(0.0, (0.0, 0.0), (-0.3, 0.2), 0.0) == pytest.approx((-0.3, 0.2)), (
+        "also of a hull that does not drift"
+    )
 
 
 def test_onset_is_found():

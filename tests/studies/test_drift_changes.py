@@ -1,5 +1,7 @@
 """Change points of the drift study on synthetic tables: moments, the drag that both legs share, and equivalent drag."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -169,3 +171,41 @@ def test_a_change_of_one_leg_or_of_opposite_signs_is_an_equivalent_drag(drag, ph
     table = stepped(drag=drag)
     found = find_drift(table, HULL, DriftSettings(resamples=200), changes=changes)
     assert verdict_lines(found.verdict, found.trends, 0.5)[0].startswith("verdict: a step of the equivalent drag (from")
+
+
+# Late changes, series without scatter, and few profiles outside an episode
+
+
+@pytest.mark.parametrize("last", [3, 4, 6])
+def test_a_step_in_the_last_profiles_is_not_an_episode_of_the_opposite_sign(last):
+    changes = drag_changes(length=33, first=34 - last, drag={"dive": 0.3, "climb": 0.3}, scatter=0.02)
+    (one,) = changes.found
+    assert (one.kind, one.first, one.back) == ("step", 34 - last, None)
+    assert one.size("K_D0", "dive").value == pytest.approx(0.3 * REFERENCE, rel=0.15)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.1])
+def test_a_series_without_scatter_hides_no_change(value):
+    table = stepped(moments=ROLLED)
+    for estimate in PRIMARY:
+        table[median_column("B_cq", "dive", estimate)] = value
+    (one,) = find_moment_changes(table, HULL, SETTINGS, 0).found
+    assert (one.kind, one.first) == ("step", 8)
+
+
+def test_the_trend_outside_an_episode_does_not_contain_it():
+    table = stepped(length=15, first=99, scatter=0.02)
+    inside = table["profile"].between(6, 10)
+    for estimate in PRIMARY:
+        for phase in PHASES:
+            table.loc[inside, median_column("K_D0", phase, estimate)] += 0.5 * REFERENCE
+            table.loc[inside, median_column("B_cu", phase, estimate)] -= 0.05 * REFERENCE
+    changes = find_changes(table, REFERENCE, SETTINGS, 0)
+    assert [one.kind for one in changes.found] == ["episode"]
+    found = find_drift(table, HULL, DriftSettings(resamples=200), changes=changes)
+    low, high = found.verdict.interval
+    assert -0.2 * REFERENCE < low < high < 0.2 * REFERENCE
+    few = Changes((replace(changes.found[0], first=2, last=14),), changes.p)
+    unknown = find_drift(table, HULL, DriftSettings(resamples=200), changes=few)
+    lines = verdict_lines(unknown.verdict, unknown.primary, 0.5)
+    assert "drag common to dive and climb: not known, since fewer than 4 profiles have a value" in lines

@@ -77,7 +77,7 @@ def truth_of(number: int, disturbances: np.ndarray, current=(0.1, -0.2)) -> Prof
 
 def write_truth_file(path: Path, *truths: ProfileTruth) -> Path:
     path.unlink(missing_ok=True)
-    with truth_file(path, {"mission": "by hand"}) as file:
+    with truth_file(path, {}) as file:
         for truth in truths:
             append_truth(file, truth)
     return path

@@ -28,6 +28,7 @@ from gliderhpc.studies.archived import outdated_because, platform_of, settings_o
 from gliderhpc.studies.library.tracks import CURRENTS as STUDY
 from gliderhpc.studies.library.tracks import archived_drift
 from gliderhpc.version import __version__
+from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.export")
 
@@ -279,7 +280,7 @@ def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[s
         "mission": str(known.get("mission") or "unknown"),
         "platform": str(known["platform"]["name"]),
         "comment": "u and v are the mean velocity over the ground, from fix to fix, of the water that the glider flew "
-        f"through. {content.sizes['profile']} dives.{doubt}",
+        f"through. {counted(content.sizes['profile'], 'dive')}.{doubt}",
     }
 
 

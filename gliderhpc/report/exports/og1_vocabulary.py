@@ -48,6 +48,9 @@ CURRENT_ESTIMATES = {"none": 0, "adjoint": 1, "smoothed": 2}
 POSITION_METHODS = {"none": 0, "gps_fix": 1, "between_both_fixes": 2, "from_the_fix_before": 3, "to_the_fix_after": 4}
 """Values of POSITION_METHOD."""
 
+SAMPLED = {"interpolated": 0, "sampled": 1}
+"""Values of SAMPLED."""
+
 QC_FLAGS = ("no_qc_applied", "good_data", "probably_good_data", "probably_bad_data", "bad_data")
 
 
@@ -160,7 +163,16 @@ def _count_terms() -> Iterator[Term]:
         "a fix are at the surface",
     )
     yield flags("POSITION_METHOD", "where latitude and longitude come from", "flag_values", POSITION_METHODS)
+    yield flags(
+        "SAMPLED",
+        "whether depth and attitude were sampled here, or are interpolated between samples",
+        "flag_values",
+        SAMPLED,
+    )
     yield flags("QUALITY", "flags of the estimate, from any step of the record", "flag_masks", QUALITY.meanings, "u1")
+
+
+_BETWEEN_SAMPLES = "linear between samples where SAMPLED is zero; missing in gaps of the record"
 
 
 def _measured_terms() -> Iterator[Term]:
@@ -176,6 +188,7 @@ def _measured_terms() -> Iterator[Term]:
             long_name,
             standard_name=standard_name,
             observation_type="measured",
+            interpolation_methodology=_BETWEEN_SAMPLES,
         )
     yield quantity("PITCH_CTL", "cm", "position of the moving battery", comment="grows aft: minus battery_position")
     yield quantity("ROLL_CTL", "degree", "rotation of the moving battery", comment="positive with starboard down")

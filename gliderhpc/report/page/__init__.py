@@ -7,7 +7,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_folder
 from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.mission_page import write_mission_page, write_profile_page
-from gliderhpc.report.page.rendering import Written
+from gliderhpc.report.page.rendering import Written, check_apart
 from gliderhpc.store_schema.place import Place, is_address
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
@@ -63,6 +63,7 @@ def write_report(
     check_folder(folder)
     if len(places) > 1:
         return write_fleet(places, folder)
+    check_apart(places, [folder])
     place = places[0]
     if profile is None:
         return write_mission_page(place, folder, twins, truth)

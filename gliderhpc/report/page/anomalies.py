@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 
 from gliderhpc.archive.mission import Summary
+from gliderhpc.report.facts import failure_text
 from gliderhpc.report.page.mission_figures import MissionTable
 
 POORLY_CONVERGED = 0.8
@@ -49,7 +50,7 @@ def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
 
 def _failures(summary: Summary) -> Iterator[str]:
     failed = [(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
-    yield from (f"profile {number} failed: {text}" for number, text in failed[:_LISTED])
+    yield from (failure_text(number, text) for number, text in failed[:_LISTED])
     if (more := summary.statuses.get("failed", 0) - len(failed[:_LISTED])) > 0:
         yield f"{more} more failed"
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
-from gliderhpc.report.facts import polar, signed
+from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
 from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
@@ -17,6 +17,7 @@ from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.tuning.hull_changes import PROBABLE
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -72,11 +73,11 @@ def _mission_current(table: MissionTable) -> dict[str, str]:
     if not known.any():
         return {}
     north, east = (component[known] for component in table.current)
-    found = {"mean current": f"{polar(north.mean(), east.mean())} ({known.sum()} dives)"}
+    found = {"mean current": f"{polar(north.mean(), east.mean())} ({counted(int(known.sum()), 'dive')})"}
     days = table.days[known]
     if known.sum() >= _MIN_TREND_DIVES and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
-        texts = [f"{signed(slope, '.2g')} ± {error:.2g}" for slope, error in slopes]
+        texts = [with_deviation(slope, error) for slope, error in slopes]
         found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, by the dives' scatter"
     return found
 

@@ -18,8 +18,9 @@ from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
-from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.page.rendering import Written, check_apart, write_page
 from gliderhpc.store_schema.place import Place, absolute, is_address
+from gliderhpc.wording import counted
 
 _COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "anomalies")
 _CAPTION = (
@@ -96,7 +97,7 @@ def write_fleet(places: Sequence[Place], out: Path) -> Written:
         archives can be read.
     """
     names = folder_names(places)
-    _check_apart(places, [out, *(out / name for name in names)])
+    check_apart(places, [out, *(out / name for name in names)])
     members = [
         _report_member(_Member(number, place, name), out)
         for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
@@ -158,15 +159,6 @@ def _with_numbers(names: Sequence[str]) -> list[str]:
     return numbered
 
 
-def _check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
-    """Check that no page is written into an archive."""
-    stores = {Path(absolute(place)): place for place in places if not is_address(place)}
-    for folder in folders:
-        inside = {folder.resolve(), *folder.resolve().parents} & set(stores)
-        if inside:
-            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
-
-
 def _report_member(member: _Member, out: Path) -> _Member:
     """Read the state of a mission and write its page; record the reason if the archive cannot be used."""
     try:
@@ -196,7 +188,7 @@ def _subtitle(members: Sequence[_Member]) -> str:
     states = [member.state for member in members if member.state is not None]
     done, failed = (sum(state.summary.statuses.get(status, 0) for state in states) for status in ("done", "failed"))
     unread = len(members) - len(states)
-    text = f"{done} profiles done, {failed} failed"
+    text = f"{counted(done, 'profile')} done, {failed} failed"
     return f"{text}; {unread} of {len(members)} archives cannot be read" if unread else text
 
 

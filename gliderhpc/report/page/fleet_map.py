@@ -17,6 +17,7 @@ from gliderhpc.findings.drawing import (
     MEASURED,
     MODEL,
     SMALL,
+    SMOOTHER,
     TRUTH,
     footnote,
     label,
@@ -37,7 +38,7 @@ _SIZE = (7.0, 6.0)
 _LEGEND_ROW = 0.18
 """Height of a row of the legend, inches."""
 
-_COLOURS = (MODEL, FILTER, GLIDE_ANGLE, "#CC79A7", MEASURED, "#56B4E9", TRUTH)
+_COLOURS = (MODEL, FILTER, SMOOTHER, GLIDE_ANGLE, MEASURED, "#56B4E9", TRUTH)
 """Okabe and Ito's palette, repeated for more gliders, which their numbers then distinguish."""
 
 _ARROW_LENGTH = 0.2

@@ -89,10 +89,7 @@ class MissionState:
     @property
     def _span(self) -> tuple[str | None, str | None]:
         """Times of the first sample of the first profile and of the last sample of the last profile."""
-        start = self.table.dataset["start_time"].values.astype("datetime64[ns]")
-        length = np.round(np.nan_to_num(self.table.duration)).astype("timedelta64[s]")
-        ends = (start + length)[~np.isnat(start)]
-        return iso_instant(self.summary.first_time), iso_instant(ends.max()) if ends.size else None
+        return iso_instant(self.summary.first_time), iso_instant(self.summary.last_time)
 
     @property
     def _current_lines(self) -> tuple[str, ...]:

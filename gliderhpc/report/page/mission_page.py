@@ -21,6 +21,7 @@ from gliderhpc.report.page.studies import published_section, study_names, study_
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
+from gliderhpc.wording import counted
 
 MISSION_PAGE = "index.html"
 """File name of a mission's page, and of a fleet's."""
@@ -142,7 +143,7 @@ def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) ->
 def _subtitle(summary: Summary) -> str:
     count = sum(summary.statuses.values())
     done = summary.statuses.get("done", 0)
-    return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {count} profiles"
+    return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {counted(count, 'profile')}"
 
 
 def made_line(source: Place) -> str:

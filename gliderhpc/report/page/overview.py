@@ -5,7 +5,7 @@ import numpy as np
 from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
-from gliderhpc.report.facts import facts
+from gliderhpc.report.facts import facts, failure_text
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section, limited_warnings
 from gliderhpc.report.page.mission_figures import (
     SHOWN,
@@ -16,6 +16,7 @@ from gliderhpc.report.page.mission_figures import (
     timing_figure,
 )
 from gliderhpc.store_schema import STATUS
+from gliderhpc.wording import counted
 
 
 def overview_section(archive: Archive, summary: Summary) -> Section:
@@ -46,7 +47,7 @@ def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
     """Collect the facts of greatest interest to an operator."""
     known, done = facts(summary), table.done
     hours = float(np.nansum(table.duration[done])) / 3600.0
-    flight = {"time under water": f"{hours:.1f} h in {int(done.sum())} profiles"}
+    flight = {"time under water": f"{hours:.1f} h in {counted(int(done.sum()), 'profile')}"}
     if done.any():
         depths = table.depth[done]
         flight["maximum depth"] = f"{np.nanmin(depths):.0f} to {np.nanmax(depths):.0f} m"
@@ -93,9 +94,7 @@ def window_outcomes(archive: Archive) -> list[Row]:
 
 
 def _failures(summary: Summary) -> list[Block]:
-    failed = [
-        f"profile {number} failed: {text}" for number, (status, text) in summary.messages.items() if status == "failed"
-    ]
+    failed = [failure_text(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
     return limited_warnings(failed, "profiles failed; the table gives the reasons")
 
 
@@ -126,8 +125,8 @@ def _map_caption(table: MissionTable) -> str:
     count = int(table.with_current.sum())
     return (
         "Dives from fix to fix (thick lines), the intervals between them (thin lines), and the depth-averaged current "
-        f"of {count} profiles ({table.adopted.label}): the displacement between the fixes minus that through the "
-        "water, divided by the dive's duration. The median standard deviation of a component is "
+        f"of {counted(count, 'profile')} ({table.adopted.label}): the displacement between the fixes minus that "
+        "through the water, divided by the dive's duration. The median standard deviation of a component is "
         f"{median(table.current_std):.3f} m/s. Longitudes are scaled to distance at this latitude."
     )
 

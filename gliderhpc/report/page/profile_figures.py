@@ -76,9 +76,9 @@ def track_figure(archive: Archive, data: ProfileData) -> Figure:
     axes.plot(east - east[0], north - north[0], "--", color=ESTIMATE, linewidth=1.0, label="through the water")
     if tracks is not None:
         _draw_tracks(axes, tracks)
+    axes.margins(0.12)
     _draw_current(axes, data)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.12)
     label(axes, "", "east of the start, m", "north of the start, m")
     legend(axes)
     return figure
@@ -99,6 +99,9 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
     extent = max(float(np.ptp(data.motion[:, 0])), float(np.ptp(data.motion[:, 1])))
     metres = _ARROW * extent / speed
     arrow = draw_arrows(axes, (0.0, 0.0), (metres * east, metres * north), width=0.006, name=current.label)
+    # Without this, an arrow against the track would end outside the panel.
+    axes.update_datalim([(metres * east, metres * north)])
+    axes.autoscale_view()
     shown = round_speed(speed)
     scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
 

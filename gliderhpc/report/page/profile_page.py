@@ -60,7 +60,7 @@ def profile_page(archive: Archive, number: int, place: Place, command: str, trut
 
 def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
     """Assemble the results, the message, the quality of the samples, and the row of the archive's table."""
-    blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None) if not line.startswith("note: ")]
+    blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None)]
     message = str(data.table["message"])
     if message:
         blocks.append(Notice(message))
@@ -76,7 +76,7 @@ def _row(archive: Archive, number: int) -> list[dict[str, Any]]:
         {
             "column": str(name),
             "value": format_value(variable),
-            "unit": str(variable.attrs.get("units", "1")),
+            "unit": str(variable.attrs.get("units", "1" if variable.dtype.kind in "fiu" else "")),
             "meaning": str(variable.attrs.get("long_name", "")),
         }
         for name, variable in row.data_vars.items()
@@ -87,7 +87,7 @@ def format_value(variable: xr.DataArray) -> str:
     """Format a value; a flag is shown by its meaning."""
     value, meanings = variable.values[()], variable.attrs.get("flag_meanings")
     if meanings is None or not np.isfinite(value):
-        return cell(value)
+        return cell(value, str(variable.name))
     texts = dict(zip(np.ravel(variable.attrs["flag_values"]).tolist(), str(meanings).split(), strict=True))
     return str(texts[int(value)]).replace("_", " ")
 

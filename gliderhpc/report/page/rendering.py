@@ -15,10 +15,12 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import Images, images_of
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import Grid, Page, Picture, Roster
+from gliderhpc.store_schema.place import Place, absolute, is_address
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
@@ -88,7 +90,7 @@ def cell(value: Any, column: str = "") -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        place = column.startswith(_PLACES) and math.isfinite(value)
+        place = column.partition(",")[0].endswith(_PLACES) and math.isfinite(value)
         return f"{value:.4f}".replace("-", "−") if place else _decimal(float(value))
     return str(value)
 
@@ -97,6 +99,21 @@ def _decimal(value: float) -> str:
     if math.isfinite(value) and value == round(value) and abs(value) < 1e5:
         return f"{value:.0f}".replace("-", "−")
     return number(value).replace("-", "−", 1) if math.isfinite(value) and value < 0.0 else number(value)
+
+
+def check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
+    """Check that no page is written into an archive.
+
+    Raises
+    ------
+    InputError
+        One of the folders is in an archive.
+    """
+    stores = {Path(absolute(place)): place for place in places if not is_address(place)}
+    for folder in folders:
+        inside = {folder.resolve(), *folder.resolve().parents} & set(stores)
+        if inside:
+            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
 
 
 MAX_SVG_BYTES = 150_000

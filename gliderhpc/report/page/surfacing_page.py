@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from gliderhpc.report.facts import polar, signed
+from gliderhpc.report.facts import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, Remarks, Section, Words
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
 from gliderhpc.report.trim import IMPLAUSIBLE
+from gliderhpc.wording import counted
 
 _DETERMINED = 0.7
 """Standard deviation, in plausible deviations, below which one dive determines an error of the hull."""
@@ -86,7 +87,7 @@ def _next_surfacing(message: SurfacingMessage) -> str:
     predicted = polar(following.current_north, following.current_east)
     return (
         f"{place}, after a dive like this one; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
-        f"({following.dives} dives)"
+        f"({counted(following.dives, 'dive')})"
     )
 
 
@@ -125,9 +126,7 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
 def _trim(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.trim:
         return ()
-    rows = {
-        one.quantity: f"{signed(one.difference, '.3g')} ± {one.difference_std:.2g} {one.unit}" for one in message.trim
-    }
+    rows = {one.quantity: f"{with_deviation(one.difference, one.difference_std)} {one.unit}" for one in message.trim}
     far = sorted({one.parameter for one in message.trim if abs(one.steps) > IMPLAUSIBLE})
     return (*((Notice(_too_far(far), "warning"),) if far else ()), Facts(rows))
 

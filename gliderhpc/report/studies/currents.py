@@ -55,6 +55,15 @@ _LONGEST = 0.2
 """Length of the longest shear vector, relative to the width of the panel."""
 
 
+_TERMS = {
+    "axial_std": "axial speed",
+    "heading_std": "compass",
+    "fix_std": "fixes",
+    "actuation_std": "actuation",
+}
+"""Errors whose terms are columns of the table."""
+
+
 def figure_7(archive: Archive, data: ProfileData, settings: DepthResolvedSettings) -> Figure:
     """Draw the binned current with its 2-sigma band, the shear-sensitive part alone, and the track with its vectors.
 
@@ -100,13 +109,15 @@ def nothing_retrieved(study: xr.Dataset) -> str:
 def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
     depth = study["bin_depth"].values
     for along, colour in _COLOURS.items():
-        base = float(study[component_column("current", along)])
-        base = base if np.isfinite(base) else 0.0
+        base, what = float(study[component_column("current", along)]), "depth-averaged + shear-sensitive"
+        if np.isfinite(base):
+            axes.axvline(base, color=colour, linewidth=0.8, linestyle="--", label=f"depth-averaged, {along}")
+        else:
+            base, what = 0.0, "shear-sensitive part"
         mean = base + study[component_column(bin_column("both", "shear"), along)].values
         noise = np.nan_to_num(study[component_column(bin_column("both", "shear_noise_std"), along)].values)
         deviation = np.hypot(study[component_column(bin_column("both", "shear_coefficient_std"), along)].values, noise)
-        axes.axvline(base, color=colour, linewidth=0.8, linestyle="--", label=f"depth-averaged, {along}")
-        axes.plot(mean, depth, color=colour, linewidth=1.0, label=f"depth-averaged + shear-sensitive, {along}")
+        axes.plot(mean, depth, color=colour, linewidth=1.0, label=f"{what}, {along}")
         axes.fill_betweenx(depth, mean - 2 * deviation, mean + 2 * deviation, color=colour, alpha=0.2, linewidth=0)
         reference = study[component_column("reference_by_depth", along)]
         if np.isfinite(reference).any():
@@ -224,9 +235,16 @@ def _table_caption(made: Provenance, table: pd.DataFrame) -> str:
     major, minor = (number(float(table[f"ellipse_{axis}"].median())) for axis in ("major", "minor"))
     return (
         f"{text}Ellipses are of one sigma and contain {COVERAGE[1]:.0%} of normal errors; median semi-axes {major} "
-        f"and {minor} m/s. They include the assumed errors of axial speed, compass, fixes and actuation, but no "
-        "unknown error that all profiles share."
+        f"and {minor} m/s. They include {_errors_included(table)}, but no other error that all profiles share."
     )
+
+
+def _errors_included(table: pd.DataFrame) -> str:
+    """Name the errors that the ellipses contain: terms of a run with the hull's errors are zero."""
+    names = [name for column, name in _TERMS.items() if (table[column] > 0.0).any()]
+    hull = [] if _TERMS["axial_std"] in names else ["the hull's errors with those of the compass"]
+    assumed = [f"assumed errors of {' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))}"] if names else []
+    return " and ".join(hull + assumed)
 
 
 def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
@@ -234,10 +252,11 @@ def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSet
     hull = f"moment coefficients in error by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"
     share = number(float(row["coefficient_share"]))
+    mean = ", plus the depth-averaged current (dashed)" if np.isfinite(row["current_north"]) else ""
     return (
         f"Profile {int(row['profile'])}: current by depth (eq. 41), from the yaw moment of {estimate_label(made)} "
         f"minus its moving average over {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
-        f"{settings.bin:g} m, plus the depth-averaged current (dashed). Bands are two sigma from {known}; errors of "
+        f"{settings.bin:g} m{mean}. Bands are two sigma from {known}; errors of "
         f"the coefficients alone give a relative scatter of the lateral current of {share}. It is a lower bound: the "
         "hull follows slow changes of the current, and the vertical scales named below the panels are not resolved."
     )

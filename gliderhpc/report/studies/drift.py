@@ -30,7 +30,7 @@ from gliderhpc.studies.archived import (
 from gliderhpc.studies.drift import NAME
 from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Change
 from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
-from gliderhpc.studies.library.drift.coefficients import read_slopes
+from gliderhpc.studies.library.drift.coefficients import are_drawn, read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, ChangeSettings, DriftSettings, counted_estimates
 from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_rows, read_moment_changes
@@ -293,7 +293,7 @@ def _inputs(found: DriftFindings) -> tuple[str, ...]:
         remarks.append(
             "no independent check: run `gliderhpc validate` on the archive first for the forward model's error"
         )
-    if not found.slopes:
+    if not are_drawn(found.slopes):
         remarks.append(
             "no coefficients were drawn: the intervals include only the scatter of the profiles and an unknown heave "
             "force"

@@ -7,7 +7,7 @@ import numpy as np
 
 from gliderhpc.findings.findings import Comparison, markdown, number
 from gliderhpc.store_schema.columns import PHASES
-from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn
 from gliderhpc.studies.library.drift.medians import DRAG, UNITS, CoefficientSettings
 from gliderhpc.studies.library.drift.moment_text import NAMES
 from gliderhpc.studies.library.drift.series import EstimateTrends
@@ -35,7 +35,7 @@ def comparisons(
     """Return the rows of the study's table of comparisons."""
     return (
         *(_drift(own, key, paper) for key, paper in PAPER_DRIFTS.items() for own in trends),
-        *_drag(verdict, increase),
+        *_drag(verdict, increase, "coefficients included" if are_drawn(slopes) else "without coefficients"),
         *_changes(verdict),
         *_coefficients(slopes),
         *_forward_model(check),
@@ -54,14 +54,14 @@ def _drift(own: EstimateTrends, key: tuple[str, str], paper: float) -> Compariso
     )
 
 
-def _drag(verdict: DriftVerdict, increase: float) -> Iterator[Comparison]:
+def _drag(verdict: DriftVerdict, increase: float, included: str) -> Iterator[Comparison]:
     for drag in verdict.drags:
         yield Comparison(
             f"change of K_D0 common to dive and climb, {drag.estimate}",
             UNITS[DRAG],
             drag.change,
             spread=drag.change_interval,
-            remark=f"{100.0 * drag.change / drag.reference:+.1f} %; spread: 95 % interval, coefficients included",
+            remark=f"{100.0 * drag.change / drag.reference:+.1f} %; spread: 95 % interval, {included}",
         )
         if verdict.has_onset:
             yield Comparison(

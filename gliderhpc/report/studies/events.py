@@ -57,7 +57,7 @@ def show(archive: Archive) -> Findings:
         "events": len(events),
     }
     remarks = (*made.remarks, *_width_remarks(archive, strongest, made.estimate)) if len(strongest) else made.remarks
-    listed = events.assign(time=[str(time) for time in events["time"]])
+    listed = events.assign(time=[_to_milliseconds(time) for time in events["time"]])
     return archive_findings(
         NAME,
         comparisons=_comparisons(studied, strongest, settings, floor),
@@ -68,6 +68,10 @@ def show(archive: Archive) -> Findings:
         remarks=remarks,
         captions=_captions(made, events, settings, floor, ranked_by),
     )
+
+
+def _to_milliseconds(time: object) -> str:
+    return pd.Timestamp(str(time)).isoformat(sep=" ", timespec="milliseconds")
 
 
 def catalogue(archive: Archive) -> pd.DataFrame:
@@ -158,7 +162,7 @@ def _captions(
     )
     return {
         # One text serves the figure and its table, which have the same name.
-        "events": f"{text} Their positions are on the track closed on the fixes. {doubt}",
+        "events": f"{text} Their positions are on the track closed on the fixes; without fixes they have none. {doubt}",
         "strongest": f"{text} The table lists the strongest {min(len(events), settings.strongest)}. {doubt}",
         "profiles": f"Noise floor and number of events per profile. {text}",
     }

@@ -17,6 +17,7 @@ from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footno
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
+from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.report.trim import IMPLAUSIBLE, UNDETERMINED, PilotUnit, pilot_units
 from gliderhpc.store_schema.schema import COMPLETE
@@ -40,6 +41,9 @@ Array = NDArray[np.float64]
 
 _DRAG, _VOLUME = "viscous.K_D0", "buoyancy.neutral_volume"
 _NORMAL_95 = 1.96
+_ROUNDING = 1e-9
+"""Ratio to the half width of an interval below which a difference is due to rounding."""
+
 _DOUBTED = 0.5
 """Weight below which a dive is listed as doubtful."""
 
@@ -182,7 +186,7 @@ def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> s
     if p.factor:
         first = float(history.series("estimate", p.key)[0])
         return f"{100.0 * total / first:+.1f} % (± {100.0 * std / abs(first):.1f} %)"
-    return f"{total:+.3g} ± {std:.2g} {p.unit}"
+    return f"{with_deviation(total, std)} {p.unit}"
 
 
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
@@ -195,6 +199,8 @@ def _pilot_row(history: HullHistory, one: PilotUnit) -> Comparison:
     p = next(p for p in history.parameters if p.key == one.parameter)
     value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
     apart, half = one.scale * (value - p.value(history.platform)), _NORMAL_95 * abs(one.scale) * std
+    # What is left of a value that was converted back and forth is not a difference.
+    apart = apart if abs(apart) > _ROUNDING * half else 0.0
     interval = "spread: 95 % interval"
     return Comparison(
         one.quantity,

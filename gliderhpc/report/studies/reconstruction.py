@@ -69,8 +69,8 @@ def captions(
         "profiles": _profiles_caption(made, table),
         "figure_2": (
             f"Profile {made.profiles[0]}: measured attitude and depth, the motion that {estimate} reconstructs, and "
-            "both tracks closed on the GPS fixes. Grey: actuators moving, excluded from the residuals given. "
-            f"{_NO_ERROR}"
+            "both tracks, closed on the GPS fixes if there are any. Grey: actuators moving, excluded from the "
+            f"residuals given. {_NO_ERROR}"
         ),
         "figure_3": (
             f"Yaw moment by {estimate} and by the filter, with heading and battery rotation: "

@@ -19,6 +19,7 @@ from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, WHOLE, ex
 from gliderhpc.studies.archived import Provenance, failed_profiles, mission_of, provenance_of, study_table
 from gliderhpc.studies.library.turbulence.series import SpectraSettings, series_step
 from gliderhpc.studies.spectra import NAME
+from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -187,7 +188,7 @@ def _group_comparisons(table: pd.DataFrame) -> list[Comparison]:
             "1",
             float(own[group].mean()),
             paper,
-            remark=f"{len(own[group])} profiles",
+            remark=counted(len(own[group]), "profile"),
         )
         for group, paper in PAPER_GROUPS.items()
         if len(own[group])

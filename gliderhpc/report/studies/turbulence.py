@@ -86,7 +86,7 @@ def describe_series(made: Provenance, settings: FastSettings) -> str:
 def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
     """Describe how much of the band the records resolve, for a caption."""
     low, high = settings.band
-    nyquist = float(table["nyquist"].median())
+    nyquist = _usual_nyquist(table)
     if nyquist >= high:
         return f"The records resolve the whole band of {low:g} to {high:g} Hz."
     return (
@@ -95,10 +95,17 @@ def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
     )
 
 
+def _usual_nyquist(table: pd.DataFrame) -> float:
+    """Return the median Nyquist frequency of the profiles studied, or of all if none could be; Hz."""
+    without = table["message"].fillna("") if "message" in table else pd.Series("", index=table.index)
+    studied = table.loc[without == "", "nyquist"]
+    return float((studied if len(studied) else table["nyquist"]).median())
+
+
 def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tuple[str, ...]:
     """Describe the part of the band resolved by the records, and the upper end of a series sampled every `step` (s)."""
     low, high = settings.band
-    nyquist = float(table["nyquist"].median())
+    nyquist = _usual_nyquist(table)
     if nyquist >= high:
         return ()
     resolved = f"its part from {low:g} to {nyquist:.3g} Hz" if nyquist > low else "no part of it"

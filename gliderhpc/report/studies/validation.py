@@ -36,6 +36,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.library.trends import Trend, find_trend
 from gliderhpc.studies.validation import GROUP
+from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -210,7 +211,7 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
         f"The longitudinal error changes by {trend.change_text} over the mission (Mann-Kendall p = {number(trend.p)}, "
         "which serial correlation makes too small)."
         if np.isfinite(trend.slope)
-        else f"{len(table)} profiles are too few for a trend."
+        else f"{counted(len(table), 'profile is', 'profiles are')} too few for a trend."
     )
     doubt = (
         "Depth and horizontal errors grow with the time flown; the current affects the distance from the fix, but "

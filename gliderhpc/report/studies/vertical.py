@@ -26,6 +26,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.library.vertical_velocity import NAMES, HullErrors, half_power, hull_errors
 from gliderhpc.studies.vertical import LEVELS, NAME
+from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -195,9 +196,10 @@ def _differences(table: pd.DataFrame, whose: str) -> tuple[Comparison, ...]:
     if "difference" not in table:
         return ()
     mean, error = _mean_difference(table)
+    known = counted(int(table["difference"].notna().sum()), "profile")
     return (
         Comparison("dives minus climbs at the same depths, mean", "m/s", mean,
-                   remark=f"{error:.4f} m/s by the scatter of {table['difference'].notna().sum()} profiles"),
+                   remark=f"{error:.4f} m/s by the scatter of {known}"),
         Comparison("its standard deviation as expected", "m/s", median_of(table, "difference_std"),
                    remark=f"by {whose}; users require {TARGET_ERROR:g}"),
         Comparison("dives minus climbs, root mean square over levels", "m/s", median_of(table, "difference_rms")),

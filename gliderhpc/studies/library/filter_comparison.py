@@ -65,15 +65,15 @@ class Lag:
 
 def regime_row(data: ProfileData) -> dict[str, Any]:
     """Statistics of both yaw moments, with battery at rest and rotated, and the filter's lag behind the estimate."""
-    rotated = data.flagged("battery_rotated")
-    regimes = {"resting": data.steady & ~rotated, "rotated": data.steady & rotated}
+    rotated, steady = data.flagged("battery_rotated"), data.steady & data.converged
+    regimes = {"resting": steady & ~rotated, "rotated": steady & rotated}
     row: dict[str, Any] = {
-        "rotated_fraction": float(regimes["rotated"].sum() / data.steady.sum()) if data.steady.any() else float("nan")
+        "rotated_fraction": float(regimes["rotated"].sum() / steady.sum()) if steady.any() else float("nan")
     }
     for estimator, values in ((data.estimate, data.disturbances[:, YAW]), ("prior", data.prior[:, YAW])):
         for regime, mask in regimes.items():
             row |= {regime_column(estimator, regime, k): v for k, v in _statistics(values, mask, data.step).items()}
-    lag = find_lag(data.prior[:, YAW], data.disturbances[:, YAW], data.steady, data.step)
+    lag = find_lag(data.prior[:, YAW], data.disturbances[:, YAW], steady, data.step)
     return row | {"yaw_correlation": lag.correlation, "yaw_lag": lag.seconds}
 
 

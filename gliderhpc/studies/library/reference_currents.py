@@ -70,7 +70,7 @@ def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
     Parameters
     ----------
     depth : (m,)
-        Depths, m; those above the surface fall into the first bin, those below the last bin into the last.
+        Depths, m; those above the surface fall into the first bin, those below the last bin into none.
     chosen : (m,) mask
         Records to use.
     height : float
@@ -78,8 +78,9 @@ def bins_of(depth: Array, chosen: Mask, height: float, bins: int) -> Bins:
     bins : int
         Number of bins.
     """
-    rows = np.flatnonzero(chosen & np.isfinite(depth))
-    where = np.clip((depth[rows] // height).astype(np.int64), 0, bins - 1)
+    # NaN is below nothing, and so in no bin.
+    rows = np.flatnonzero(chosen & (depth < bins * height))
+    where = np.maximum((depth[rows] // height).astype(np.int64), 0)
     count = np.bincount(where, minlength=bins)
     weights = scipy.sparse.csr_array((1.0 / count[where], (where, rows)), shape=(bins, len(depth)))
     return Bins(weights, count)
@@ -201,13 +202,39 @@ def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str
     ]
     if not found:
         raise InputError(f"{label}: its velocities have no {role}")
-    return next((name for name in found if name in dataset.coords), found[0])
+    # A current profiler has its own depth, and the depth of each of its cells; the latter vary along more dimensions.
+    return max(found, key=lambda name: (dataset[name].ndim, name in dataset.coords))
+
+
+@dataclass(frozen=True)
+class ReferenceFile:
+    """A reference's file at the time when a study began.
+
+    Attributes
+    ----------
+    path : Path
+        Absolute path.
+    size, changed : int
+        Size (bytes) and time of the last change (ns).
+    """
+
+    path: Path
+    size: int
+    changed: int
+
+    @classmethod
+    def of(cls, path: Path) -> "ReferenceFile":
+        """Look a file up; `InputError` if it is not there."""
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+        state = path.stat()
+        return cls(path.resolve(), state.st_size, state.st_mtime_ns)
 
 
 @lru_cache(maxsize=1)
-def open_reference(path: Path) -> Reference:
+def open_reference(file: ReferenceFile) -> Reference:
     """Read a reference, once in each worker."""
-    return read_reference_currents(path)
+    return read_reference_currents(file.path)
 
 
 def compare_with_reference(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -359,3 +360,13 @@ def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -
 def has_currents_study(archive: Archive, estimate: str) -> bool:
     """Return whether study ``currents`` has been run for an estimate."""
     return CURRENTS in archive.children and archive[CURRENTS].attrs.get("estimate", ADJOINT) == estimate
+
+
+def ellipses_used(archive: Archive, estimate: str) -> dict[str, Any]:
+    """Return attributes by which a study that used the ellipses of study ``currents`` recognises a later run of it."""
+    if not has_currents_study(archive, estimate):
+        return {"ellipses_of_study": False, "ellipses_digest": ""}
+    study = archive[CURRENTS].to_dataset()
+    names = ("current_north_std", "current_east_std", "current_covariance")
+    values = np.stack([study[name].values for name in names]).astype("<f8")
+    return {"ellipses_of_study": True, "ellipses_digest": sha256(values.tobytes()).hexdigest()}

@@ -148,6 +148,10 @@ def _explained(columns: Array, weighted: Array, baseline: WeightedBaseline) -> f
 def _candidates(days: Array, first: int, stop: int, step: int) -> Iterator[_Candidate]:
     n, reach = len(days), step * _PLACES
     stops = {min(max(end, 0), n) for end in range(stop - reach, stop + reach + 1, step)}
+    # A step in the last profiles is, apart from the mission's level, the opposite of a window over all before.
+    for begin in sorted(stops):
+        if MIN_WINDOW <= begin <= n - MIN_WINDOW:
+            yield from _until_the_end(days, begin)
     for begin in range(first - reach, first + reach + 1, step):
         if not MIN_WINDOW <= begin <= n - MIN_WINDOW:
             continue

@@ -281,6 +281,11 @@ def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> 
     ]
 
 
+def are_drawn(slopes: Sequence[CoefficientSlopes]) -> bool:
+    """Return whether there are slopes for drawn coefficients."""
+    return any(bool(np.isfinite(one.draws).any()) for one in slopes)
+
+
 def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
     """Read the slopes stored in an archive's group; none if no coefficients were drawn."""
     group = archive[_GROUP].to_dataset()

@@ -140,8 +140,9 @@ class DragDrift:
         Day from which the shared drag changes.
     reference : float
         K_D0 of the hull, kg/m.
-    scale : (low, high)
-        Range of factors of the shared slope for drawn coefficients of the hull; (1, 1) if none were drawn.
+    by_coefficients : (low, high)
+        Interval of the difference of the shared slope for drawn coefficients of the hull, kg/m per day; (0, 0) if none
+        were drawn.
     unresolved : (float, float)
         Standard deviations of shared change (kg/m) and weight (N) due to other changes that the records cannot
         distinguish from them (`unresolved_changes`).
@@ -153,7 +154,7 @@ class DragDrift:
     apart: SeriesTrend
     onset: Onset
     reference: float
-    scale: Interval
+    by_coefficients: Interval
     unresolved: tuple[float, float]
 
     @property
@@ -161,7 +162,7 @@ class DragDrift:
         """Return the 95 % interval of the shared slope, including errors of coefficients and heave, kg/m per day."""
         one = self.shared.trend
         return combine_errors(
-            one.slope, (one.low, one.high), self.scale, NORMAL_95 * self.unresolved[0] / self.shared.span
+            one.slope, (one.low, one.high), self.by_coefficients, NORMAL_95 * self.unresolved[0] / self.shared.span
         )
 
     @property
@@ -206,7 +207,7 @@ def drag_drift(
     table: pd.DataFrame,
     estimate: str,
     hull: Platform,
-    scale: Interval,
+    by_coefficients: Interval,
     resamples: int,
     seed: int,
     outside: NDArray[np.bool_] | None = None,
@@ -221,8 +222,8 @@ def drag_drift(
         Name of an estimate with medians.
     hull : Platform
         Hull of the mission.
-    scale : (low, high)
-        Range of factors of the shared slope due to the coefficients.
+    by_coefficients : (low, high)
+        Interval of the shared slope's error due to the coefficients, kg/m per day.
     resamples, seed : int
         Number of bootstrap series, and seed.
     outside : (n,) mask, optional
@@ -246,7 +247,7 @@ def drag_drift(
         apart=trend((climb - dive) / (weight[1] - weight[0])),
         onset=find_onset(days, shared, epoch, resamples, seed),
         reference=hull.viscous.K_D0,
-        scale=scale,
+        by_coefficients=by_coefficients,
         unresolved=unresolved_changes(table, hull),
     )
 
@@ -284,15 +285,15 @@ def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
     return np.asarray((weight[1] * dive - weight[0] * climb) / (weight[1] - weight[0]))
 
 
-def coefficient_scale(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
-    """Range of factors of the shared slope for drawn hulls: 95 % interval over nominal slope; (1, 1) without draws."""
+def error_by_coefficients(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
+    """Return the 95 % interval of the shared slope for drawn hulls less the nominal one; (0, 0) without draws."""
     dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
     nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])
-    low, high = interval(shared_drag(dive.draws, climb.draws, weight) / nominal)
-    return (low, high) if np.isfinite(low + high) and nominal != 0.0 else (1.0, 1.0)
+    low, high = interval(shared_drag(dive.draws, climb.draws, weight) - nominal)
+    return (low, high) if np.isfinite(low + high) else (0.0, 0.0)
 
 
-def combine_errors(slope: float, sampling: Interval, scale: Interval, unresolved: float) -> Interval:
+def combine_errors(slope: float, sampling: Interval, coefficients: Interval, unresolved: float) -> Interval:
     """Combine the independent errors of a slope due to sampling, coefficients and unresolved changes into an interval.
 
     Parameters
@@ -301,14 +302,13 @@ def combine_errors(slope: float, sampling: Interval, scale: Interval, unresolved
         The slope.
     sampling : (float, float)
         Interval due to sampling.
-    scale : (float, float)
-        Range of factors due to the coefficients.
+    coefficients : (float, float)
+        Interval of the error due to the coefficients, about zero.
     unresolved : float
         Half width of the interval due to unresolved changes.
     """
-    scaled = sorted((slope * scale[0], slope * scale[1]))
-    below = np.linalg.norm([slope - sampling[0], max(slope - scaled[0], 0.0), unresolved])
-    above = np.linalg.norm([sampling[1] - slope, max(scaled[1] - slope, 0.0), unresolved])
+    below = np.linalg.norm([slope - sampling[0], max(-coefficients[0], 0.0), unresolved])
+    above = np.linalg.norm([sampling[1] - slope, max(coefficients[1], 0.0), unresolved])
     return float(slope - below), float(slope + above)
 
 

@@ -41,6 +41,9 @@ SPIKE_DEVIATIONS = 4.0
 EARLY_STOP_SHARE = 0.2
 """Share of the first null series that are at least as strong, above which no more are drawn."""
 
+_ROUNDING = 1e-9
+"""Scatter of a series relative to its values below which it is constant."""
+
 _NULLS_PER_DRAW = 100
 """Number of null series drawn at a time."""
 
@@ -123,7 +126,7 @@ def search_series(
 def series_of(
     table: pd.DataFrame, values_by_key: Callable[[str], Iterable[tuple[SizeKey, Array]]]
 ) -> list[MissionSeries]:
-    """Return the series of both primary estimates that have enough values to be searched.
+    """Return the series of both primary estimates that have enough values to be searched, and any scatter.
 
     Parameters
     ----------
@@ -138,7 +141,12 @@ def series_of(
         for estimate in PRIMARY
         for key, values in values_by_key(estimate)
     ]
-    return [one for one in series if one.known.sum() >= MIN_VALUES_SEARCHED]
+    return [one for one in series if one.known.sum() >= MIN_VALUES_SEARCHED and not _is_constant(one.values[one.known])]
+
+
+def _is_constant(values: Array) -> bool:
+    """Return whether values differ by no more than their rounding."""
+    return bool(np.ptp(values) <= _ROUNDING * np.max(np.abs(values)))
 
 
 def spikes(values: Array) -> Mask:

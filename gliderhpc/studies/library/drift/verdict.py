@@ -23,8 +23,8 @@ from gliderhpc.studies.library.drift.drag import (
     OTHER_CAUSES,
     DragDrift,
     Interval,
-    coefficient_scale,
     drag_drift,
+    error_by_coefficients,
     shared_drag,
     weight_effects,
 )
@@ -194,16 +194,14 @@ class DriftVerdict:
 def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increase: float) -> tuple[str, ...]:
     """Describe the findings, one per line."""
     reference = verdict.drags[0].reference
-    low, high = (100.0 * end / reference for end in verdict.interval)
     where = " outside the episodes" if verdict.changes.episodes else ""
     lines = [
         f"verdict: {_kinds(verdict)}{verdict.meaning}{where}",
         *change_lines(verdict.changes, reference),
         *moment_lines(verdict.moments, verdict.per_degree),
-        f"drag common to dive and climb: K_D0 changes by {100.0 * verdict.change / reference:+.1f} % over the mission "
-        f"(95 % interval {low:+.1f} to {high:+.1f} %)",
+        _common(verdict),
     ]
-    lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags]
+    lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags if np.isfinite(drag.apart.drift)]
     if verdict.has_onset:
         lines += [_since(drag) for drag in verdict.drags]
     if verdict.extrapolates:
@@ -213,6 +211,17 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     if verdict.cause != "none" or verdict.changes.found or verdict.moments.found:
         lines.append(OTHER_CAUSES)
     return tuple(lines)
+
+
+def _common(verdict: DriftVerdict) -> str:
+    """State the change of the drag that dives and climbs share."""
+    if not np.isfinite(verdict.change):
+        return f"drag common to dive and climb: not known, since fewer than {MIN_VALUES} profiles have a value"
+    change, low, high = (100.0 * value / verdict.drags[0].reference for value in (verdict.change, *verdict.interval))
+    return (
+        f"drag common to dive and climb: K_D0 changes by {change:+.1f} % over the mission "
+        f"(95 % interval {low:+.1f} to {high:+.1f} %)"
+    )
 
 
 def _kinds(verdict: DriftVerdict) -> str:
@@ -262,7 +271,7 @@ def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
         "cause": drag.cause,
         "K_D0_change": drag.change,
         "K_D0_change_interval": drag.change_interval,
-        "coefficient_scale": drag.scale,
+        "slope_error_by_coefficients": drag.by_coefficients,
         "shared": drag.shared.as_json(),
         "weight": drag.apart.as_json(),
         "phases": {phase: one.as_json() for phase, one in drag.phases.items()},
@@ -354,12 +363,12 @@ def find_drift(
     """
     changes = Changes() if changes is None else changes
     table = of_epochs(table)
-    outside = _outside(table, changes)
+    outside = changes.outside(values_of(table, "profile"))
     estimates = [name for name in (PRIOR, *PRIMARY) if median_column(DRAG, "dive", name) in table]
-    scale = coefficient_scale(slopes, weight_effects(table)) if slopes else (1.0, 1.0)
+    error = error_by_coefficients(slopes, weight_effects(table)) if slopes else (0.0, 0.0)
     return DriftFindings(
         [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
-        [drag_drift(table, name, hull, scale, settings.resamples, settings.seed, outside) for name in estimates],
+        [drag_drift(table, name, hull, error, settings.resamples, settings.seed, outside) for name in estimates],
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
@@ -368,12 +377,6 @@ def find_drift(
         Changes() if moments is None else moments,
         moment_per_degree(hull),
     )
-
-
-def _outside(table: pd.DataFrame, changes: Changes) -> NDArray[np.bool_]:
-    """Mask of the rows outside the episodes; all rows if too few lie outside."""
-    outside = changes.outside(values_of(table, "profile"))
-    return outside if outside.sum() >= MIN_VALUES_SEARCHED else np.ones(len(table), dtype=np.bool_)
 
 
 def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:

@@ -120,7 +120,7 @@ def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedB
 
 @dataclass(frozen=True)
 class StrongestWindow:
-    """StrongestWindow window of a series.
+    """Strongest window of a series.
 
     Attributes
     ----------
@@ -270,6 +270,8 @@ class _Scan:
         """Loss of each series ``(n, m)`` with the line alone and with the best window, and that window's index."""
         weighted = self.baseline.projected @ values
         left = np.einsum("nm,nm->m", values, weighted)
+        # Of a series without any scatter, no window explains more than the line.
+        left = np.maximum(left, np.finfo(np.float64).tiny)
         floor = _MIN_POWER * left
         sums = self._inside(weighted)
         other = self._inside(weighted * self.time)
@@ -288,7 +290,7 @@ class _Scan:
             for count, part in enumerate(explained, start=1)
         ]
         return (
-            self.baseline.loss(np.maximum(left, np.finfo(np.float64).tiny)),
+            self.baseline.loss(left),
             np.minimum(*losses),
             np.where(losses[0] <= losses[1], *best),
         )

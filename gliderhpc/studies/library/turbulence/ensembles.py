@@ -38,7 +38,8 @@ class Ensembles:
     measured : pandas.DataFrame
         Table of group ``intermittency``, one row for each profile.
     nulls : pandas.DataFrame
-        Table of group ``nulls``, one row for each realisation; empty if there are none.
+        Table of group ``nulls``, one row for each realisation, with the number of its ``surrogates`` if it differs from
+        the settings'; empty if there are none.
     settings : IntermittencySettings
         Settings of both.
     """
@@ -68,6 +69,12 @@ class Ensembles:
         """Number of nulls without any disturbance that determine the ceiling."""
         return len(finite(self.artefacts["peak"])) if len(self.artefacts) else 0
 
+    @property
+    def null_level(self) -> float:
+        """Smallest p-value of the rank test that both measured profiles and nulls can have."""
+        number = self.nulls["surrogates"].min() if "surrogates" in self.nulls else self.settings.surrogates
+        return 1.0 / (1 + min(int(number), self.settings.surrogates))
+
     def measured_values(self, name: str) -> Array:
         """Finite values of a statistic of the measured profiles."""
         if self.measured.empty or name not in self.measured:
@@ -93,9 +100,11 @@ def stored_nulls(
         return pd.DataFrame(), (
             f"the archive's nulls are of the {attributes.get('estimate')} estimate; run nulls again",
         )
-    if not is_comparable(attributes.get("settings", {}).get("statistics", {}), settings):
+    made = attributes.get("settings", {}).get("statistics", {})
+    if not is_comparable(made, settings):
         return pd.DataFrame(), ("the archive's nulls were made with other settings; run nulls again",)
-    return null_table(archive), outdated_input_remarks(archive, "nulls")
+    nulls = null_table(archive).assign(surrogates=made["surrogates"])
+    return nulls, outdated_input_remarks(archive, "nulls")
 
 
 def stored_measured(archive: Archive, estimate: str) -> tuple[pd.DataFrame, IntermittencySettings | None]:

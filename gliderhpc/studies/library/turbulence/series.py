@@ -30,7 +30,10 @@ CUTOFF = 0.05
 HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter."""
 
-NOT_MEASURED = ("gap_in_the_record", "prior_used_because_the_window_failed")
+_OF_WINDOWS = ("prior_used_because_the_window_failed", "window_not_converged")
+"""Quality bits that concern the windows of the adjoint, and no other estimate."""
+
+NOT_MEASURED = ("gap_in_the_record", *_OF_WINDOWS)
 """Quality bits of samples without information on the water."""
 
 ACTUATED = ("vibration", "battery_rotated")
@@ -110,6 +113,11 @@ class IntermittencySettings(SpectraSettings):
 
     @model_validator(mode="after")
     def _ranges_ordered(self) -> Self:
+        if self.interval > self.lag:
+            raise ValueError(
+                f"the series is averaged over an interval of {self.interval:g} s, which does not resolve the lag of "
+                f"{self.lag:g} s that is tested; give a shorter interval or a longer lag"
+            )
         for low, high in self.scaling_ranges:
             if not 0.0 < low < high:
                 raise ValueError(
@@ -281,7 +289,14 @@ def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSe
         return ChannelSeries(data.time, values, depth, data.quality, data.step, interval)
     on = np.searchsorted(data.time, data.record_time - 0.5 * data.step)
     output_interval = float(data.attributes["output_interval"])
-    return ChannelSeries(data.time[on], values[on], depth[on], data.quality[on], output_interval, interval)
+    quality = _without_windows(data.quality[on])
+    return ChannelSeries(data.time[on], values[on], depth[on], quality, output_interval, interval)
+
+
+def _without_windows(quality: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Quality ``(n,)`` without the bits of the adjoint's windows."""
+    bits = sum(QUALITY.meanings[meaning] for meaning in _OF_WINDOWS)
+    return quality & np.uint8(~bits & 0xFF)
 
 
 def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
@@ -291,7 +306,7 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
     if which != SMOOTHED or estimate.smoothed is None:
         values = pad_to(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
-    time, quality, depth = time[::every], quality[::every], depth[::every]
+    time, quality, depth = time[::every], _without_windows(quality[::every]), depth[::every]
     values = pad_to(estimate.smoothed.disturbances[:, column], len(time))
     return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
 

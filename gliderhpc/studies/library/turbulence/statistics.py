@@ -6,6 +6,7 @@ extended self-similarity (Benzi et al. 1993), ``zeta_p / zeta_3`` is the slope o
 range of tau. The same statistics are computed for measured series and nulls.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import normal_quantile, student_quantile
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
@@ -129,7 +131,8 @@ def power_law(
         return PowerLaw(-slope, r2=r2)
     means = _drawn_means(spectra.density[:, chosen], draws, rng)
     low, high = np.percentile(-_slopes(x, np.log(means)), INTERVAL)
-    return PowerLaw(-slope, float(low), float(high), r2)
+    wider = _few_draws_factor(len(spectra.density) // _SEGMENTS_PER_DRAW)
+    return PowerLaw(-slope, float(-slope - wider * (-slope - low)), float(-slope + wider * (high + slope)), r2)
 
 
 def band_power_law(
@@ -149,6 +152,15 @@ def _slopes(x: Array, y: Array) -> Array:
     """Slopes ``(d,)`` of the regressions of rows ``(d, m)`` on ``(m,)``."""
     lever = x - x.mean()
     return np.asarray(y @ lever / (lever @ lever))
+
+
+def _few_draws_factor(count: int) -> float:
+    """Factor by which a bootstrap of ``count`` independent parts widens: Student's quantile, and the lost freedom.
+
+    Without it, intervals of 5 to 23 segments held the exponents of synthetic series in 76 to 90 % of cases.
+    """
+    level = 0.5 + 0.005 * float(INTERVAL[1] - INTERVAL[0])
+    return student_quantile(level, count - 1) / normal_quantile(level) * math.sqrt(count / (count - 1))
 
 
 def _drawn_means(density: Array, draws: int, rng: np.random.Generator) -> Array:

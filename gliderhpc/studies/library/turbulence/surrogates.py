@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.studies.library.turbulence.series import GappySeries, IntermittencySettings
-from gliderhpc.studies.library.turbulence.statistics import StructureFunctions, lag_samples, structure_functions
+from gliderhpc.studies.library.turbulence.statistics import (
+    StructureFunctions,
+    lag_samples,
+    structure_functions,
+    without_unresolved_lags,
+)
 
 Array = NDArray[np.float64]
 
@@ -149,8 +154,13 @@ class SurrogateTest:
     deviation: Array
 
 
-def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np.random.Generator) -> SurrogateTest:
+def surrogate_test(
+    series: GappySeries, settings: IntermittencySettings, sample_interval: float, rng: np.random.Generator
+) -> SurrogateTest:
     """Make surrogates of a series, and rank its flatness among theirs: one-sided, at the lag of the settings.
+
+    Structure functions at lags shorter than the records' sample interval (s), which they do not resolve, are NaN, and
+    so is the rank at such a lag.
 
     Raises
     ------
@@ -162,15 +172,16 @@ def surrogate_test(series: GappySeries, settings: IntermittencySettings, rng: np
         raise ProfileError(f"no stretch of the record is longer than twice the fade of {settings.fade:g} s")
     lags = lag_samples(settings.every_lag, source.step)
     band = (settings.cutoff, min(settings.band[1], 0.5 / source.step))
-    own = float(structure_functions(source, lags).flatness_at(settings.lag))
+    own = without_unresolved_lags(structure_functions(source, lags), sample_interval).flatness_at(settings.lag)
     surrogates = [
         iaaft(source.values, rng, max_iterations=settings.iterations, tolerance=settings.tolerance)
         for _ in range(settings.surrogates)
     ]
     each = [structure_functions(source.with_values(one.values), lags) for one in surrogates]
-    structures = StructureFunctions(each[0].lags, np.stack([one.functions for one in each]))
+    every = StructureFunctions(each[0].lags, np.stack([one.functions for one in each]))
+    structures = without_unresolved_lags(every, sample_interval)
     return SurrogateTest(
-        rank_p_value(own, structures.flatness_at(settings.lag)),
+        rank_p_value(float(own), structures.flatness_at(settings.lag)),
         structures,
         np.array([one.iterations for one in surrogates]),
         np.array([one.converged for one in surrogates]),

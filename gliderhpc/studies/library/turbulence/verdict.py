@@ -143,7 +143,7 @@ def _flatness_contrast(ensembles: Ensembles) -> Contrast | None:
 def _null_passes(ensembles: Ensembles) -> NullPasses | None:
     if not len(ensembles.artefacts):
         return None
-    values, level = finite(ensembles.artefacts["p_value"]), 1.0 / (1 + ensembles.settings.surrogates)
+    values, level = finite(ensembles.artefacts["p_value"]), ensembles.null_level
     return NullPasses(int((values <= level + 1e-9).sum()), len(values), level) if len(values) else None
 
 
