@@ -718,7 +718,7 @@ def test_rows_grow_with_a_longer_profile(swift, tmp_path):
     assert program("run-mission", path, *WHOLE, "--store", store, "--profiles", "1").status == 0
     answer = program("run-mission", path, *WHOLE, "--store", store, "--append", "--profiles", "1:2")
     assert answer.status == 0, answer.err
-    assert "1 profiles are valid; to be computed: 1 missing" in answer.err
+    assert "1 profile is valid; to be computed: 1 missing" in answer.err
     assert program("run-mission", path, *WHOLE, "--store", whole, "--profiles", "1:2").status == 0
     assert program("check", store, "--deep").status == 0
     assert program("compare", store, whole).status == 0
