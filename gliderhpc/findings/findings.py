@@ -145,8 +145,11 @@ class Comparison:
 
 
 def figure_text(value: Paper) -> str:
-    """Format a value or a range as text."""
-    return f"{number(value[0])} to {number(value[1])}" if isinstance(value, tuple) else number(value)
+    """Format a value or a range as text; a range without ends is a dash, as a missing value is."""
+    if not isinstance(value, tuple):
+        return number(value)
+    low, high = map(number, value)
+    return low if low == high == _ABSENT else f"{low} to {high}"
 
 
 def comparison_table(rows: Sequence[Comparison], title: str) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import MIN_CYCLE
+from gliderhpc.estimation.smoother.problem import SEGMENT_DURATION
 from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
@@ -36,8 +37,8 @@ BYTES_PER_STEP_DISK = 50
 _BASE_MEMORY = 320e6
 _READY_BYTES_PER_STEP = 300
 """Memory of a filtered profile: record, mass properties, estimates, and trajectory from which its windows start."""
-_SMOOTHER_BYTES_PER_STEP = 4500
-"""Memory of the one profile that is being smoothed, with its sensitivity to the hull at every record."""
+_SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT = 4500, 8000
+"""Memory of the one profile that is being smoothed: with its sensitivity to the hull at every record, and its tape."""
 _BYTES_PER_SAMPLE = 300
 """Memory of the one profile whose record is being read and resampled."""
 
@@ -112,8 +113,13 @@ class MissionPlan:
         """Return the peak memory of one worker, bytes."""
         # When the first profile in the lanes ends, the next ones are all filtered at once (fewer if they have a path).
         ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
-        steps = self.longest * (ready * _READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
+        steps = self.longest * (ready * _READY_BYTES_PER_STEP + _smoother_bytes(settings.step))
         return _BASE_MEMORY + steps + self.max_samples * _BYTES_PER_SAMPLE
+
+
+def _smoother_bytes(step: float) -> float:
+    """Return the memory per step (bytes) of the profile that is being smoothed, for the length of a step (s)."""
+    return max(_SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT / max(1, round(SEGMENT_DURATION / step)))
 
 
 def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
@@ -186,7 +192,7 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
         _check_margin(observations, settings, sound)
     longest = max(steps)
     samples = [observations.sample_count(number) for number in sound] or [0]
-    _check_longest(observations, sound, steps, samples)
+    _check_longest(observations, sound, steps, samples, settings.step)
     sizes = {
         "sample": longest + 1,
         "record": longest // settings.steps_per_record + 1,
@@ -198,14 +204,14 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
 
 
 def _check_longest(
-    observations: Observations, profiles: Sequence[int], steps: Sequence[int], samples: Sequence[int]
+    observations: Observations, profiles: Sequence[int], steps: Sequence[int], samples: Sequence[int], step: float
 ) -> None:
     """Check that no profile alone needs more memory than the machine has."""
     limit = memory_limit()
     for number, step_count, sample_count in zip(profiles, steps, samples, strict=False):
         needed = (
             _BASE_MEMORY
-            + step_count * (_READY_BYTES_PER_STEP + _SMOOTHER_BYTES_PER_STEP)
+            + step_count * (_READY_BYTES_PER_STEP + _smoother_bytes(step))
             + sample_count * _BYTES_PER_SAMPLE
         )
         if needed > limit:

@@ -110,7 +110,7 @@ def test_a_mean_shift_summed_up_over_segments_leads_to_the_same_mean(monkeypatch
     """With one mean shift for fifteen steps, the estimate changes by a few hundredths of a deviation."""
     found = []
     for duration in (H, 5 * H):
-        monkeypatch.setattr("gliderhpc.estimation.smoother.problem._SEGMENT_DURATION", duration)
+        monkeypatch.setattr("gliderhpc.estimation.smoother.problem.SEGMENT_DURATION", duration)
         flown = fly(301, 3000)
         settings = SmootherSettings(estimate="mean", tolerance=1e-3)
         found.append(iterate_passes(PETREL.hull, flown.dive, flown.guess, settings))

@@ -128,3 +128,11 @@ def test_what_cannot_be_exported_gets_one_line(brief_store, studied, exported, t
     nothing = program("export", "currents", copy, tmp_path / "out.nc")
     assert (nothing.status, "no profile has a current" in nothing.line) == (2, True)
     assert not (tmp_path / "out.nc").exists()
+
+
+def test_a_profile_that_was_not_studied_is_said_to_be(studied, tmp_path):
+    archive = shutil.copytree(studied, tmp_path / "brief.zarr")
+    assert program("analyze", archive, "currents", "--profiles", "1,2", "--workers", 0).status == 0
+    answer = program("export", "currents", archive, tmp_path / "currents.nc")
+    assert "profile 2 left out: no depth-averaged current: a fix before or after the dive is missing" in answer.out
+    assert "profile 3 left out: study currents was run without this profile; run it again for all" in answer.out

@@ -386,6 +386,12 @@ def test_the_neighbours_on_an_axis():
     assert not LongitudeAxis(np.arange(0.0, 359.0, 1.0)).closes
     assert LongitudeAxis(np.arange(0.0, 360.0, 1.0)).closes
     assert not LongitudeAxis(np.array([5.0])).closes
+    # A region across the antimeridian, cut from a global grid in ascending order.
+    region = LongitudeAxis(np.array([-180.0, -179.5, 179.0, 179.5]))
+    cells = region.cells(np.array([179.75, -179.75, 179.25, 181.0, 0.0]))
+    assert cells.inside.tolist() == [True, True, True, False, False]
+    assert list(zip(cells.lower[:3].tolist(), cells.upper[:3].tolist(), strict=True)) == [(3, 0), (0, 1), (2, 3)]
+    np.testing.assert_allclose(cells.weight[:3], 0.5)
 
 
 # Differences

@@ -49,7 +49,7 @@ _INTERPOLATED = 0.5
 """Fraction of the interval between its records to which the time of an actuator's move is known."""
 _LONGEST_GAP = 40.0
 """Longest gap (s) of the actuators' records in which their moves may be anywhere; with longer ones, dives diverge."""
-_SEGMENT_DURATION = 0.5
+SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
 _SEGMENTS_OF_MEAN_SHIFT = 5
 """Number of segments with a common mean shift, which otherwise would take half of a pass's time; odd."""
@@ -245,7 +245,7 @@ def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = 
     longest : int, optional
         Largest number of steps of a segment; by default those of half a second.
     """
-    longest = max(1, round(_SEGMENT_DURATION / dive.step)) if longest is None else longest
+    longest = max(1, round(SEGMENT_DURATION / dive.step)) if longest is None else longest
     needed = np.union1d(np.flatnonzero(dive.fed), [0, len(dive.bodies), *also]).astype(np.int64)
     parts = -(-np.diff(needed) // longest)
     inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)

@@ -81,11 +81,10 @@ def export_currents(
         table, study = tree.to_dataset().load(), tree[STUDY].to_dataset().drop_dims("record").load()
         adopted = _with_adopted_currents(tree, table, study)
         known = np.isfinite(adopted["current_north"].values)
-        for number in table["profile"].values[~known].tolist():
-            left_out.setdefault(
-                int(number),
-                "no depth-averaged current: a fix before or after the dive is missing, or the profile was not studied",
-            )
+        numbers = table["profile"].values[~known].tolist()
+        studied = study.attrs.get("profiles", numbers)
+        for number in numbers:
+            left_out.setdefault(number, _NO_CURRENT if number in studied else _NOT_STUDIED)
         if not known.any():
             raise InputError(f"{archive}: no profile has a current, so there is nothing to export")
         content = _content(table.isel(profile=known), adopted.isel(profile=known))
@@ -94,6 +93,10 @@ def export_currents(
             log.warning("%s: the study %s was %s; run it again before the export", archive, STUDY, outdated)
     _write(content, out, overwrite)
     return content["profile"].values.tolist(), left_out
+
+
+_NO_CURRENT = "no depth-averaged current: a fix before or after the dive is missing"
+_NOT_STUDIED = f"study {STUDY} was run without this profile; run it again for all"
 
 
 def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:

@@ -223,8 +223,14 @@ def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
             f"{error.filename}: cannot be read ({error.strerror}); give the output folder of `gliderhpc twin windows`"
         ) from None
     except (json.JSONDecodeError, UnicodeDecodeError):
-        raise InputError(f"{twins / _WINDOWS}.json: not an output of `gliderhpc twin windows`; run it again") from None
+        raise _not_of_twins(twins) from None
+    if not isinstance(content, dict) or not {"platforms", "seeds", "comparisons"} <= content.keys():
+        raise _not_of_twins(twins)
     return content, rows
+
+
+def _not_of_twins(twins: Path) -> InputError:
+    return InputError(f"{twins / _WINDOWS}.json: not an output of `gliderhpc twin windows`; run it again")
 
 
 def _number_or_text(text: str) -> Any:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gliderhpc.findings.findings import Comparison, markdown, number
+from gliderhpc.findings.findings import Comparison, figure_text, markdown, number
 from gliderhpc.store_schema.columns import PHASES
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn
 from gliderhpc.studies.library.drift.medians import DRAG, UNITS, CoefficientSettings
@@ -122,7 +122,7 @@ def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
             "1",
             one.same_sign,
             PAPER_SAME_SIGN if (one.quantity, one.phase) in PAPER_DRIFTS else None,
-            remark=f"slope {number(one.nominal)} per day, draws {number(one.interval[0])} to {number(one.interval[1])}",
+            remark=f"slope {number(one.nominal)} per day, draws {figure_text(one.interval)}",
         )
         if one.quantity == "B_cu":
             yield Comparison(
@@ -184,7 +184,7 @@ def table_5_text(rows: Sequence[dict[str, Any]]) -> str:
         (
             str(row["estimate"]), f"{row['component']} ({row['unit']})", str(row["phase"]), str(row["count"]),
             f"{row['tau']:+.2f}" if np.isfinite(row["tau"]) else "–", number(row["p"]), number(row["slope"]),
-            f"{number(row['slope_low'])} to {number(row['slope_high'])}", number(row["drift"]),
+            figure_text((row["slope_low"], row["slope_high"])), number(row["drift"]),
             number(row["drift_percent"]), number(row["floor"]), number(row["ratio"]), _TIERS[row["tier"]],
             number(row["robust_p"]), str(row["block"]), number(row["holm_p"]), "drift" if row["shown"] else "not shown",
         )
@@ -243,7 +243,7 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
             str(row["phase"]),
             number(row["slope_all_samples"]),
             number(row["slope_segments"]),
-            f"{number(row['slope_low'])} to {number(row['slope_high'])}",
+            figure_text((row["slope_low"], row["slope_high"])),
             f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–",
             number(row["slope_pitch_up"]),
             number(row["slope_pitch_down"]),

@@ -155,7 +155,8 @@ class LongitudeAxis:
     Parameters
     ----------
     values : (k,) array
-        Longitudes as in the file: 0 to 360, -180 to 180, or with a jump at the antimeridian.
+        Longitudes as in the file: 0 to 360, -180 to 180, with a jump at the antimeridian, or those on both sides of it
+        in ascending order, with a jump of nearly a full circle in between.
     """
 
     values: Array
@@ -166,12 +167,21 @@ class LongitudeAxis:
         closed = np.append(unwrapped, unwrapped[0] + np.sign(self._spacing) * FULL_CIRCLE) if self.closes else unwrapped
         middle = 0.5 * (closed[0] + closed[-1])
         cells = _cells(closed, positions - FULL_CIRCLE * np.round((positions - middle) / FULL_CIRCLE), np.inf)
-        return Cells(cells.lower % len(self.values), cells.upper % len(self.values), cells.weight, cells.inside)
+        lower, upper = ((index + self._first) % len(self.values) for index in (cells.lower, cells.upper))
+        return Cells(lower, upper, cells.weight, cells.inside)
 
     @property
     def unwrapped(self) -> Array:
-        """Values ``(k,)`` without the jump at the antimeridian."""
-        return np.unwrap(self.values, period=FULL_CIRCLE)
+        """Values ``(k,)`` from the first one on, without the jump at the antimeridian."""
+        return np.unwrap(np.roll(self.values, -self._first), period=FULL_CIRCLE)
+
+    @property
+    def _first(self) -> int:
+        """Index of the first value; not zero if the file begins in the middle, at the antimeridian."""
+        jumps = np.abs(np.diff(self.values))
+        if not is_monotone(self.values) or not jumps.size or jumps.max() < 0.5 * FULL_CIRCLE:
+            return 0
+        return int(jumps.argmax()) + 1
 
     @property
     def closes(self) -> bool:
