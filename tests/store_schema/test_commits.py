@@ -147,7 +147,7 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     ArchiveRows(own_copy).begin(0)
     flip(own_copy / "state" / "u" / "c.1.0")
     answer = resume(swift, own_copy)
-    assert "1 profiles are valid; to be computed: 1 missing, 1 damaged" in answer.err
+    assert "1 profile is valid; to be computed: 1 missing, 1 damaged" in answer.err
     assert "profile 2, state/u: the chunk is damaged; it is computed again" in answer.err
     assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
 
