@@ -69,7 +69,7 @@ def test_a_mission_into_an_object_store(swift, swift_store, bucket):
     assert "profile 2, series/B_cu: the chunk is missing" in answer.out
     answer = program("run-mission", swift, *WHOLE, "--store", address, "--resume")
     assert answer.status == 0
-    assert "1 profiles are valid; to be computed: 1 damaged, 1 missing" in answer.err
+    assert "1 profile is valid; to be computed: 1 damaged, 1 missing" in answer.err
     assert stored(address) == there
     assert set(read_commits(address)) == {0, 1, 2}
 
