@@ -244,7 +244,9 @@ def _note(axes: Axes, text: str, side: Literal["left", "right"], *, inside: bool
     """Write a text above a panel, or at its upper end inside."""
     x, y = 0.0 if side == "left" else 1.0, 0.97 if inside else 1.02
     up: Literal["top", "bottom"] = "top" if inside else "bottom"
-    axes.text(x, y, text, transform=axes.transAxes, ha=side, va=up, fontsize=_SMALL, color="#333333")
+    written = axes.text(x, y, text, transform=axes.transAxes, ha=side, va=up, fontsize=_SMALL, color="#333333")
+    if inside:
+        written.set_bbox({"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 0.8})
 
 
 def _head(figure: Figure, data: ProfileData, truth: xr.Dataset | None) -> float:

@@ -122,6 +122,7 @@ def _draw_profile(axes: Axes, study: xr.Dataset) -> None:
         reference = study[component_column("reference_by_depth", along)]
         if np.isfinite(reference).any():
             axes.plot(reference, depth, ":", color=colour, label=f"reference, {along}")
+    axes.locator_params(axis="x", nbins=5)
     axes.invert_yaxis()
     legend(axes, "lower right")
 
@@ -208,7 +209,8 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
         shown = float(f"{longest:.1g}")
         axes.quiverkey(arrows, 0.8, 0.03, shown, f"{1000 * shown:g} mm/s", labelpos="N", fontproperties={"size": SMALL})
     axes.set_aspect("equal", adjustable="datalim")
-    label(axes, "track with shear vectors", "east of the entry fix, m", "north of the entry fix, m")
+    origin = "start" if tracks is None else "entry fix"
+    label(axes, "track with shear vectors", f"east of the {origin}, m", f"north of the {origin}, m")
     legend(axes)
 
 
