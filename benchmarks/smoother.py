@@ -18,7 +18,8 @@ from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.parameters import Hull
-from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Backward, Dive, allocate_block, allocate_segments
+from gliderhpc.kernels.smoother_allocation import allocate_block, allocate_segments
+from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Backward, Dive
 from gliderhpc.kernels.smoother_segments import linearise_segments
 
 Array = NDArray[np.float64]

@@ -19,6 +19,11 @@ def student_quantile(probability: float, freedom: float) -> float:
     return float(scipy.special.stdtrit(freedom, probability))
 
 
+def few_values_factor(probability: float, freedom: float) -> float:
+    """Return Student's quantile over the normal one: the factor by which few values widen an interval."""
+    return student_quantile(probability, freedom) / normal_quantile(probability)
+
+
 def chi_square_quantile(probability: float, freedom: float | NDArray[Any]) -> Any:
     """Return the value below which chi-square with degrees of freedom lies with a probability; an array for several."""
     return scipy.special.chdtri(freedom, 1.0 - probability)

@@ -17,6 +17,10 @@ class Flags:
         """Return the CF attributes, with the meanings as one string."""
         return {self.kind: list(self.meanings.values()), "flag_meanings": " ".join(self.meanings)}
 
+    def mask(self, *meanings: str) -> int:
+        """Return the bits of some meanings together."""
+        return sum(self.meanings[meaning] for meaning in meanings)
+
 
 CHANNELS = {
     "B_cu": ("N", "disturbance force along the surge axis"),

@@ -34,6 +34,9 @@ SETTLING = 60.0
 NOT_STEADY = ("vibration", "gap_in_the_record")
 """Quality bits that exclude a sample from steady glide."""
 
+OF_WINDOWS = ("prior_used_because_the_window_failed", "window_not_converged")
+"""Quality bits that concern the windows of the adjoint, and no other estimate."""
+
 _SECOND = np.timedelta64(1, "s")
 _TIME_TOLERANCE = 1e-5
 
@@ -104,8 +107,7 @@ class RecordedProfile:
 
     def flagged(self, *meanings: str) -> Mask:
         """Mask ``(n,)`` of the samples with any of the quality bits of the given meanings."""
-        bits = sum(QUALITY.meanings[meaning] for meaning in meanings)
-        return np.asarray((self.quality & np.uint8(bits)) != 0, dtype=np.bool_)
+        return np.asarray((self.quality & QUALITY.mask(*meanings)) != 0, dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,9 +142,12 @@ class ProfileData(RecordedProfile):
     @property
     def converged(self) -> Mask:
         """Mask ``(n,)`` of the samples whose window converged; all samples of an estimate without windows."""
-        if self.estimate == SMOOTHED:
-            return np.ones(len(self.time), dtype=np.bool_)
-        return ~self.flagged("window_not_converged")
+        return np.asarray((self.own_quality & QUALITY.mask("window_not_converged")) == 0, dtype=np.bool_)
+
+    @property
+    def own_quality(self) -> NDArray[np.uint8]:
+        """Quality ``(n,)`` of the estimate: the smoother's without the bits of the adjoint's windows."""
+        return without_windows(self.quality) if self.estimate == SMOOTHED else self.quality
 
     @property
     def residuals(self) -> Array:
@@ -154,6 +159,11 @@ class ProfileData(RecordedProfile):
     def disturbance(self, channel: str) -> Array:
         """One disturbance ``(n,)`` by its name in `CHANNELS`, N or N m."""
         return self.disturbances[:, list(CHANNELS).index(channel)]
+
+
+def without_windows(quality: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return quality flags without the bits of the adjoint's windows."""
+    return quality & np.uint8(~QUALITY.mask(*OF_WINDOWS) & 0xFF)
 
 
 def done_profiles(archive: Archive) -> list[int]:

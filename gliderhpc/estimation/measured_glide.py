@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.distributions import normal_quantile, student_quantile
+from gliderhpc.distributions import few_values_factor
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.glide_currents import on_points
 from gliderhpc.estimation.relative_velocity import MIN_DEPTH, MIN_GLIDE_PITCH, RelativeVelocity, measured_velocity
@@ -88,7 +88,7 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
 
 def _error_of_mean(values: Array) -> float:
     """Standard error of a mean, widened by Student's quantile over the normal one where there are few values."""
-    few = student_quantile(_UPPER, len(values) - 1) / normal_quantile(_UPPER)
+    few = few_values_factor(_UPPER, len(values) - 1)
     return float(few * np.std(values, ddof=1) / math.sqrt(len(values)))
 
 

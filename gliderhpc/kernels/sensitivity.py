@@ -21,7 +21,7 @@ from gliderhpc.kernels.jit import inner_kernel, kernel
 from gliderhpc.kernels.sensitivity_segments import linearise_with_constants
 from gliderhpc.kernels.smoother_covariance import predict_over_segment, symmetrise, update
 from gliderhpc.kernels.smoother_memory import BLOCK, copy_row
-from gliderhpc.kernels.smoother_segments import sum_noise
+from gliderhpc.kernels.smoother_segments import sum_noise, write_transition
 from gliderhpc.kernels.window import sensed_of
 
 
@@ -197,7 +197,7 @@ def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, infor
         if taped:
             _write_updates(block, sensitivity, at, before, tape, forcing.number[k])
             if number < last:
-                _write_transition(block.tangent[at], tape.transition[number])
+                write_transition(block.tangent[at], tape.transition[number])
             else:
                 copy(sensitivity.track[at], out.displacement)
             if done < out.rows.shape[0] and out.rows[done] == k:
@@ -211,16 +211,6 @@ def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, infor
             _carry(block, sensitivity, at)
     _add_information(sensitivity, count, information.matrix[a])
     return done
-
-
-@inner_kernel
-def _write_transition(tangent, transition):
-    """Write the transition of which ``tangent (16, 16)`` is the transpose, in the form of `Tape`."""
-    for i in range(10):
-        for j in range(16):
-            transition[i, j] = tangent[j, i]
-    for i in range(10, 16):
-        transition[10, i] = tangent[i, i]
 
 
 @inner_kernel

@@ -12,15 +12,8 @@ import numpy as np
 from gliderhpc.kernels.array_sizes import declare_sizes
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS
 from gliderhpc.kernels.elementwise import LANES, lane_array
-from gliderhpc.kernels.smoother_memory import (
-    BLOCK,
-    LOG_DETERMINANT,
-    Block,
-    Segments,
-    aligned,
-    allocate_block,
-    allocate_segments,
-)
+from gliderhpc.kernels.smoother_allocation import aligned, allocate_block, allocate_segments
+from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, Block, Segments
 
 Array = Any
 

@@ -36,7 +36,13 @@ from gliderhpc.kernels.smoother_covariance import (
 )
 from gliderhpc.kernels.smoother_mean_shift import expected_mean_shift
 from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, copy_row
-from gliderhpc.kernels.smoother_segments import linearise_segments, run_segments, scatter_after, scatter_products
+from gliderhpc.kernels.smoother_segments import (
+    linearise_segments,
+    run_segments,
+    scatter_after,
+    scatter_products,
+    write_transition,
+)
 from gliderhpc.kernels.window import sensed_of
 
 _AHEAD = 4
@@ -123,7 +129,7 @@ def _filter_block(hull, dive, states, disturbances, mean_shift, first, stop, seg
         if dive.fed[k]:
             _write_updates(block, at, tape, tape.sample[number])
         if number < last:
-            _write_transition(block.tangent[at], tape.transition[number])
+            write_transition(block.tangent[at], tape.transition[number])
             predict_over_segment(segments, block, at)
 
 
@@ -135,16 +141,6 @@ def _write_updates(block, at, tape, sample):
     for index in range(10):
         if block.information[at, index] > 0.0:
             copy(block.gain[at, index], tape.gain[sample, index])
-
-
-@inner_kernel
-def _write_transition(tangent, transition):
-    """Write the transition of which ``tangent (16, 16)`` is the transpose, in the form of `Tape`."""
-    for i in range(10):
-        for j in range(16):
-            transition[i, j] = tangent[j, i]
-    for i in range(10, 16):
-        transition[10, i] = tangent[i, i]
 
 
 @kernel
@@ -242,7 +238,7 @@ def backward(hull, dive, states, disturbances, mean_shift, segments, block, tape
                 prefetch(segments.lanes.by_noise[max(number // LANES - 1, 0)])
             smoothed_noise(dive, segments, number, costate, information, out)
             undo_step(tape.transition[number], block, costate, information)
-            if out.mean_shift.shape[0] > 0 and segments.stands_for[number] > 0:
+            if segments.stands_for[number] > 0:
                 _mean_shift(hull, dive, states, disturbances, segments, number, block, tape, out.mean_shift[number])
         smoothed_mean(tape, number, costate, out.correction[number])
         smoothed_variances(

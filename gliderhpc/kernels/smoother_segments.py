@@ -277,6 +277,16 @@ def scatter_transition(segments, number, block, at):
 
 
 @inner_kernel
+def write_transition(tangent, transition):
+    """Write the transition of which ``tangent (16, 16)`` is the transpose: ten rows, and the decay in the last one."""
+    for i in range(10):
+        for j in range(16):
+            transition[i, j] = tangent[j, i]
+    for i in range(10, 16):
+        transition[10, i] = tangent[i, i]
+
+
+@inner_kernel
 def _scatter_noise(segments, number, at):
     """Write the covariances of the noise to the rows of the block from ``at`` on."""
     lanes = segments.lanes

@@ -10,7 +10,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import MIN_CYCLE
-from gliderhpc.estimation.smoother.problem import SEGMENT_DURATION
+from gliderhpc.estimation.smoother.problem import steps_per_segment
 from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.settings import MissionSettings
@@ -100,7 +100,7 @@ class MissionPlan:
         fits = self._total_memory(settings, fitting) <= limit
         remedy = f"give --workers {fitting}" if fits else "leave the longest profiles out with --profiles"
         raise InputError(
-            f"{workers} {'worker' if workers == 1 else 'workers'} would need {needed / 1e9:.1f} GB of memory, but "
+            f"{counted(workers, 'worker')} would need {needed / 1e9:.1f} GB of memory, but "
             f"{limit / 1e9:.1f} GB are available; {remedy}"
         )
 
@@ -119,7 +119,7 @@ class MissionPlan:
 
 def _smoother_bytes(step: float) -> float:
     """Return the memory per step (bytes) of the profile that is being smoothed, for the length of a step (s)."""
-    return max(_SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT / max(1, round(SEGMENT_DURATION / step)))
+    return max(_SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT / steps_per_segment(step))
 
 
 def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:

@@ -15,6 +15,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -141,5 +142,5 @@ def _draw_key(axes: Axes, fastest: float, stretch: Array) -> None:
 
 def _title(table: xr.Dataset, count: int) -> str:
     name = str(table.attrs.get("mission") or "").strip()
-    dives = "1 dive" if count == 1 else f"{count} dives"
+    dives = counted(count, "dive")
     return f"{name}: currents of {dives}" if name else f"Currents of {dives}"

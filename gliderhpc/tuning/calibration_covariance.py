@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.distributions import normal_quantile, student_quantile
+from gliderhpc.distributions import few_values_factor
 from gliderhpc.tuning.calibration_search import CalibrationSearch
 from gliderhpc.tuning.least_squares import sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors
@@ -67,4 +67,4 @@ def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
 def few_profiles_factor(errors: SegmentErrors) -> float:
     """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
     level = 0.5 + 0.5 * LEVEL
-    return (student_quantile(level, len(np.unique(errors.profile)) - 1) / normal_quantile(level)) ** 2
+    return few_values_factor(level, len(np.unique(errors.profile)) - 1) ** 2

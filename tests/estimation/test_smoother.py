@@ -12,7 +12,7 @@ from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import HeavyTails
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
-from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.kernels.smoother_allocation import allocate_backward
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator.disturbance import RandomProcess

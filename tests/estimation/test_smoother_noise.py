@@ -26,7 +26,7 @@ from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise, standardised_noise
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values
-from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.kernels.smoother_allocation import allocate_backward
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, read_platform
 from gliderhpc.simulator import load_scenario, simulate_profile

@@ -11,7 +11,8 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.dynamics import horizontal_velocity
 from gliderhpc.kernels.elementwise import with_sizes
 from gliderhpc.kernels.jacobian import track_partials
-from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT, allocate_block, allocate_segments, allocate_tape
+from gliderhpc.kernels.smoother_allocation import allocate_block, allocate_segments, allocate_tape
+from gliderhpc.kernels.smoother_memory import BLOCK, LOG_DETERMINANT
 from gliderhpc.kernels.smoother_segments import linearise_segments, scatter_after
 
 STEPS = 4 * BLOCK + 10

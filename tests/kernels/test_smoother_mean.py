@@ -8,7 +8,7 @@ from support.smoothing import GLIDE, PETREL, H, fly
 from gliderhpc.estimation.settings import SmootherSettings
 from gliderhpc.estimation.smoother.iterate import consistency, iterate_passes
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
-from gliderhpc.kernels.smoother_memory import allocate_backward
+from gliderhpc.kernels.smoother_allocation import allocate_backward
 from gliderhpc.outcomes import Outcome
 
 pytestmark = pytest.mark.compiled
@@ -110,7 +110,7 @@ def test_a_mean_shift_summed_up_over_segments_leads_to_the_same_mean(monkeypatch
     """With one mean shift for fifteen steps, the estimate changes by a few hundredths of a deviation."""
     found = []
     for duration in (H, 5 * H):
-        monkeypatch.setattr("gliderhpc.estimation.smoother.problem.SEGMENT_DURATION", duration)
+        monkeypatch.setattr("gliderhpc.estimation.smoother.problem._SEGMENT_DURATION", duration)
         flown = fly(301, 3000)
         settings = SmootherSettings(estimate="mean", tolerance=1e-3)
         found.append(iterate_passes(PETREL.hull, flown.dive, flown.guess, settings))

@@ -35,7 +35,8 @@ from gliderhpc.kernels.sensitivity_memory import (
     allocate_tape,
 )
 from gliderhpc.kernels.smoother import run_path
-from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive, allocate_segments
+from gliderhpc.kernels.smoother_allocation import allocate_segments
+from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

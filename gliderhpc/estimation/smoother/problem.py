@@ -28,17 +28,14 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel
 from gliderhpc.kernels.filter import GATED, RESET
 from gliderhpc.kernels.parameters import Hull
-from gliderhpc.kernels.smoother_memory import (
-    DEFECTS,
-    LOG_DETERMINANT,
-    Backward,
-    Dive,
+from gliderhpc.kernels.smoother_allocation import (
     allocate_backward,
     allocate_block,
     allocate_costate,
     allocate_segments,
     allocate_tape,
 )
+from gliderhpc.kernels.smoother_memory import DEFECTS, LOG_DETERMINANT, Backward, Dive
 from gliderhpc.kernels.smoother_path import move_path
 from gliderhpc.platform import DisturbancePrior
 from gliderhpc.vocabulary import CHANNELS
@@ -49,7 +46,7 @@ _INTERPOLATED = 0.5
 """Fraction of the interval between its records to which the time of an actuator's move is known."""
 _LONGEST_GAP = 40.0
 """Longest gap (s) of the actuators' records in which their moves may be anywhere; with longer ones, dives diverge."""
-SEGMENT_DURATION = 0.5
+_SEGMENT_DURATION = 0.5
 """Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
 _SEGMENTS_OF_MEAN_SHIFT = 5
 """Number of segments with a common mean shift, which otherwise would take half of a pass's time; odd."""
@@ -233,6 +230,11 @@ class Iterate:
         return value if np.isfinite(value) and flyable(self.trajectory.states[:, SENSED]) else np.inf
 
 
+def steps_per_segment(step: float) -> int:
+    """Return the largest number of steps of a segment, for the length of a step (s)."""
+    return max(1, round(_SEGMENT_DURATION / step))
+
+
 def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = None) -> NDArray[np.int64]:
     """Divide a dive into segments: the first row of each, and the last row of the dive.
 
@@ -245,7 +247,7 @@ def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = 
     longest : int, optional
         Largest number of steps of a segment; by default those of half a second.
     """
-    longest = max(1, round(SEGMENT_DURATION / dive.step)) if longest is None else longest
+    longest = steps_per_segment(dive.step) if longest is None else longest
     needed = np.union1d(np.flatnonzero(dive.fed), [0, len(dive.bodies), *also]).astype(np.int64)
     parts = -(-np.diff(needed) // longest)
     inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)

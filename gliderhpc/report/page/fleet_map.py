@@ -181,7 +181,6 @@ def _draw_currents(
 def _ellipse(track: Track) -> Array:
     """Return the outline (61, 2) of the current's error about zero, m/s."""
     factor = covariance_factors(*(np.atleast_1d(value) for value in track.deviations))[0]
-    # The square of a two-dimensional Mahalanobis distance is exponentially distributed with mean 2.
     return np.asarray(math.sqrt(chi_square_quantile(PROBABILITY, 2)) * (factor @ CIRCLE).T)
 
 

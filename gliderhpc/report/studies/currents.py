@@ -245,8 +245,8 @@ def _errors_included(table: pd.DataFrame) -> str:
     """Name the errors that the ellipses contain: terms of a run with the hull's errors are zero."""
     names = [name for column, name in _TERMS.items() if (table[column] > 0.0).any()]
     hull = [] if _TERMS["axial_std"] in names else ["the hull's errors with those of the compass"]
-    assumed = [f"assumed errors of {' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))}"] if names else []
-    return " and ".join(hull + assumed)
+    listed = " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+    return " and ".join(hull + ([f"assumed errors of {listed}"] if names else []))
 
 
 def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:

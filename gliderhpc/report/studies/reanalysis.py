@@ -23,7 +23,7 @@ from gliderhpc.studies.archived import (
     stored_attribute,
 )
 from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
-from gliderhpc.studies.library.tracks import Current, ellipses_used, has_currents_study
+from gliderhpc.studies.library.tracks import Current, ellipses_used
 from gliderhpc.studies.reanalysis import COUNTS, NAME, Compared, agreement_rows, agreements, compare, comparisons
 
 if TYPE_CHECKING:
@@ -211,8 +211,8 @@ def show(archive: Archive) -> Findings:
     table = _by_model(archive, made)
     agreement, nine = agreement_rows(compared, found), table_4(compared, places)
     facts = shared_facts(made) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
-    by_study = has_currents_study(archive, made.estimate)
     stored, present = archive[NAME].attrs, ellipses_used(archive, made.estimate)
+    by_study = present["ellipses_of_study"]
     # Earlier versions of this program stored no digest.
     other = () if all(stored.get(key, value) == value for key, value in present.items()) else (_OTHER_ELLIPSES,)
     return archive_findings(

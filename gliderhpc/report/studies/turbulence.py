@@ -17,7 +17,7 @@ from gliderhpc.store_schema.columns import (
     actuated_column,
     surrogate_columns,
 )
-from gliderhpc.studies.archived import Provenance
+from gliderhpc.studies.archived import Provenance, failed_profiles
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles
 from gliderhpc.studies.library.turbulence.series import FastSettings
 from gliderhpc.studies.library.turbulence.verdict import (
@@ -97,9 +97,8 @@ def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
 
 def _usual_nyquist(table: pd.DataFrame) -> float:
     """Return the median Nyquist frequency of the profiles studied, or of all if none could be; Hz."""
-    without = table["message"].fillna("") if "message" in table else pd.Series("", index=table.index)
-    studied = table.loc[without == "", "nyquist"]
-    return float((studied if len(studied) else table["nyquist"]).median())
+    _, studied = failed_profiles(table)
+    return float((studied if len(studied) else table)["nyquist"].median())
 
 
 def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from gliderhpc.observations import Fix
 from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import moved
 from gliderhpc.platform import Platform
+from gliderhpc.store_schema.digests import digest_of
 from gliderhpc.studies.archived import platform_of, series_of, settings_of, states_of
 
 Array = NDArray[np.float64]
@@ -369,4 +369,4 @@ def ellipses_used(archive: Archive, estimate: str) -> dict[str, Any]:
     study = archive[CURRENTS].to_dataset()
     names = ("current_north_std", "current_east_std", "current_covariance")
     values = np.stack([study[name].values for name in names]).astype("<f8")
-    return {"ellipses_of_study": True, "ellipses_digest": sha256(values.tobytes()).hexdigest()}
+    return {"ellipses_of_study": True, "ellipses_digest": digest_of(values.tobytes())}

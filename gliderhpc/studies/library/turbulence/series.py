@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData
+from gliderhpc.archive.profile import OF_WINDOWS, SETTLING, SMOOTHED, ProfileData, without_windows
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
@@ -30,10 +30,7 @@ CUTOFF = 0.05
 HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter."""
 
-_OF_WINDOWS = ("prior_used_because_the_window_failed", "window_not_converged")
-"""Quality bits that concern the windows of the adjoint, and no other estimate."""
-
-NOT_MEASURED = ("gap_in_the_record", *_OF_WINDOWS)
+NOT_MEASURED = ("gap_in_the_record", *OF_WINDOWS)
 """Quality bits of samples without information on the water."""
 
 ACTUATED = ("vibration", "battery_rotated")
@@ -276,7 +273,7 @@ class ChannelSeries:
     def counted(self, *, actuated: bool) -> Mask:
         """Mask ``(n,)`` of usable samples: settled, measured and, unless `actuated`, with actuators at rest."""
         meanings = NOT_MEASURED if actuated else (*NOT_MEASURED, *ACTUATED)
-        bits = np.uint8(sum(QUALITY.meanings[meaning] for meaning in meanings))
+        bits = QUALITY.mask(*meanings)
         return np.asarray(((self.quality & bits) == 0) & (self.time >= SETTLING) & np.isfinite(self.values))
 
 
@@ -289,14 +286,7 @@ def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSe
         return ChannelSeries(data.time, values, depth, data.quality, data.step, interval)
     on = np.searchsorted(data.time, data.record_time - 0.5 * data.step)
     output_interval = float(data.attributes["output_interval"])
-    quality = _without_windows(data.quality[on])
-    return ChannelSeries(data.time[on], values[on], depth[on], quality, output_interval, interval)
-
-
-def _without_windows(quality: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Quality ``(n,)`` without the bits of the adjoint's windows."""
-    bits = sum(QUALITY.meanings[meaning] for meaning in _OF_WINDOWS)
-    return quality & np.uint8(~bits & 0xFF)
+    return ChannelSeries(data.time[on], values[on], depth[on], data.own_quality[on], output_interval, interval)
 
 
 def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
@@ -306,7 +296,7 @@ def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, eve
     if which != SMOOTHED or estimate.smoothed is None:
         values = pad_to(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
-    time, quality, depth = time[::every], _without_windows(quality[::every]), depth[::every]
+    time, quality, depth = time[::every], without_windows(quality[::every]), depth[::every]
     values = pad_to(estimate.smoothed.disturbances[:, column], len(time))
     return ChannelSeries(time, values, depth, quality, every * series.step, series.sample_interval)
 
