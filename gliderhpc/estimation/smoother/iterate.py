@@ -45,6 +45,8 @@ Array = NDArray[np.float64]
 
 _FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 """Fractions of a pass's move that are tried."""
+_AT_ONCE = _FRACTIONS[:2]
+"""Fractions that are tried with renewed noise in the same sweep."""
 _PENALTY = 1.5
 """Ratio of a defect's weight to the largest costate of its state; above 1 the merit has the MAP problem's minimum."""
 _NEARLY_DONE = 1.0
@@ -57,6 +59,8 @@ _SEGMENT = (0.15, 0.4)
 """Part of a dive from which its noise is first estimated: usually steady descent, settled after the surface."""
 _LONGEST_SEGMENT = 1200.0
 """Longest duration of that part, s; a longer one would hardly determine the noise better."""
+_SEGMENT_PASSES = 3
+"""Largest number of passes over that part: the passes over the whole dive update its noise anyway."""
 _SIMPLER: dict[str, dict[str, bool | str]] = {
     "the noise is the prior's, not fitted to the dive": {"adaptive": False},
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
@@ -155,8 +159,10 @@ def noise_from_segment(
         mean=np.concatenate([start.states[first, SENSED], np.zeros(6)]),
     )  # fmt: skip
     part_scale, part_start = scale.of_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
+    passes = _SEGMENT_PASSES if settings.max_passes is None else min(settings.max_passes, _SEGMENT_PASSES)
+    brief = settings.model_copy(update={"max_passes": passes})
     smoothed = iterate_passes(
-        hull, part, part_start, settings, gate=gate, noise_models=[part_scale], usual=part_scale.usual
+        hull, part, part_start, brief, gate=gate, noise_models=[part_scale], usual=part_scale.usual
     )
     return scale.scaled(part_scale.factors(part.noise)) if smoothed.outcome.usable else np.asarray(dive.noise)
 
@@ -309,8 +315,9 @@ class _Iteration:
         merit has no defects.
         """
         weights = _PENALTY * self.linear.steepest
-        if noise is not self._sweeps.dive.noise and self._moves_at_once(noise, weights):
-            return
+        if noise is not self._sweeps.dive.noise:
+            if any(self._moves_at_once(noise, weights, fraction) for fraction in _AT_ONCE):
+                return
         trajectory, strength = self.iterate.trajectory, self._damping.strength
         if self._damping.active:
             self._damping.loosen()
@@ -331,16 +338,17 @@ class _Iteration:
         self._damping.tighten()
         self.iterate = self._sweeps.forward(trajectory)
 
-    def _moves_at_once(self, noise: Array, weights: Array) -> bool:
-        """Make the whole move and renew the noise in one sweep, if the merit decreases even without its determinant.
+    def _moves_at_once(self, noise: Array, weights: Array, fraction: float) -> bool:
+        """Make a fraction of the move and renew the noise in one sweep, if the merit without determinant decreases.
 
         The determinants before and after the move belong to different noise, so that they cannot be compared.
         """
         dive, used = self._sweeps.dive, self._sweeps.dive.noise.copy()
         dive.noise[:] = noise
-        trial = self._sweeps.forward(self._moved(1.0))
+        trial = self._sweeps.forward(self._moved(fraction))
         if trial.with_noise(dive, used).merit(weights, 0.0) < self.iterate.merit(weights, 0.0):
             self.iterate, self._released = trial, False
+            self.damped += fraction < 1.0
             return True
         dive.noise[:] = used
         return False
