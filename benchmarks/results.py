@@ -24,6 +24,10 @@ def write_results(path: Path, results: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(results, indent=2) + "\n", "utf-8")
 
 
+SMOOTHER_PEERS = {"dense": "whole matrices in NumPy", "dynamax": "dynamax on JAX"}
+"""Peers of the smoother's pass, by their names in the results."""
+
+
 def terminal_table(results: Results) -> Table:
     """One table: every engine and peer, then profiles, scaling, memory and peak."""
     machine = results["machine"]
@@ -41,8 +45,12 @@ def terminal_table(results: Results) -> Table:
             label = results["contenders"][name]["label"]
             table.add_row(f"profile of {results['profile_minutes']:.0f} min, {preset}: {label}", *_cells(row), "", "")
     row = results["smoother"]
-    remark = f"one pass; a dense one in NumPy takes {row['dense_ratio']:.1f} times as long"
-    table.add_row("smoother", f"{row['pass_us']:.2f} us a step", "", "", remark)
+    table.add_row("smoother", f"{row['pass_us']:.2f} us a step", "", "", "one pass")
+    for name, ratio in row["ratios"].items():
+        remark = f"{ratio:.1f} times as long as ours"
+        table.add_row(
+            f"smoother: {SMOOTHER_PEERS[name]}", f"{row[f'{name}_us']['median']:.2f} us a step", "", "", remark
+        )
     for name, row in results["duration"].items():
         table.add_row(f"growth with duration: {name}", f"exponent {row['exponent']:.2f}", "", "", "1: in proportion")
     for name, rows in results["workers"].items():
@@ -56,7 +64,7 @@ def terminal_table(results: Results) -> Table:
                 remark,
             )
     table.add_row("FMA peak of one core", f"{results['peak_flops'] / 1e9:.1f} GFLOP/s", "", "", _fractions(results))
-    for name, lack in results["skipped"].items():
+    for name, lack in (results["skipped"] | results["smoother"]["skipped"]).items():
         table.add_row(f"{name} skipped", "", "", "", lack)
     return table
 

@@ -315,9 +315,8 @@ class _Iteration:
         merit has no defects.
         """
         weights = _PENALTY * self.linear.steepest
-        if noise is not self._sweeps.dive.noise:
-            if any(self._moves_at_once(noise, weights, fraction) for fraction in _AT_ONCE):
-                return
+        if noise is not self._sweeps.dive.noise and any(self._moves_at_once(noise, weights, f) for f in _AT_ONCE):
+            return
         trajectory, strength = self.iterate.trajectory, self._damping.strength
         if self._damping.active:
             self._damping.loosen()
