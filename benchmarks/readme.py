@@ -106,13 +106,13 @@ def _sentences(results: Mapping[str, Any]) -> Iterable[str]:
 
 def _smoother(row: Mapping[str, Any]) -> str:
     ratios, differences = row["ratios"], row["largest_differences"]
-    peers = ", ".join(f"{SMOOTHER_PEERS[name]} {ratio:.1f} times" for name, ratio in ratios.items())
+    peers = ", ".join(f"{SMOOTHER_PEERS[name]} {ratio:.1f} times as long" for name, ratio in ratios.items())
     apart = ", ".join(f"{differences[name]:.0e}" for name in ratios)
     return (
         f"- The smoother took {row['pass_us']:.1f} μs per step and pass on {row['day']} (forwards {row['forward_us']['median']:.1f}, "
         f"backwards {row['backward_us']['median']:.1f}), linearisation and mean shift included, and {row['whole_us']['median']:.0f} μs per "
-        f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. Passes of others over the same "
-        f"segments, without the linearisation, take as long as this: {peers} (largest differences of means in deviations and "
+        f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. A pass of others over the "
+        f"same segments, without the linearisation, takes longer: {peers} (largest differences of means in deviations and "
         f"of relative variances: {apart})."
     )
 
