@@ -139,6 +139,24 @@ def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
     assert sweeps.count(0) < sweeps.count(1)
 
 
+@pytest.mark.compiled
+def test_noise_that_overshoots_settles_soon():
+    """Each renewal leaves 0.7 of its distance (in logarithms) on the other side; made whole, it would take nine."""
+    flown = fly(41, 2000)
+    dive = flown.dive._replace(noise=flown.dive.noise.copy(), variance=flown.dive.variance.copy())
+    settled, used = 5.0 * dive.noise, []
+
+    class Overshooting:
+        def renewed(self, noise, linear):
+            used.append(noise.copy())
+            return settled * (settled / noise) ** 0.7
+
+    smoothed = iterate_passes(PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[Overshooting()])
+    assert smoothed.outcome is Outcome.CONVERGED
+    assert len({noise[0, 0] for noise in used}) <= 5
+    np.testing.assert_allclose(dive.noise, settled, rtol=0.1)
+
+
 def _filtered(flown):
     return SimpleNamespace(states=flown.guess.states, disturbances=flown.guess.disturbances)
 

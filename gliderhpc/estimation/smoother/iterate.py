@@ -238,6 +238,8 @@ class _Iteration:
         self.movement = np.inf
         # Share of the log determinant that is consistent with the dive's own noise.
         self.share = 1.0
+        # Variances of the noise before they were last changed.
+        self._before: Array | None = None
         self._cap = np.inf if settings.max_passes is None else settings.max_passes
         self.linear = self._pass()
 
@@ -299,12 +301,18 @@ class _Iteration:
         return linear
 
     def _renewed_noise(self) -> Array:
-        """Variances of the noise for the next pass: the same array as in use, unless a variance has changed."""
+        """Variances of the noise for the next pass: the same array as in use, unless a variance has changed.
+
+        A variance that would turn back is moved by half (of its logarithm): alternating changes overshoot their limit.
+        """
         used: Array = self._sweeps.dive.noise
         noise = used
         # Damped rows would seem better resolved than they are by the record.
         for model in () if self._damping.active else self._models:
             noise = model.renewed(noise, self.linear)
+        if self._before is not None and noise is not used:
+            turns_back = (noise - used) * (used - self._before) < 0.0
+            noise = np.where(turns_back, np.sqrt(noise * used), noise)
         return noise if np.max(np.abs(noise / used - 1.0)) > _SETTLED else used
 
     def _move(self, noise: Array) -> None:
@@ -329,6 +337,7 @@ class _Iteration:
                 self.iterate, self._released = trial, False
                 self.damped += fraction < 1.0
                 if noise is not self._sweeps.dive.noise:
+                    self._before = self._sweeps.dive.noise.copy()
                     self._sweeps.dive.noise[:] = noise
                     self.iterate = self._sweeps.forward(self.iterate.trajectory)
                 return
@@ -346,7 +355,7 @@ class _Iteration:
         dive.noise[:] = noise
         trial = self._sweeps.forward(self._moved(fraction))
         if trial.with_noise(dive, used).merit(weights, 0.0) < self.iterate.merit(weights, 0.0):
-            self.iterate, self._released = trial, False
+            self.iterate, self._released, self._before = trial, False, used
             self.damped += fraction < 1.0
             return True
         dive.noise[:] = used
