@@ -2,7 +2,8 @@
 
 import logging
 import warnings
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -10,6 +11,7 @@ from typing import Any, Self
 
 import netCDF4
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
@@ -283,6 +285,11 @@ class ForeignFile(NamedColumns):
         """
         self._rejected = find_rejected(self, names, needed)
         return self._rejected.remark
+
+    def reject(self, masks: Mapping[str, npt.NDArray[np.bool_]]) -> None:
+        """Treat values, given by a mask ``(n,)`` for each variable, as missing from now on."""
+        joined = {name: mask | self._rejected.masks.get(name, False) for name, mask in masks.items()}
+        self._rejected = replace(self._rejected, masks=self._rejected.masks | joined)
 
     def unlimited(self, name: str) -> FloatArray:
         """Finite values of a variable as stored, including those outside the limits that the file declares."""

@@ -20,6 +20,7 @@ from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives
+from gliderhpc.observations.og1_fills import reject_fills
 from gliderhpc.observations.og1_samples import chosen_samples, floats, is_flight
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
@@ -33,7 +34,6 @@ from gliderhpc.observations.og1_variables import (
     read_depth,
     read_flight_model,
     read_gps,
-    read_heading,
     read_seawater,
     read_speeds,
     reject_flagged,
@@ -292,8 +292,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     """
     vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
     check_complete(file)
-    flagged = reject_flagged(file)
-    samples, turned, absent, impossible = _read_samples(file, declination)
+    rejected = (*reject_flagged(file), *reject_fills(file))
+    samples, turned, absent, unusable = _read_samples(file, declination)
     doubt = _check_heading(file)
     depth = floats(samples["depth"])
     numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
@@ -328,14 +328,14 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         without_dive=found.without,
         lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in contradicting.items()},
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*flagged, *impossible, *own_remarks, *describe_fixes(file, fixes), *remarks),
+        remarks=(*rejected, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )
 
 
 def _read_samples(
     file: ForeignFile, declination: float | None
 ) -> tuple[Columns, Declination, tuple[str, ...], tuple[str, ...]]:
-    """Read all rows of a file, with the heading's declination, absent controls, and remarks on heading and water."""
+    """Read all rows of a file, with the heading's declination, absent controls, and remarks on the water."""
     names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -343,13 +343,12 @@ def _read_samples(
         "depth": read_depth(file),
         **{what: file.converted(name, "degree") for what, name in names.items()},
     }
-    heading, remarks = read_heading(file, names["heading"])
-    samples["heading"] = np.mod(heading + turned.angle, 360.0)
+    samples["heading"] = np.mod(samples["heading"].astype(np.float64) + turned.angle, 360.0)
     controls, absent = read_controls(file, len(samples["time"]))
     seawater, unusable = read_seawater(file)
     samples |= controls | seawater
     check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
-    return samples, turned, absent, (*remarks, *unusable)
+    return samples, turned, absent, unusable
 
 
 def _check_heading(file: ForeignFile) -> str | None:

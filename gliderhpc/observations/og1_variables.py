@@ -127,6 +127,11 @@ def _remedy(file: ForeignFile, lacking: Container[str]) -> str:
     return ""
 
 
+def sense_of_depth(file: ForeignFile, name: str) -> float:
+    """Sign to multiply a depth with, -1 where the file declares it positive upward."""
+    return -1.0 if file.attribute("positive", name).strip().lower() == "up" else 1.0
+
+
 def read_depth(file: ForeignFile) -> FloatArray:
     """Depth (m), ``(n,)``, positive down; NaN where missing.
 
@@ -136,7 +141,7 @@ def read_depth(file: ForeignFile) -> FloatArray:
         The sign of the depth under water is not the declared one; without a declaration it is positive.
     """
     name = DEPTH.require(file, "depth")
-    sense = -1.0 if file.attribute("positive", name).strip().lower() == "up" else 1.0
+    sense = sense_of_depth(file, name)
     depth = sense * file.converted(name, DEPTH.unit)
     # The file's own limits, such as valid_min = 0, may hide the negative values.
     factor = FACTORS[DEPTH.unit].get(file.attribute("units", name).strip().lower(), 1.0)
@@ -187,21 +192,6 @@ def reject_flagged(file: ForeignFile) -> tuple[str, ...]:
 
 HEADINGS = (-181.0, 361.0)
 """Range of headings (degree); those outside are undeclared fill values."""
-
-
-def read_heading(file: ForeignFile, name: str) -> tuple[FloatArray, tuple[str, ...]]:
-    """Heading (degree) as measured, NaN where missing or impossible, and a remark that counts the impossible ones."""
-    heading = file.converted(name, "degree")
-    with np.errstate(invalid="ignore"):
-        lost = np.flatnonzero((heading < HEADINGS[0]) | (heading > HEADINGS[1]))
-    if not len(lost):
-        return heading, ()
-    remark = (
-        f"{file.path.name}: {name} is outside {HEADINGS[0]:g} to {HEADINGS[1]:g} degree in {len(lost)} samples, the "
-        f"first {heading[lost[0]]:g} at sample {lost[0]}; these are treated as missing: declare its fill value"
-    )
-    heading[lost] = np.nan
-    return heading, (remark,)
 
 
 def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:

@@ -1,0 +1,132 @@
+"""Undeclared fill values in OG1 files: values that no sensor can have measured are missing.
+
+Fill values repeat the same few numbers. Many different impossible values are therefore a variable in another unit than
+declared; these are left to the checks of the profiles, which name the variable and the unit.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import Term
+from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.format import CONTROLS, VARIABLES
+from gliderhpc.observations.og1_variables import (
+    ATTITUDE,
+    BALLAST,
+    BATTERY,
+    DEPTH,
+    FIX_LATITUDE,
+    FIX_LONGITUDE,
+    HEADINGS,
+    RUDDER,
+    SEAWATER,
+    sense_of_depth,
+)
+from gliderhpc.observations.records import FloatArray
+
+_NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
+USUAL_FILLS = (*_NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
+"""Usual values of missing samples; no sensor of a glider reads exactly these."""
+
+HUGE = 1e30
+"""Magnitude from which a value is a fill value, such as the netCDF library's 9.96921e36."""
+
+MIN_DISTINCT = 10
+"""Number of different impossible values from which they are no fill values."""
+
+_TERMS: dict[str, Term] = {
+    "depth": DEPTH,
+    **ATTITUDE,
+    "ballast_volume": BALLAST,
+    **BATTERY,
+    "rudder": RUDDER,
+    **SEAWATER,
+    "fix_latitude": FIX_LATITUDE,
+    "fix_longitude": FIX_LONGITUDE,
+}
+"""Variables that are checked, by their names in the observation format."""
+
+
+def reject_fills(file: ForeignFile) -> tuple[str, ...]:
+    """Treat undeclared fill values as missing from now on; return a remark for each variable that has them.
+
+    Raises
+    ------
+    InputError
+        Most headings are impossible and differ from each other, or a unit cannot be converted.
+    """
+    masks: dict[str, npt.NDArray[np.bool_]] = {}
+    remarks: list[str] = []
+    for what, term in _TERMS.items():
+        name = term.find(file)
+        if name is None:
+            continue
+        values = _in_our_unit(file, what, term, name)
+        lost = _fills(file.numbers(name), values, what)
+        if what == "heading":
+            _check_headings(values, lost, f"{file.path}: {name}")
+        if lost.any():
+            masks[name] = lost
+            remarks.append(f"{file.path.name}: {_describe(name, what, term, values, lost)}")
+    file.reject(masks)
+    return tuple(remarks)
+
+
+def _in_our_unit(file: ForeignFile, what: str, term: Term, name: str) -> FloatArray:
+    """Values in the unit and sense of the observation format, NaN where missing; of the water as stored."""
+    if what in SEAWATER:
+        # A unit that cannot be converted costs the variable only, when it is read.
+        return file.numbers(name)
+    sense = sense_of_depth(file, name) if what == "depth" else 1.0
+    return sense * file.converted(name, term.unit, undeclared=term.undeclared or None)
+
+
+def _range(what: str) -> tuple[float, float]:
+    """Range of possible values; controls have none, since few different ones may well be in another unit."""
+    if what in CONTROLS:
+        return float("-inf"), float("inf")
+    return HEADINGS if what == "heading" else (VARIABLES[what].low, VARIABLES[what].high)
+
+
+def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the values, as stored and converted, that are no measurements."""
+    low, high = _range(what)
+    with np.errstate(invalid="ignore"):
+        usual = np.abs(stored) >= HUGE
+        outside = (values < low) | (values > high)
+    # A depth in centimetres may well be 9999, but in metres it is not.
+    usual |= np.isin(stored, _NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
+    odd = np.unique(values[outside & ~usual])
+    if what == "heading" or len(odd) < min(MIN_DISTINCT, len(np.unique(values[np.isfinite(values)]))):
+        return np.asarray(usual | outside)
+    return np.asarray(usual)
+
+
+def _check_headings(values: FloatArray, lost: npt.NDArray[np.bool_], where: str) -> None:
+    """Refuse headings most of which are impossible and differ from each other.
+
+    Raises
+    ------
+    InputError
+        The headings are in another unit than declared.
+    """
+    count = int(np.count_nonzero(np.isfinite(values)))
+    found = np.count_nonzero(lost)
+    if found > 0.5 * count and len(np.unique(values[lost])) >= MIN_DISTINCT:
+        raise InputError(
+            f"{where} is outside {HEADINGS[0]:g} to {HEADINGS[1]:g} degree in {found} of {count} samples, the first "
+            f"{values[lost][0]:g}; convert it, or set its units to those that it is in"
+        )
+
+
+def _describe(name: str, what: str, term: Term, values: FloatArray, lost: npt.NDArray[np.bool_]) -> str:
+    """Sentence that counts the fill values of a variable, with the remedy."""
+    low, high = _range(what)
+    first = int(np.flatnonzero(lost)[0])
+    impossible = not low <= values[first] <= high
+    outside = f"is outside {low:g} to {high:g} {term.unit}" if impossible else "has a usual fill value"
+    return (
+        f"{name} {outside} in {np.count_nonzero(lost)} samples, the first {values[first]:g} at sample {first}; these "
+        "are treated as missing: declare its fill value"
+    )
