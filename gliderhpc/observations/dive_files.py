@@ -172,7 +172,7 @@ def reference_speeds(file: ForeignFile, clock: str, sources: Mapping[str, str | 
     Returns
     -------
     dict of str to (k,) array
-        ``reference_time`` (UTC) and the reference quantities (m/s), NaN where missing.
+        ``reference_time`` (UTC), increasing, and the reference quantities (m/s), NaN where missing.
     """
     file.check_lengths((clock, *filter(None, sources.values())))
     time = file.times(clock)
@@ -180,5 +180,6 @@ def reference_speeds(file: ForeignFile, clock: str, sources: Mapping[str, str | 
         name: np.full(len(time), np.nan) if source is None else file.converted(source, "m s-1")
         for name, source in sources.items()
     }
-    known = ~np.isnat(time) & np.isfinite(speeds["reference_speed"])
+    known = np.flatnonzero(~np.isnat(time) & np.isfinite(speeds["reference_speed"]))
+    known = known[np.unique(time[known], return_index=True)[1]]
     return {"reference_time": time[known], **{name: values[known] for name, values in speeds.items()}}

@@ -39,8 +39,10 @@ from gliderhpc.observations.og1_variables import (
     reject_flagged,
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
+from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
+from gliderhpc.observations.time_order import order_of_rows
 from gliderhpc.observations.validation import Span, profile_spans
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
@@ -295,8 +297,10 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     rejected = (*reject_flagged(file), *reject_fills(file))
     samples, turned, absent, unusable = _read_samples(file, declination)
     doubt = _check_heading(file)
+    order = order_of_rows(samples["time"].astype("datetime64[ns]"), _numeric(samples))
+    samples = {name: values[order.rows] for name, values in samples.items()}
     depth = floats(samples["depth"])
-    numbers = dive_numbers(file, samples["time"].astype("datetime64[ns]"), depth)
+    numbers = dive_numbers(file, order.rows, samples["time"].astype("datetime64[ns]"), depth)
     rows = np.flatnonzero(is_flight(samples))
     time = samples["time"][rows].astype("datetime64[ns]")
     in_order = increasing(time)
@@ -310,7 +314,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     profile = number_samples(found.spans, len(ordered))
     _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
     dives = {number: span for number, span in found.spans.items() if number not in lost}
-    own_remarks = [f"{file.path.name}: {each}" for each in (doubt, found.remark) if each]
+    own_remarks = [f"{file.path.name}: {each}" for each in (*order.describe(), doubt, found.remark) if each]
     return Record(
         path=file.path,
         model=file.text("PLATFORM_MODEL") or file.attribute("platform"),
@@ -318,7 +322,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
         samples=samples,
         dives=dives,
-        solution=read_currents(file, ordered, list(dives.values()))
+        solution=read_currents(file, order.rows[ordered], list(dives.values()))
         | read_flight_model(file, len(dives))
         | read_speeds(file),
         fixes=fixes,
@@ -330,6 +334,10 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         rows_dropped=int(np.count_nonzero(~in_order)),
         remarks=(*rejected, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )
+
+
+def _numeric(samples: Columns) -> list[FloatArray]:
+    return [floats(values) for name, values in samples.items() if name != "time"]
 
 
 def _read_samples(

@@ -39,12 +39,12 @@ class Dives:
     remark: str = ""
 
 
-def dive_numbers(file: ForeignFile, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
-    """Dive number of every row: from the file, or else detected from depth; -1 where there is none."""
+def dive_numbers(file: ForeignFile, rows: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
+    """Dive number of some rows, given with their time and depth: from the file, or else detected; -1 for none."""
     name = DIVE.find(file)
     if name is not None:
         file.check_lengths((TIME.require(file, "time"), name))
-        given = np.nan_to_num(file.numbers(name), nan=_NO_DIVE)
+        given = np.nan_to_num(file.numbers(name), nan=_NO_DIVE)[rows]
         # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
         plausible = (given >= 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
         return np.asarray(np.where(plausible, given, _NO_DIVE), dtype=np.int64)

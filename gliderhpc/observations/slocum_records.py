@@ -29,14 +29,12 @@ from gliderhpc.observations.slocum_files import (
     read_decoded,
 )
 from gliderhpc.observations.stored_reads import Reads
+from gliderhpc.observations.time_order import order_of_rows
 
 _NO_PART = -1
 """Number of science records, which need none because profiles consist of flight records."""
 
 log = logging.getLogger(__name__)
-
-SEGMENT_BREAK, LONGEST_PAUSE = 600.0, 6.0 * 3600.0
-"""Pause (s) at which a file's rows are divided into segments, and longest pause between two segments of a mission."""
 
 CLOCK_NOT_SET = "clock not set"
 HUNG = "measurements of a delayed cycle of the computer"
@@ -182,21 +180,12 @@ def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
 def _segments_in_order(rows: Rows, path: Path) -> Rows:
     """Put the segments of a file that joins them in another order, such as that of their names, in the order of time.
 
-    Only segments that follow one another closely when they are sorted are moved. The times of a clock that was wrong
-    overlap with others, or lie apart from them.
+    Rows that the file repeats, as where its parts overlap, are taken once.
     """
-    known = rows.where(~np.isnat(rows.time))
-    steps = np.diff(known.time) / np.timedelta64(1, "s")
-    if len(known) < 2 or not (steps < 0.0).any():
-        return rows
-    first = np.append(0, np.flatnonzero((steps < 0.0) | (steps > SEGMENT_BREAK)) + 1)
-    last = np.append(first[1:], len(known)) - 1
-    order = np.argsort(known.time[first], kind="stable")
-    pauses = (known.time[first[order[1:]]] - known.time[last[order[:-1]]]) / np.timedelta64(1, "s")
-    if (pauses < 0.0).any() or (pauses > LONGEST_PAUSE).any():
-        return rows
-    log.warning("%s: its rows are not in the order of time; %d parts of it are sorted", path, len(first))
-    return known.where(np.argsort(known.time, kind="stable"))
+    order = order_of_rows(rows.time, list(rows.columns.values()))
+    for text in order.describe():
+        log.warning("%s: %s", path, text)
+    return rows.where(order.rows)
 
 
 def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
