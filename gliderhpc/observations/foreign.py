@@ -240,22 +240,22 @@ class ForeignFile(NamedColumns):
         return next((name for name in names if name in self), None)
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` without conversion, NaN where missing or infinite; a scalar gives one value.
+        """Values ``(n,)`` without conversion, NaN where missing or infinite, without dimensions of length 1.
 
         Raises
         ------
         InputError
-            The file has no such variable, the variable is not numeric or has several dimensions, or the file is
-            truncated.
+            The file has no such variable, the variable is not numeric or has several dimensions longer than 1, or
+            the file is truncated.
         """
         if name not in self:
             raise InputError(f"{self.path}: has no variable {name}")
         values = np.ma.asarray(self._read(name))
         if values.dtype.kind not in "fiu":
             raise InputError(f"{self.path}: {name} does not contain numbers")
-        if values.ndim > 1:
+        if max(values.shape, default=1) != values.size:
             raise InputError(f"{self.path}: {name} has {values.ndim} dimensions; it must have one")
-        numbers = np.atleast_1d(np.ma.filled(values.astype(np.float64), np.nan))
+        numbers = np.ma.filled(values.ravel().astype(np.float64), np.nan)
         # An infinite value was not measured.
         return self._rejected.without(name, np.where(np.isfinite(numbers), numbers, np.nan))
 

@@ -243,3 +243,32 @@ def test_a_file_of_another_program_beside_an_instruments_is_named_and_left_out(t
     faults = FileImport(None, {}).import_files(sorted(tmp_path.glob("*.nc")), tmp_path / "made" / "records.nc")
     assert list(faults) == ["other.nc"]
     assert "is neither a record like the others nor in the observation format" in faults["other.nc"]
+
+
+def test_a_dimension_of_one_is_dropped(tmp_path):
+    """As (N_MEASUREMENTS, 1), and a scalar along a dimension of its own."""
+    path = made.write_og1(tmp_path / "usual.nc")
+    import_og1([path], tmp_path / "expected.nc")
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        stored = dataset.load()
+    for name in ("TIME", "PITCH", "DEPTH", "TEMP", "TEMP_QC", "divenum", "LATITUDE_GPS"):
+        stored[name] = stored[name].expand_dims({"N_PARAM": 1}, axis=1)
+    stored["PLATFORM_MODEL"] = stored["PLATFORM_MODEL"].expand_dims("N_PARAM")
+    stored["MASS"] = ("N_PARAM", [52.0], {"units": "kg"})
+    stored.to_netcdf(tmp_path / "squeezed.nc")
+    summary = import_og1([tmp_path / "squeezed.nc"], tmp_path / "out.nc")
+    assert (len(summary.complete), summary.remarks, summary.fixes) == (2, (), 6)
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        assert found.attrs["platform"] == "seaglider"
+        for name in ("time", "depth", "pitch", "temperature", "fix_latitude", "profile"):
+            np.testing.assert_array_equal(found[name].values, expected[name].values)
+
+
+def test_variables_of_several_dimensions_are_refused(tmp_path):
+    path = made.write_og1(tmp_path / "sg099.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file.createDimension("N_PARAM", 2)
+        file.renameVariable("PITCH", "ORIGINAL_PITCH")
+        file.createVariable("PITCH", "f8", ("N_MEASUREMENTS", "N_PARAM"))[:] = 1.0
+    with pytest.raises(InputError, match="PITCH has 2 dimensions; it must have one"):
+        import_og1([path], tmp_path / "out.nc")
