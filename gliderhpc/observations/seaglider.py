@@ -1,8 +1,8 @@
 """Import of the basestation's per-dive Seaglider netCDF files (``p*.nc``) into the observation format."""
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -131,6 +131,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
             without[f"dive {number}"] = str(error)
         except InputError as error:
             rejected[f"dive {number}"] = str(error)
+    declination_remarks = _complete_declinations(found)
     for number, why in contradicting_dives([dive.records for dive in found.values()]).items():
         rejected[f"dive {number}"] = f"{files[number]}: {why} (time)"
         del found[number]
@@ -159,6 +160,8 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
         rejected_attribute="dives_rejected",
         remarks=(
             *([doubt] if doubt else []),
+            *declination_remarks,
+            *_describe_left_out(found),
             *(remark for number, dive in found.items() for remark in _missing_fixes(number, dive)),
         ),
         clock_steps=steps,
@@ -173,6 +176,12 @@ class _DiveFile:
     records: FileRecords
     layout: str
     mission: str
+
+    def with_dive(self, dive: Dive) -> "_DiveFile":
+        """Return the file with a dive in another declination."""
+        samples = self.records.samples | {"heading": dive.variables["heading"]}
+        solution = self.records.solution | {"reference_declination": np.array([dive.declination])}
+        return replace(self, dive=dive, records=replace(self.records, samples=samples, solution=solution))
 
 
 def _reference_centres(files: Iterable[Path], reads: Reads) -> Centres:
@@ -212,11 +221,46 @@ def _read_file(path: Path, number: int, centres: Centres) -> _DiveFile:
 def _check_heading(dives: Sequence[_DiveFile], source: str) -> str | None:
     """Check the unit of the magnetic heading of all dives (`check_heading_unit`)."""
     magnetic = [
-        np.mod(dive.variables["heading"].astype(np.float64)[dive.start : dive.stop] - dive.declination + 180.0, 360.0)
-        for dive in (item.dive for item in dives)
+        np.mod(dive.magnetic_heading[dive.start : dive.stop] + 180.0, 360.0) for dive in (item.dive for item in dives)
     ]
     joined = np.concatenate(magnetic) - 180.0
     return check_heading_unit(joined, {0: (0, len(joined))}, source, "eng_head")
+
+
+def _complete_declinations(found: dict[int, _DiveFile]) -> tuple[str, ...]:
+    """Give dives without a declination that of the dive before, else after them; return remarks on these dives.
+
+    The declination of a mission changes slowly. Without any, the headings remain magnetic.
+    """
+    known = {number: item.dive.declination for number, item in found.items() if np.isfinite(item.dive.declination)}
+    lacking = [number for number in found if number not in known]
+    if lacking and not known:
+        return (
+            f"{_dives(lacking)}: heading left magnetic, because no file has a declination (magnetic_variation), so the "
+            "currents will be rotated by it: add magnetic_variation (degree, east positive) to the files",
+        )
+    for number in lacking:
+        nearest = max((other for other in known if other < number), default=min(known))
+        dive = found[number].dive.turned(known[nearest])
+        found[number] = found[number].with_dive(dive)
+    if not lacking:
+        return ()
+    return (
+        f"{_dives(lacking)}: no declination (magnetic_variation) in the file, so that of the nearest dive is added to "
+        "the magnetic heading",
+    )
+
+
+def _describe_left_out(found: Mapping[int, _DiveFile]) -> tuple[str, ...]:
+    """Remarks on variables of the water that are left out, each with all dives that it concerns."""
+    texts = dict.fromkeys(text for item in found.values() for text in item.dive.remarks)
+    return tuple(
+        f"{_dives([number for number, item in found.items() if text in item.dive.remarks])}: {text}" for text in texts
+    )
+
+
+def _dives(numbers: Sequence[int]) -> str:
+    return f"dive {numbers[0]}" if len(numbers) == 1 else f"{len(numbers)} dives from {numbers[0]} to {numbers[-1]}"
 
 
 def _missing_fixes(number: int, found: _DiveFile) -> tuple[str, ...]:
@@ -237,7 +281,7 @@ def _describe_layout(file: ForeignFile) -> str:
 
 def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, str | float]:
     layouts = "; ".join(dict.fromkeys(item.layout for item in dives))
-    declinations = [item.dive.declination for item in dives]
+    declinations = [item.dive.declination for item in dives if np.isfinite(item.dive.declination)]
     return {
         "control_columns": layouts,
         "battery_position_comment": "minus the file's position (cm, increasing aft) over 100",
@@ -250,7 +294,9 @@ def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, 
         "control_comment": "positions are referred to the first dive's centres (counts of the position sensors); "
         "between the runs of the motors in the gc tables they are interpolated",
         "heading_comment": f"magnetic heading plus the file's declination, {min(declinations):g} to "
-        f"{max(declinations):g} degrees",
+        f"{max(declinations):g} degrees"
+        if declinations
+        else "heading left magnetic: no file has a declination",
         "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
         "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
         f"that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",

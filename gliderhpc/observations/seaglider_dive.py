@@ -12,11 +12,12 @@ the mission's first dive.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.columns import UnitError
 from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.excursions import in_excursion
@@ -175,9 +176,11 @@ class Dive:
     fixes : Fixes
         GPS fixes in the order of the file.
     declination : float
-        Declination added to the magnetic heading (degree).
+        Declination added to the magnetic heading (degree); NaN if it is unknown and none was added.
     rows_dropped : int
         Number of dropped samples, whose time was missing or did not increase.
+    remarks : tuple of str
+        Sentences on variables of the water that are left out.
     """
 
     variables: Columns
@@ -186,6 +189,18 @@ class Dive:
     fixes: Fixes
     declination: float
     rows_dropped: int
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def magnetic_heading(self) -> FloatArray:
+        """Heading (degree) without the declination, ``(n,)``."""
+        declination = self.declination if np.isfinite(self.declination) else 0.0
+        return np.asarray(self.variables["heading"].astype(np.float64) - declination)
+
+    def turned(self, declination: float) -> "Dive":
+        """Return the dive with another declination (degree)."""
+        heading = np.mod(self.magnetic_heading + declination, 360.0)
+        return replace(self, variables=self.variables | {"heading": heading}, declination=declination)
 
 
 def read_dive(file: ForeignFile, centres: Centres) -> Dive:
@@ -201,8 +216,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     Raises
     ------
     InputError
-        The file lacks attitude, depth, a control or the declination, its depth is negative, its clock was set back, or
-        it is truncated.
+        The file lacks attitude, depth or a control, its depth is negative, its clock was set back, or it is truncated.
     ProfileError
         The file holds no dive, or one that is too shallow.
     """
@@ -216,23 +230,25 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
         "depth": file.converted(depth_name, "m"),
         "roll": file.converted("eng_rollAng", "degree"),
         "pitch": file.converted("eng_pitchAng", "degree"),
-        "heading": np.mod(file.converted("eng_head", "degree") + declination, 360.0),
+        "heading": np.mod(file.converted("eng_head", "degree") + np.nan_to_num(declination), 360.0),
         # The file's positions increase aft.
         "battery_position": -0.01 * position(file, PITCH, time, centres),
         "battery_rotation": position(file, ROLL, time, centres),
         "ballast_volume": position(file, BALLAST, time, centres),
     }
-    if "pressure" in file:
-        samples["pressure"] = file.converted("pressure", "dbar")
+    remarks: list[str] = []
+    pressure = _water(file, "pressure", "dbar", remarks) if "pressure" in file else None
+    if pressure is not None:
+        samples["pressure"] = pressure
     check_samples(samples, str(file.path), "is not sampled with time; give a per-dive file of the basestation")
     _check_clock(file, time)
     keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}
-    samples |= _ctd(file, samples["time"].astype("datetime64[ns]"))
+    samples |= _ctd(file, samples["time"].astype("datetime64[ns]"), remarks)
     depth = samples["depth"].astype(np.float64)
     refuse_negative_depth(depth, str(file.path), depth_name)
     start, stop = _submerged(file, depth)
-    return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)))
+    return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)), tuple(remarks))
 
 
 def _check_clock(file: ForeignFile, time: TimeArray) -> None:
@@ -243,13 +259,13 @@ def _check_clock(file: ForeignFile, time: TimeArray) -> None:
 
 
 def _declination(file: ForeignFile) -> float:
-    """Declination in the file (degree): that of the dive, or the one reported with the fixes."""
-    name = file.first(["magnetic_variation", "log_gps_magvar"])
-    values = file.converted(name, "degree") if name else np.zeros(0)
-    known = values[np.isfinite(values)]
-    if len(known) == 0:
-        raise InputError(f"{file.path}: its heading is magnetic and it has no declination (magnetic_variation)")
-    return float(np.median(known))
+    """Declination in the file (degree): that of the dive, or the one reported with the fixes; NaN without any."""
+    for name in ("magnetic_variation", "log_gps_magvar"):
+        values = file.converted(name, "degree") if name in file else np.zeros(0)
+        known = values[np.isfinite(values)]
+        if len(known):
+            return float(np.median(known))
+    return float("nan")
 
 
 def _submerged(file: ForeignFile, depth: FloatArray) -> tuple[int, int]:
@@ -278,7 +294,16 @@ def _fixes(file: ForeignFile) -> Fixes:
     return read_fixes(file, names, flags[:count] != REJECTED_FLAG)
 
 
-def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
+def _water(file: ForeignFile, name: str, unit: str, remarks: list[str]) -> FloatArray | None:
+    """Values of a variable of the water; None, with a remark, if it is in a unit that cannot be converted."""
+    try:
+        return file.converted(name, unit)
+    except UnitError as error:
+        remarks.append(f"{str(error).removeprefix(f'{file.source}: ')}; it is left out")
+        return None
+
+
+def _ctd(file: ForeignFile, time: TimeArray, remarks: list[str]) -> Columns:
     """Temperature and salinity on the nearest sample within half an interval."""
     if len(time) < 2 or "ctd_time" not in file:
         return {}
@@ -290,6 +315,7 @@ def _ctd(file: ForeignFile, time: TimeArray) -> Columns:
     found: Columns = {}
     for name, (corrected, raw, unit) in _CTD.items():
         column = file.first([corrected, raw])
-        if column is not None:
-            found[name] = onto_nearest(time, sampled[known], file.converted(column, unit)[known], reach)
+        values = None if column is None else _water(file, column, unit, remarks)
+        if values is not None:
+            found[name] = onto_nearest(time, sampled[known], values[known], reach)
     return found

@@ -10,6 +10,7 @@ from support.missions import program
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import read_reference
+from gliderhpc.observations.headings import North, north_of
 from gliderhpc.observations.seaglider import import_seaglider
 
 LAYOUTS = pytest.mark.parametrize("columns", [True, False], ids=["columns", "phases"])
@@ -195,7 +196,6 @@ def changed(**changes):
         (truncated, "cannot be read as netCDF, it may have been truncated"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
         (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no sample of roll"),
-        (changed(magnetic_variation=None), "its heading is magnetic and it has no declination"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
         (changed(log_VBD_CNV=None), "lacks log_VBD_CNV or log_C_VBD, which convert counts to positions"),
         (changed(depth=None), "has no depth"),
@@ -212,6 +212,68 @@ def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, wor
     assert "\n" not in summary.rejected["dive 2"]
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         assert words in dataset.attrs["dives_rejected"]
+
+
+def test_a_dive_without_declination_takes_that_of_the_dive_before(tmp_path):
+    folder = tmp_path / "m"
+    for dive, declination in ((1, None), (2, 15.0), (3, None), (4, 17.0)):
+        made.write_dive(folder, dive, columns=True, magnetic_variation=declination)
+    summary = import_seaglider([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 2, 3, 4]
+    assert summary.rejected == {}
+    (remark,) = summary.remarks
+    assert remark.startswith("2 dives from 1 to 3: no declination (magnetic_variation) in the file, so that of the ")
+    for dive, heading in ((1, 5.0), (2, 5.0), (3, 5.0), (4, 7.0)):
+        assert samples(tmp_path / "out.nc", dive)["heading"].values == pytest.approx(heading)
+    reference = read_reference(tmp_path / "out.nc")
+    assert reference["reference_declination"].values.tolist() == [15.0, 15.0, 15.0, 17.0]
+
+
+@pytest.mark.parametrize("given", [None, np.nan], ids=["absent", "NaN"])
+def test_a_mission_without_declination_remains_magnetic_and_says_so(tmp_path, given):
+    for dive in (1, 2):
+        made.write_dive(tmp_path / "m", dive, columns=True, magnetic_variation=given)
+    summary = import_seaglider([tmp_path / "m"], tmp_path / "out.nc")
+    assert len(summary.complete) == 2
+    (remark,) = summary.remarks
+    assert "2 dives from 1 to 2: heading left magnetic, because no file has a declination" in remark
+    assert "the currents will be rotated by it: add magnetic_variation (degree, east positive) to the files" in remark
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert found["heading"].values == pytest.approx(350.0)
+        assert north_of(found.attrs["heading_comment"]) is North.MAGNETIC
+        assert np.isnan(found["reference_declination"].values).all()
+
+
+def test_a_declination_of_the_fixes_is_used_where_that_of_the_dive_is_missing(tmp_path):
+    path = made.write_dive(tmp_path / "m", 1, columns=True, magnetic_variation=np.nan)
+    with netCDF4.Dataset(path, "a") as file:
+        made.put(file, "log_gps_magvar", "gps_info", [14.0, 15.0, 16.0])
+    summary = import_seaglider([path], tmp_path / "out.nc")
+    assert summary.remarks == ()
+    assert samples(tmp_path / "out.nc", 1)["heading"].values == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "column"),
+    [
+        ("salinity", "g/kg", "practical_salinity"),
+        ("temperature", "kelvins", "temperature"),
+        ("pressure", "counts", "pressure"),
+    ],
+)
+def test_water_in_an_unknown_unit_is_left_out_and_the_dives_stay(tmp_path, name, unit, column):
+    """An Absolute Salinity (g/kg) had cost every dive."""
+    folder = write_mission(tmp_path / "m", columns=True)
+    for dive in (2, 3):
+        with netCDF4.Dataset(folder / f"p099000{dive}.nc", "a") as file:
+            file[name].units = unit
+    summary = import_seaglider([folder], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 2, 3]
+    (remark,) = summary.remarks
+    assert remark.startswith(f"2 dives from 2 to 3: {name} is in '{unit}', which cannot be converted to ")
+    assert remark.endswith("; it is left out")
+    for dive, known in ((1, True), (2, False), (3, False)):
+        assert np.isfinite(samples(tmp_path / "out.nc", dive)[column].values).any() == known
 
 
 def test_the_self_test_is_no_profile(tmp_path):
