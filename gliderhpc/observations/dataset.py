@@ -20,6 +20,7 @@ from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
+from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
@@ -285,8 +286,8 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         raise InputError(f"{path}: is a device or a pipe; give observations as netCDF-4 or Zarr")
     try:
         if path.is_dir():
-            return _records(xr.open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
-        return xr.open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
+            return _records(open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
+        return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
         content = describe_content(path) if path.is_file() else ""
         if content:

@@ -1,17 +1,20 @@
 """Quantities needed for a current, found among the variables of a Dataset of any source and read in our units."""
 
+from typing import Any
+
 import gsw
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, UnitError, find_name
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
 from gliderhpc.observations.headings import VEHICLE_COLUMNS, North, file_declination, north_of
 from gliderhpc.observations.navigation_checks import check_depth_unit
 from gliderhpc.observations.og1_variables import HEADINGS
+from gliderhpc.observations.packed import PACKING
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
@@ -65,18 +68,28 @@ class NavigationColumns(NamedColumns):
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
             raise InputError(f"{self.source}: {name} does not contain numbers")
-        return self._rejected.without(name, np.asarray(array.values, dtype=np.float64))
+        return self._rejected.without(name, np.asarray(self._values(name), dtype=np.float64))
+
+    def _values(self, name: str) -> npt.NDArray[Any]:
+        """Values of a variable; `InputError` if they cannot be unpacked."""
+        try:
+            return np.asarray(self._dataset[name].values)
+        except TypeError as error:
+            raise InputError(
+                f"{self.source}: {name} cannot be unpacked ({first_line(error)}); correct its attributes "
+                f"{' and '.join(PACKING)}, which must be numbers"
+            ) from error
 
     def present(self, name: str) -> npt.NDArray[np.bool_]:
         """Mask ``(n,)`` of the values that are not missing."""
         array = self._dataset[name]
         if np.issubdtype(array.dtype, np.datetime64):
-            return np.asarray(~np.isnat(array.values))
+            return np.asarray(~np.isnat(self._values(name)))
         return super().present(name)
 
     def flags(self, name: str) -> FloatArray:
         """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
-        return numeric_flags(self._dataset[name].values)
+        return numeric_flags(self._values(name))
 
     def reject_flagged(self) -> list[str]:
         """Treat values that are flagged bad or missing as missing from now on; return a remark that counts them.
@@ -95,9 +108,9 @@ class NavigationColumns(NamedColumns):
         """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
         array = self._dataset[name]
         if np.issubdtype(array.dtype, np.datetime64):
-            time = np.asarray(array.values, dtype="datetime64[ns]")
+            time = np.asarray(self._values(name), dtype="datetime64[ns]")
             return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
-        check_resolution(array.values, self.attribute("units", name) or DEFAULT_UNITS, f"{self.source}: {name}")
+        check_resolution(self._values(name), self.attribute("units", name) or DEFAULT_UNITS, f"{self.source}: {name}")
         return super().times(name)
 
     def find(self, quantity: str) -> str:

@@ -21,6 +21,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, UnitError
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
+from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
@@ -282,7 +283,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
     """
     try:
         # The variables are loaded here, where an error of decompression is caught.
-        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stored:
+        with open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
     except (OSError, RuntimeError, ValueError) as error:

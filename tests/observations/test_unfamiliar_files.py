@@ -6,6 +6,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from support import observation_files
 from support import seaglider_files as made
 from support.glides import Glide, mission
 from support.missions import program
@@ -15,7 +16,9 @@ from support.slocum_files import flight, joined, science, write_netcdf
 from gliderhpc.api.currents import currents
 from gliderhpc.api.watch_records import FileImport
 from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.in_memory import read_records as open_records
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
@@ -272,3 +275,50 @@ def test_variables_of_several_dimensions_are_refused(tmp_path):
         file.createVariable("PITCH", "f8", ("N_MEASUREMENTS", "N_PARAM"))[:] = 1.0
     with pytest.raises(InputError, match="PITCH has 2 dimensions; it must have one"):
         import_og1([path], tmp_path / "out.nc")
+
+
+def packed(path, records, name, factor):
+    """Write records with one variable in tenths, whose scale factor is given."""
+    stored = records.copy(deep=True)
+    stored[name] = (10.0 * stored[name]).assign_attrs(stored[name].attrs)
+    stored.to_netcdf(path)
+    return rewritten(path, lambda file: file[name].setncattr("scale_factor", factor))
+
+
+def test_a_scale_factor_written_as_text_is_a_number_for_currents(tmp_path):
+    records = mission(GLIDE)
+    found = currents(packed(tmp_path / "a.nc", records, "pitch", "0.1"))
+    np.testing.assert_allclose(found["dac_north"].values, currents(records)["dac_north"].values, rtol=1e-9)
+
+
+def test_a_scale_factor_that_is_no_number_is_refused_by_currents(tmp_path):
+    path = packed(tmp_path / "a.nc", mission(GLIDE), "pitch", "a tenth")
+    done = program("currents", path, tmp_path / "out.nc")
+    assert done.status == 2
+    assert f"{path}: pitch has the scale_factor 'a tenth', which is not a number; correct this attribute" in done.line
+    with xr.open_dataset(path) as opened, pytest.raises(InputError, match=r"pitch cannot be unpacked .*scale_factor"):
+        currents(opened)
+
+
+def test_a_scale_factor_written_as_text_is_a_number_for_an_inversion(tmp_path):
+    whole = observation_files.write(tmp_path)
+    records = open_records(whole)
+    path = packed(tmp_path / "a.nc", records, "pitch", "0.1")
+    with open_observations(path) as found, open_observations(whole) as expected:
+        np.testing.assert_allclose(found.profile(1).pitch, expected.profile(1).pitch, atol=1e-9)
+    np.testing.assert_allclose(open_records(path)["pitch"].values, records["pitch"].values, atol=1e-9)
+    rewritten(path, lambda file: file["pitch"].setncattr("scale_factor", "a tenth"))
+    with pytest.raises(InputError, match="pitch has the scale_factor 'a tenth', which is not a number"):
+        open_observations(path)
+
+
+def test_a_scale_factor_written_as_text_is_a_number_for_a_slocum(tmp_path):
+    path = write_netcdf(tmp_path / "a.nc", flight())
+    import_slocum([path], tmp_path / "expected.nc")
+    rewritten(path, lambda file: file["m_depth"].setncattr("scale_factor", "2.0"))
+    import_slocum([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        assert found["depth"].max() == pytest.approx(2.0 * float(expected["depth"].max()))
+    rewritten(path, lambda file: file["m_depth"].setncattr("scale_factor", "two"))
+    with pytest.raises(InputError, match="m_depth has the scale_factor 'two', which is not a number"):
+        import_slocum([path], tmp_path / "other.nc")

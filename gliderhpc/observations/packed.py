@@ -1,0 +1,62 @@
+"""Stored files as Datasets, also where `scale_factor` or `add_offset` is a number that was written as text."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from gliderhpc.errors import InputError
+
+PACKING = ("scale_factor", "add_offset")
+"""Attributes by which stored values are multiplied, and to which they are added."""
+
+_STORAGE = ("engine", "consolidated", "cache")
+"""Options of `xarray.open_dataset` that are none of `xarray.decode_cf`."""
+
+
+def open_dataset(path: Path, **options: Any) -> xr.Dataset:
+    """Open a file with options of `xarray.open_dataset`.
+
+    Raises
+    ------
+    InputError
+        An attribute `scale_factor` or `add_offset` is no number.
+    OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError
+        As for `xarray.open_dataset`.
+    """
+    dataset = xr.open_dataset(path, **options)
+    packing = [variable.encoding.get(name) for variable in dataset.variables.values() for name in PACKING]
+    if not any(isinstance(_plain(value), str) for value in packing):
+        return dataset
+    dataset.close()
+    return _with_numbers(path, options)
+
+
+def _with_numbers(path: Path, options: dict[str, Any]) -> xr.Dataset:
+    """Open a file after these attributes have been converted to numbers."""
+    storage = {name: value for name, value in options.items() if name in _STORAGE}
+    stored = xr.open_dataset(path, decode_cf=False, **storage)
+    try:
+        for name, variable in stored.variables.items():
+            for attribute in PACKING:
+                if isinstance(text := _plain(variable.attrs.get(attribute)), str):
+                    variable.attrs[attribute] = _number(text, f"{path}: {name}", attribute)
+    except InputError:
+        stored.close()
+        raise
+    decoded = xr.decode_cf(stored, **{name: value for name, value in options.items() if name not in storage})
+    return decoded.load() if options.get("cache") else decoded
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+
+
+def _number(text: str, where: str, attribute: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(
+            f"{where} has the {attribute} '{text}', which is not a number; correct this attribute"
+        ) from None
