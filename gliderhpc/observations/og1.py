@@ -1,7 +1,6 @@
 """Import of OceanGliders OG1 netCDF files into the observation format."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,11 +15,12 @@ from gliderhpc.observations.dive_files import (
     number_samples,
     without_dives,
 )
-from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes
+from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
-from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives
+from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives, is_counted
 from gliderhpc.observations.og1_fills import reject_fills
+from gliderhpc.observations.og1_joining import Record, join_overlapping
 from gliderhpc.observations.og1_samples import chosen_samples, floats, is_flight
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
@@ -43,7 +43,7 @@ from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.time_order import order_of_rows
-from gliderhpc.observations.validation import Span, profile_spans
+from gliderhpc.observations.validation import profile_spans
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
 
@@ -100,55 +100,6 @@ def import_og1(
     return import_mission(read, is_og1_file, sources, out, overwrite=overwrite)
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
-    """Content of one file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    model, vehicle, mission : str
-        Names of the glider's model, of the glider, and of its mission.
-    samples : dict of str to (n,) array
-        Samples in the units of the observation format, including time and the controls.
-    dives : dict of int to Span
-        Sample range of each dive by its number in the file.
-    solution : dict of str to array
-        Reference quantities along the dives and along ``reference_time``.
-    fixes : Fixes
-        GPS fixes in the order of the file.
-    declination : Declination
-        Declination added to the heading.
-    absent : tuple of str
-        Controls that are missing from the file; they are zero.
-    renumbered : bool
-        Whether the dives have other numbers than in the file.
-    without_dive, lost : dict of int to str
-        Reasons by number of the dives that give no profile, and of the dives in which the clock was set.
-    rows_dropped : int
-        Number of dropped samples, whose time was missing or did not increase.
-    remarks : tuple of str
-        Remarks for the user, one line each.
-    """
-
-    path: Path
-    model: str
-    vehicle: str
-    mission: str
-    samples: Columns
-    dives: dict[int, Span]
-    solution: Columns
-    fixes: Fixes
-    declination: Declination
-    absent: tuple[str, ...]
-    renumbered: bool
-    without_dive: dict[int, str]
-    lost: dict[int, str]
-    rows_dropped: int
-    remarks: tuple[str, ...]
-
-
 def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
     """Read every readable file and join the files to a mission."""
     rejected: dict[str, str] = {}
@@ -162,6 +113,8 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         raise InputError(next(iter(rejected.values()), f"{sources[0]}: contains no netCDF file"))
     found.sort(key=lambda record: record.samples["time"][0])
     vehicle = _only_vehicle(found)
+    names = ", ".join(record.path.name for record in found)
+    found = join_overlapping(found)
     numbers = _profile_numbers(found)
     files = [_numbered(record, part) for record, part in zip(found, numbers, strict=True)]
     dives = [(dive, record.path) for record in found for dive in record.dives]
@@ -176,7 +129,7 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         platform=_platform(found[0].model),
         vehicle=vehicle,
         mission=found[0].mission,
-        source=f"OceanGliders OG1 netCDF, {', '.join(record.path.name for record in found)}",
+        source=f"OceanGliders OG1 netCDF, {names}",
         pieces="dives",
         variables=variables,
         spans=spans,
@@ -321,6 +274,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         vehicle=vehicle.upper(),
         mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
         samples=samples,
+        counter=own[in_order],
+        counted=is_counted(file),
         dives=dives,
         solution=read_currents(file, order.rows[ordered], list(dives.values()))
         | read_flight_model(file, len(dives))

@@ -39,6 +39,11 @@ class Dives:
     remark: str = ""
 
 
+def is_counted(file: ForeignFile) -> bool:
+    """Return whether a file numbers its dives."""
+    return DIVE.find(file) is not None
+
+
 def dive_numbers(file: ForeignFile, rows: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
     """Dive number of some rows, given with their time and depth: from the file, or else detected; -1 for none."""
     name = DIVE.find(file)
@@ -48,10 +53,10 @@ def dive_numbers(file: ForeignFile, rows: IntArray, time: npt.NDArray[np.datetim
         # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
         plausible = (given >= 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
         return np.asarray(np.where(plausible, given, _NO_DIVE), dtype=np.int64)
-    return _detected(time, depth)
+    return detect_dives(time, depth)
 
 
-def _detected(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
+def detect_dives(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
     """Dive number of every row, detected from depth; -1 where there is none."""
     known = increasing(time) & np.isfinite(depth)
     numbers = np.full(len(time), _NO_DIVE)
@@ -111,7 +116,7 @@ def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: Float
     numbered from one in the order of time.
     """
     if len(numbers) and numbers.max() == 0:
-        detected = find_dives(_detected(time, depth), time, depth)
+        detected = find_dives(detect_dives(time, depth), time, depth)
         return replace(detected, remark="its dive counter is always 0: the dives are detected from depth")
     found: list[tuple[int, Span]] = []
     without: dict[int, str] = {}
@@ -158,7 +163,7 @@ def _without_strays(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: 
 
 
 def _is_one_dive(time: npt.NDArray[np.datetime64], depth: FloatArray) -> bool:
-    detected = _detected(time, depth)
+    detected = detect_dives(time, depth)
     return len(np.unique(detected[detected > 0])) == 1
 
 

@@ -241,12 +241,14 @@ def read_currents(file: ForeignFile, rows: npt.NDArray[np.int64], dives: Sequenc
     found = {name: term.find(file) for name, term in CURRENT.items()}
     file.check_lengths((TIME.require(file, "time"), *filter(None, found.values())))
     return {
-        name: np.full(len(dives), np.nan) if source is None else _medians(file.converted(source, "m s-1")[rows], dives)
+        name: np.full(len(dives), np.nan)
+        if source is None
+        else medians_over(file.converted(source, "m s-1")[rows], dives)
         for name, source in found.items()
     }
 
 
-def _medians(values: FloatArray, dives: Sequence[Span]) -> FloatArray:
+def medians_over(values: FloatArray, dives: Sequence[Span]) -> FloatArray:
     """Median over each dive, NaN where it has no value; the files repeat the dive's current in every sample."""
     parts = [values[start:stop] for start, stop in dives]
     known = [part[np.isfinite(part)] for part in parts]
