@@ -197,7 +197,7 @@ HEADINGS = (-181.0, 361.0)
 def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
     """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad.
 
-    A variable in a unit that cannot be converted is left out, with a remark.
+    A variable in a unit that cannot be converted, or with all values flagged bad or missing, is left out with a remark.
     """
     found: Columns = {}
     remarks: list[str] = []
@@ -210,11 +210,33 @@ def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
         except UnitError as error:
             remarks.append(f"{error}; it is left out")
             continue
-        if f"{name}_QC" in file:
-            file.check_lengths((name, f"{name}_QC"))
-            values[np.isin(file.numbers(f"{name}_QC"), REJECTED)] = np.nan
-        found[what] = values
+        good = ~_is_flagged(file, name, len(values))
+        if np.isfinite(values).any() and not np.isfinite(values[good]).any():
+            remarks.append(
+                f"{file.path.name}: every value of {name} is flagged bad or missing by {name}_QC, so it is left out; "
+                "if the values are right, correct or remove the flags"
+            )
+            continue
+        found[what] = np.where(good, values, np.nan)
     return found, tuple(remarks)
+
+
+def _is_flagged(file: ForeignFile, name: str, count: int) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the values of a variable that ``NAME_QC`` flags as bad or missing.
+
+    Raises
+    ------
+    InputError
+        There is another number of flags.
+    """
+    if f"{name}_QC" not in file:
+        return np.zeros(count, dtype=bool)
+    flags = file.flags(f"{name}_QC")
+    if len(flags) != count:
+        raise InputError(
+            f"{file.path}: {name}_QC has {len(flags)} values and {name} has {count}; they must have the same length"
+        )
+    return np.isin(flags, REJECTED)
 
 
 def read_gps(file: ForeignFile) -> Fixes:

@@ -156,6 +156,29 @@ def test_a_temperature_in_an_unknown_unit_is_left_out_with_a_remark(tmp_path):
         assert "temperature" not in found
 
 
+@pytest.mark.parametrize("flag", [9.0, 4.0])
+def test_a_temperature_all_of_whose_values_are_flagged_is_none(tmp_path, flag):
+    """It had been a temperature without any value, without a remark."""
+    count = 2 * ROWS
+    summary, found = imported(tmp_path, TEMP_QC=np.full(count, flag))
+    (remark,) = summary.remarks
+    assert remark.startswith(
+        "sg099_delayed.nc: every value of TEMP is flagged bad or missing by TEMP_QC, so it is left"
+    )
+    assert "temperature" not in found
+    assert (summary.ctd_samples, len(summary.complete)) == (0, 2)
+
+
+def test_flags_of_the_water_may_be_characters(tmp_path):
+    path = made.write_og1(tmp_path / "sg099.nc", TEMP_QC=None)
+    with netCDF4.Dataset(path, "a") as file:
+        flags = file.createVariable("TEMP_QC", "S1", ("N_MEASUREMENTS",))
+        flags[:] = np.where(np.arange(2 * ROWS) == 60, b"4", b"1")
+    import_og1([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert int(np.isnan(found["temperature"].values).sum()) == 1
+
+
 def test_depth_and_attitude_may_be_in_different_rows(tmp_path):
     """As where the files of two computers were joined by time."""
     parts = [made.og1_rows(dive) for dive in (1, 2)]
