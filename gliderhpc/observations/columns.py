@@ -1,5 +1,6 @@
 """Columns of another program's file: found under one of several names and converted to our units."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -61,6 +62,21 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
     "kg": _scales((1.0, "kg"), (1e-3, "g")),
 }
 """Conversion factors by the wanted unit and the spelling of the declared unit, in lower case."""
+
+
+_FROM_NORTH, _DOWNWARD = r"clockwise from (?:true |geographic )?north", r"positive down(?:wards?)?"
+
+_SENSE = re.compile(
+    rf"\s*[,;]?\s*(?:\(\s*(?:{_DOWNWARD}|nose up|fore up|starboard down|{_FROM_NORTH})\s*\)"
+    rf"|(?<=\s)(?:{_DOWNWARD}|{_FROM_NORTH}|below (?:the )?(?:sea )?surface))$",
+    re.IGNORECASE,
+)
+"""Sense after a unit, where it is that of the observation format: downward, nose up, starboard down, from north."""
+
+
+def bare_unit(text: str) -> str:
+    """Return a declared unit without spaces around it and without its usual sense, as of ``m (positive down)``."""
+    return _SENSE.sub("", " ".join(text.split()))
 
 
 def find_name(names: Iterable[str], wanted: Sequence[str]) -> str | None:
@@ -141,7 +157,7 @@ class NamedColumns(ABC):
         """
         values = self.numbers(name)
         declared = self.attribute("units", name).strip() or undeclared or unit
-        factor = FACTORS[unit].get(declared.lower())
+        factor = FACTORS[unit].get(bare_unit(declared).lower())
         if factor is None:
             raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'")
         return values * factor

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import xarray as xr
 
+from gliderhpc.observations.columns import bare_unit
+
 CONVENTIONS = "CF-1.11"
 
 ARCHIVE_SCHEMA = "gliderhpc-mission"
@@ -16,7 +18,9 @@ ARCHIVE_SCHEMA = "gliderhpc-mission"
 
 _SPELLINGS: dict[str, frozenset[str]] = {
     "m": frozenset({"m", "meter", "meters", "metre", "metres"}),
-    "degree": frozenset({"degree", "degrees", "deg", "arc_degree", "arc_degrees", "°"}),
+    "degree": frozenset(
+        {"degree", "degrees", "deg", "arc_degree", "arc_degrees", "°", "degree_true", "degrees_true", "degrees true"}
+    ),
     "degrees_north": frozenset(
         {"degrees_north", "degree_north", "degree_N", "degrees_N", "degreeN", "degreesN", "degree", "degrees", "deg"}
     ),
@@ -65,8 +69,8 @@ class Variable:
 
     def accepts_unit(self, text: str) -> bool:
         """Return whether `text` is a CF spelling of this variable's unit."""
-        bare = text.strip().replace("**", "").replace("^", "")
-        return bare in _SPELLINGS[self.quantity or self.unit]
+        bare = bare_unit(text).replace("**", "").replace("^", "")
+        return not {bare, bare.lower()}.isdisjoint(_SPELLINGS[self.quantity or self.unit])
 
     @property
     def dimensionless(self) -> bool:

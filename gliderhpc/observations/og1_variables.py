@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import FACTORS, Term, UnitError
+from gliderhpc.observations.columns import FACTORS, Term, UnitError, bare_unit
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
@@ -144,7 +144,7 @@ def read_depth(file: ForeignFile) -> FloatArray:
     sense = sense_of_depth(file, name)
     depth = sense * file.converted(name, DEPTH.unit)
     # The file's own limits, such as valid_min = 0, may hide the negative values.
-    factor = FACTORS[DEPTH.unit].get(file.attribute("units", name).strip().lower(), 1.0)
+    factor = FACTORS[DEPTH.unit].get(bare_unit(file.attribute("units", name)).lower(), 1.0)
     lowest = factor * float(np.min(sense * file.unlimited(name), initial=0.0))
     if lowest < -MIN_DEPTH and not np.any(depth > MIN_DEPTH):
         found, remedy = (

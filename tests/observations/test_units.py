@@ -1,10 +1,20 @@
 """Factors between units, against the definitions of the units."""
 
+import re
+
+import netCDF4
 import numpy as np
 import pytest
+from support import seaglider_files as made
+from support.glides import Glide, mission
+from support.observation_files import edited
 
+from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import FACTORS
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.columns import FACTORS, bare_unit
+from gliderhpc.observations.format import VARIABLES
+from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.slocum_files import conversion
 
 DEFINED = {
@@ -75,3 +85,65 @@ def test_a_unit_of_another_quantity_is_refused():
         conversion("length in m", "rad", "x")
     with pytest.raises(InputError, match="x declares no unit"):
         conversion("length in m", None, "x")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("degrees clockwise from north", "degrees"),
+        ("degree clockwise from true north", "degree"),
+        ("degrees (clockwise from true north)", "degrees"),
+        ("m (positive down)", "m"),
+        ("m, positive downward", "m"),
+        ("meters below sea surface", "meters"),
+        ("degrees (nose up)", "degrees"),
+        (" dbar ", "dbar"),
+        ("degrees clockwise from magnetic north", "degrees clockwise from magnetic north"),
+        ("m (positive up)", "m (positive up)"),
+        ("positive down", "positive down"),
+    ],
+)
+def test_a_sense_after_a_unit_is_dropped_if_it_is_the_usual_one(text, unit):
+    assert bare_unit(text) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "accepted"),
+    [
+        ("heading", "degrees clockwise from north", True),
+        ("heading", "degree_true", True),
+        ("heading", "degrees clockwise from magnetic north", False),
+        ("depth", "m (positive down)", True),
+        ("depth", "Meters", True),
+        ("depth", "m (positive up)", False),
+        ("depth", "decibar", False),
+        ("pressure", "decibar", True),
+        ("pressure", "dBar", True),
+    ],
+)
+def test_spellings_of_units_in_observations_currents_and_og1(tmp_path, name, unit, accepted):
+    """Each refusal is one line with the variable and its unit."""
+
+    def declare(dataset):
+        dataset[name].attrs["units"] = unit
+
+    assert VARIABLES[name].accepts_unit(unit) == accepted
+    if name == "pressure":
+        assert unit.lower() in FACTORS["dbar"]
+        return
+    records = mission(Glide())
+    declare(records)
+    path = made.write_og1(tmp_path / "og1.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file[name.upper()].units = unit
+    for outcome in (
+        lambda: open_observations(edited(tmp_path, declare)).close(),
+        lambda: currents(records),
+        lambda: import_og1([path], tmp_path / "out.nc"),
+    ):
+        if accepted:
+            outcome()
+        else:
+            with pytest.raises(InputError, match=f"{name} is in '{re.escape(unit)}'|{name.upper()} is in") as refused:
+                outcome()
+            assert "\n" not in str(refused.value)
