@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import decode_times
+from gliderhpc.observations.times import decode_times, parse_times, plausible_times
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
 """Unit of times in a file that gives none."""
@@ -123,6 +123,10 @@ class NamedColumns(ABC):
     def numbers(self, name: str) -> FloatArray:
         """Values ``(n,)`` without conversion, NaN where missing; `InputError` if they are not numbers."""
 
+    def texts(self, name: str) -> npt.NDArray[np.str_] | None:
+        """Texts ``(n,)`` in a variable; None if it contains numbers."""
+        return None
+
     @property
     def flag_names(self) -> list[str]:
         """Names of the variables that may hold quality flags; flags written as characters may have no dimension."""
@@ -134,7 +138,8 @@ class NamedColumns(ABC):
 
     def present(self, name: str) -> npt.NDArray[np.bool_]:
         """Mask ``(n,)`` of the values of a variable that are not missing."""
-        return np.isfinite(self.numbers(name))
+        texts = self.texts(name)
+        return np.isfinite(self.numbers(name)) if texts is None else np.char.strip(texts) != ""
 
     def converted(self, name: str, unit: str, *, undeclared: str | None = None) -> FloatArray:
         """Values ``(n,)`` in one of our units.
@@ -165,11 +170,17 @@ class NamedColumns(ABC):
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, decoded with the declared CF unit; NaT where missing, or outside the years of gliders.
 
+        Times may also be texts in ISO 8601.
+
         Raises
         ------
         InputError
-            As for `numbers`, or the unit is not a unit of time, or it names a time zone.
+            As for `numbers`, or the unit is not a unit of time, or it names a time zone, or a text is no time.
         """
+        texts = self.texts(name)
+        if texts is not None:
+            written = parse_times(texts, f"{self.source}: {name}")
+            return np.where(plausible_times(written), written, np.datetime64("NaT", "ns"))
         values = self.numbers(name)
         units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
         units = units or DEFAULT_UNITS

@@ -262,11 +262,25 @@ class ForeignFile(NamedColumns):
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, as `NamedColumns.times`; `InputError` too if the stored type does not resolve them."""
         # Most files store times in double precision, and need not be read twice.
-        if name in self and self._file.variables[name].dtype != np.float64:
+        if name in self and self._file.variables[name].dtype != np.float64 and not self._is_text(name):
             stored = np.ma.asarray(self._read(name)).compressed()
             if stored.dtype.kind == "f":
                 check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
-        return super().times(name)
+        time = super().times(name)
+        return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+
+    def texts(self, name: str) -> npt.NDArray[np.str_] | None:
+        """Texts ``(n,)`` in a variable; None if it contains numbers."""
+        if not self._is_text(name):
+            return None
+        values = np.ma.filled(self._read(name), "")
+        if values.dtype.kind == "S":
+            values = netCDF4.chartostring(values) if values.ndim > 1 else values
+        return np.asarray(values.ravel().astype("U"))
+
+    def _is_text(self, name: str) -> bool:
+        stored = self._file.variables[name].dtype if name in self else None
+        return stored is str or (isinstance(stored, np.dtype) and stored.kind in "SU")
 
     def flags(self, name: str) -> FloatArray:
         """Quality flags ``(n,)`` in a variable as numbers, NaN where absent; empty if it has several dimensions."""
@@ -316,7 +330,7 @@ class ForeignFile(NamedColumns):
         InputError
             The lengths differ; the message names the first variable that differs.
         """
-        lengths = {name: len(self.numbers(name)) for name in names if name in self}
+        lengths = {name: len(self.present(name)) for name in names if name in self}
         first = next(iter(lengths), "")
         odd = next((name for name, length in lengths.items() if length != lengths[first]), None)
         if odd is not None:

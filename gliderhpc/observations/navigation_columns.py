@@ -110,8 +110,22 @@ class NavigationColumns(NamedColumns):
         if np.issubdtype(array.dtype, np.datetime64):
             time = np.asarray(self._values(name), dtype="datetime64[ns]")
             return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
-        check_resolution(self._values(name), self.attribute("units", name) or DEFAULT_UNITS, f"{self.source}: {name}")
-        return super().times(name)
+        if array.dtype.kind in "fiu":
+            unit = self.attribute("units", name) or DEFAULT_UNITS
+            check_resolution(self._values(name), unit, f"{self.source}: {name}")
+        time = super().times(name)
+        return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+
+    def texts(self, name: str) -> npt.NDArray[np.str_] | None:
+        """Texts ``(n,)`` in a variable; None if it contains numbers."""
+        kind = self._dataset[name].dtype.kind
+        if kind not in "OSUT":
+            return None
+        values = self._values(name)
+        if kind == "S":
+            return np.char.decode(values, "utf-8", "replace")
+        # Other objects are times of an unusual calendar.
+        return np.asarray(values.astype("U")) if all(isinstance(value, str) for value in values.ravel()) else None
 
     def find(self, quantity: str) -> str:
         """Name of a quantity's variable; empty if there is none."""

@@ -1,7 +1,6 @@
 """Text tables from ERDDAP: names and units in the header, times in ISO 8601."""
 
 import re
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.times import parse_times
 
 _UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
 _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.IGNORECASE)
@@ -17,8 +17,6 @@ _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.
 
 _NUMERIC_UNITS = ("1", "1e-3", "0.001")
 """Units of dimensionless quantities."""
-
-_UTC = re.compile(r"\s*(?:z|utc|gmt)$", re.IGNORECASE)
 
 _TIME_UNIT = "utc"
 """Unit in ERDDAP tables of times in ISO 8601."""
@@ -106,7 +104,7 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
     """Values of a column and its attributes; a column without any number remains text."""
     texts = np.char.strip(texts)
     if unit.lower() == _TIME_UNIT:
-        return _times(texts, name, path), {"standard_name": "time"}
+        return parse_times(texts, f"{path}: {name}"), {"standard_name": "time"}
     numbers = pd.to_numeric(pd.Series(texts).replace("", "NaN"), errors="coerce").to_numpy(dtype=np.float64)
     missing = np.isin(np.char.lower(texts), ("", "nan"))
     odd = np.flatnonzero(np.isnan(numbers) & ~missing)
@@ -117,15 +115,3 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
     raise InputError(
         f"{path}: {name} in row {int(odd[0]) + 1} of the values is '{texts[odd[0]]}', which is not a number"
     )
-
-
-def _times(texts: np.ndarray, name: str, path: Path) -> np.ndarray:
-    absent = np.isin(np.char.lower(texts), ("", "nan", "nat"))
-    plain = np.where(absent, "NaT", [_UTC.sub("", text) for text in texts.tolist()])
-    try:
-        with warnings.catch_warnings():
-            # Offsets from UTC are taken into account; the warning says that the result has no time zone.
-            warnings.filterwarnings("ignore", "no explicit representation of timezones", UserWarning)
-            return plain.astype("datetime64[ns]")
-    except ValueError as error:
-        raise InputError(f"{path}: {name} has a time that is not in ISO 8601 format ({error})") from error

@@ -1,6 +1,7 @@
 """Times of a file: decoding with the CF unit, and checks of the unit and the years."""
 
 import re
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,11 @@ _REFERENCE = re.compile(
 )
 _UTC = re.compile(r"|Z|UTC|GMT|[-+]\d{1,2}(?::?\d{2})?", re.IGNORECASE)
 """Time zones that xarray decodes as CF defines them; it takes any other zone for UTC without a warning."""
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d")
+"""Begin of a time in ISO 8601; numpy takes digits alone for a year."""
+
+_ZERO_OFFSET = re.compile(r"\s*(?:z|utc|gmt)$", re.IGNORECASE)
 
 _SECONDS = {
     "d": 86_400.0, "day": 86_400.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "min": 60.0, "minute": 60.0,
@@ -85,6 +91,43 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
     probe = np.array([(_since_1970(EARLIEST) - begin) / factor + 86_400.0 / factor])
     time = _decoded(usable if plausible.any() else np.append(probe, usable), units, calendar, where)
     return DecodedTimes(time[len(time) - len(values) :], implausible)
+
+
+def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
+    """Read times that are written in ISO 8601, in UTC or with an offset from it.
+
+    Parameters
+    ----------
+    texts : (n,) array
+        Texts in the file; empty, ``nan`` or ``NaT`` where missing.
+    where : str
+        Names of the file and the variable in messages.
+
+    Returns
+    -------
+    (n,) array
+        Times (UTC, ns), NaT where missing.
+
+    Raises
+    ------
+    InputError
+        A text is in another format; the message gives it.
+    """
+    stripped = np.char.strip(texts.astype("U"))
+    absent = np.isin(np.char.lower(stripped), ("", "nan", "nat"))
+    odd = next((text for text in stripped[~absent].tolist() if not _DATE.match(text)), None)
+    if odd is not None:
+        raise InputError(
+            f"{where} has a time that is not in ISO 8601 format ('{odd}'); write it as 2024-05-01T12:00:00Z"
+        )
+    plain = np.where(absent, "NaT", [_ZERO_OFFSET.sub("", text) for text in stripped.tolist()])
+    try:
+        with warnings.catch_warnings():
+            # Offsets from UTC are taken into account; the warning says that the result has no time zone.
+            warnings.filterwarnings("ignore", "no explicit representation of timezones", UserWarning)
+            return plain.astype("datetime64[ns]")
+    except ValueError as error:
+        raise InputError(f"{where} has a time that is not in ISO 8601 format ({error})") from error
 
 
 def check_time_unit(units: str, calendar: str, where: str) -> None:

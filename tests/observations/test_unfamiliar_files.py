@@ -322,3 +322,61 @@ def test_a_scale_factor_written_as_text_is_a_number_for_a_slocum(tmp_path):
     rewritten(path, lambda file: file["m_depth"].setncattr("scale_factor", "two"))
     with pytest.raises(InputError, match="m_depth has the scale_factor 'two', which is not a number"):
         import_slocum([path], tmp_path / "other.nc")
+
+
+def in_iso(times):
+    """Times as texts in ISO 8601."""
+    return np.array([f"{time}Z" for time in times.astype("datetime64[ms]")])
+
+
+@pytest.mark.parametrize("characters", [False, True], ids=["strings", "characters"])
+def test_times_of_og1_may_be_texts(tmp_path, characters):
+    path = made.write_og1(tmp_path / "usual.nc")
+    import_og1([path], tmp_path / "expected.nc")
+    with xr.open_dataset(path) as dataset:
+        stored = dataset.load()
+    texts = in_iso(stored["TIME"].values)
+    texts[5] = ""
+    stored["TIME"] = ("N_MEASUREMENTS", texts.astype("S24") if characters else texts)
+    stored["TIME_QC"] = ("N_MEASUREMENTS", np.where(np.arange(len(texts)) == 6, 4, 1))
+    stored.to_netcdf(tmp_path / "texts.nc")
+    summary = import_og1([tmp_path / "texts.nc"], tmp_path / "out.nc")
+    assert (len(summary.complete), summary.rows_dropped) == (2, {"time not increasing": 2})
+    assert summary.remarks == ("texts.nc: values flagged bad or missing are not used: 1 of TIME (TIME_QC)",)
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        assert set(found["time"].values) < set(expected["time"].values)
+
+
+@pytest.mark.parametrize("stored", [False, True], ids=["Dataset", "file"])
+def test_times_of_currents_may_be_texts(tmp_path, stored):
+    records = mission(GLIDE)
+    texts = records.drop_vars("time").assign(time=("time", in_iso(records["time"].values)))
+    if stored:
+        texts.to_netcdf(tmp_path / "a.nc")
+    found = currents(tmp_path / "a.nc" if stored else texts)
+    np.testing.assert_allclose(found["dac_north"].values, currents(records)["dac_north"].values, rtol=1e-9)
+
+
+@pytest.mark.parametrize("text", ["01/05/2024 12:00", "20240501", "noon"])
+def test_texts_that_are_no_times_are_refused_in_one_line(tmp_path, text):
+    path = made.write_og1(tmp_path / "a.nc")
+    with xr.open_dataset(path) as dataset:
+        stored = dataset.load()
+    texts = in_iso(stored["TIME"].values).astype(object)
+    texts[7] = text
+    stored.assign(TIME=("N_MEASUREMENTS", texts)).to_netcdf(tmp_path / "texts.nc")
+    words = rf"TIME has a time that is not in ISO 8601 format \('{text}'\); write it as 2024-05-01T12:00:00Z"
+    with pytest.raises(InputError, match=words):
+        import_og1([tmp_path / "texts.nc"], tmp_path / "out.nc")
+    records = mission(GLIDE)
+    texts = in_iso(records["time"].values).astype(object)
+    texts[7] = text
+    with pytest.raises(InputError, match=words.replace("TIME", "time")):
+        currents(records.drop_vars("time").assign(time=("time", texts)))
+
+
+def test_times_of_an_unusual_calendar_are_no_texts():
+    records = mission(GLIDE)
+    days = xr.date_range("2024-05-01", periods=records.sizes["time"], freq="s", calendar="noleap", use_cftime=True)
+    with pytest.raises(InputError, match="time does not contain numbers"):
+        currents(records.assign_coords(time=("time", days)))
