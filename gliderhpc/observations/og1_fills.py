@@ -97,10 +97,13 @@ def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.
         outside = (values < low) | (values > high)
     # A depth in centimetres may well be 9999, but in metres it is not.
     usual |= np.isin(stored, _NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
-    odd = np.unique(values[outside & ~usual])
-    if what == "heading" or len(odd) < min(MIN_DISTINCT, len(np.unique(values[np.isfinite(values)]))):
+    if what == "heading":
+        # An impossible heading would become another angle.
         return np.asarray(usual | outside)
-    return np.asarray(usual)
+    in_another_unit = (
+        len(np.unique(values[outside & ~usual])) >= MIN_DISTINCT or not (np.isfinite(values) & ~outside).any()
+    )
+    return np.asarray(usual if in_another_unit else usual | outside)
 
 
 def _check_headings(values: FloatArray, lost: npt.NDArray[np.bool_], where: str) -> None:

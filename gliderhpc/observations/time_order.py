@@ -89,13 +89,16 @@ def order_of_rows(time: TimeArray, columns: Sequence[FloatArray]) -> RowOrder:
 def _repeats(clock: IntArray, columns: Sequence[FloatArray]) -> npt.NDArray[np.bool_]:
     """Mask ``(n,)`` of the rows that equal an earlier one in the time and in all columns."""
     found = np.zeros(len(clock), dtype=bool)
-    order = np.lexsort([*columns, clock])
+    _, place, count = np.unique(clock, return_inverse=True, return_counts=True)
+    twice = np.flatnonzero(count[place] > 1)
+    columns = [values[twice] for values in columns]
+    order = np.lexsort([*columns, clock[twice]])
     one, other = order[:-1], order[1:]
-    equal = clock[one] == clock[other]
+    equal = clock[twice[one]] == clock[twice[other]]
     for values in columns:
         equal &= (values[one] == values[other]) | (np.isnan(values[one]) & np.isnan(values[other]))
     # The sort is stable: of equal rows the first one of the file comes first.
-    found[other[equal]] = True
+    found[twice[other[equal]]] = True
     return found
 
 

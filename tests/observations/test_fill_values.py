@@ -89,3 +89,13 @@ def test_many_different_impossible_values_are_in_another_unit(tmp_path):
         imported(tmp_path, "HEADING", tenths, slice(None))
     summary, _ = imported(tmp_path, "ROLL", tenths, slice(None))
     assert all("roll is" in profile.fault for profile in summary.profiles)
+
+
+def test_a_heading_that_is_a_fill_throughout_is_missing(tmp_path):
+    with pytest.raises(InputError, match="has no sample of heading"):
+        imported(tmp_path, "HEADING", 655.35, slice(None))
+
+
+def test_a_roll_that_is_impossible_throughout_is_named_with_its_value(tmp_path):
+    summary, _ = imported(tmp_path, "ROLL", 655.35, slice(None))
+    assert all("roll is 655.35 degree" in profile.fault for profile in summary.profiles)
