@@ -18,7 +18,7 @@ from gliderhpc.observations.dive_files import (
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
-from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives, is_counted
+from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives, is_counted, keeps_count
 from gliderhpc.observations.og1_fills import reject_fills
 from gliderhpc.observations.og1_joining import Record, join_overlapping
 from gliderhpc.observations.og1_samples import chosen_samples, floats, is_flight
@@ -39,10 +39,9 @@ from gliderhpc.observations.og1_variables import (
     reject_flagged,
 )
 from gliderhpc.observations.profile_checks import check_heading_unit
-from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, find_clock_steps, increasing, without_doubtful
 from gliderhpc.observations.stored_reads import Reads, read_directly
-from gliderhpc.observations.time_order import order_of_rows
+from gliderhpc.observations.time_order import RowOrder, order_of_rows
 from gliderhpc.observations.validation import profile_spans
 
 _PLATFORMS = ("seaglider", "slocum", "seaexplorer")
@@ -250,7 +249,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     rejected = (*reject_flagged(file), *reject_fills(file))
     samples, turned, absent, unusable = _read_samples(file, declination)
     doubt = _check_heading(file)
-    order = order_of_rows(samples["time"].astype("datetime64[ns]"), _numeric(samples))
+    order = _order(file, samples)
     samples = {name: values[order.rows] for name, values in samples.items()}
     depth = floats(samples["depth"])
     numbers = dive_numbers(file, order.rows, samples["time"].astype("datetime64[ns]"), depth)
@@ -291,8 +290,11 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     )
 
 
-def _numeric(samples: Columns) -> list[FloatArray]:
-    return [floats(values) for name, values in samples.items() if name != "time"]
+def _order(file: ForeignFile, samples: Columns) -> RowOrder:
+    """Order of a file's rows in time; that of the file if the dives were counted in it."""
+    values = [floats(values) for name, values in samples.items() if name != "time"]
+    order = order_of_rows(samples["time"].astype("datetime64[ns]"), values)
+    return order if keeps_count(file, order.rows) else RowOrder(np.arange(len(samples["time"])))
 
 
 def _read_samples(

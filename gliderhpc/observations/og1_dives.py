@@ -44,15 +44,33 @@ def is_counted(file: ForeignFile) -> bool:
     return DIVE.find(file) is not None
 
 
+def keeps_count(file: ForeignFile, rows: IntArray) -> bool:
+    """Return whether the file's dive counter, if it has one, decreases no more often in another order of the rows.
+
+    Sorted by the times of a clock that was wrong, the dives are not in the order in which they were counted.
+    """
+    name = DIVE.find(file)
+    if name is None:
+        return True
+    file.check_lengths((TIME.require(file, "time"), name))
+    given = _plausible_numbers(file.numbers(name))
+    before, after = (np.diff(numbers[numbers > 0]) < 0 for numbers in (given, given[rows]))
+    return bool(np.count_nonzero(after) <= np.count_nonzero(before))
+
+
+def _plausible_numbers(given: FloatArray) -> IntArray:
+    """Dive numbers; values that cannot be any, such as undeclared fill values, mean no dive."""
+    known = np.nan_to_num(given, nan=_NO_DIVE)
+    plausible = (known >= 0) & (known <= MAX_PROFILE_NUMBER) & (known == np.rint(known))
+    return np.asarray(np.where(plausible, known, _NO_DIVE), dtype=np.int64)
+
+
 def dive_numbers(file: ForeignFile, rows: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
     """Dive number of some rows, given with their time and depth: from the file, or else detected; -1 for none."""
     name = DIVE.find(file)
     if name is not None:
         file.check_lengths((TIME.require(file, "time"), name))
-        given = np.nan_to_num(file.numbers(name), nan=_NO_DIVE)[rows]
-        # Values that cannot be dive numbers, such as undeclared fill values, mean no dive.
-        plausible = (given >= 0) & (given <= MAX_PROFILE_NUMBER) & (given == np.rint(given))
-        return np.asarray(np.where(plausible, given, _NO_DIVE), dtype=np.int64)
+        return _plausible_numbers(file.numbers(name))[rows]
     return detect_dives(time, depth)
 
 

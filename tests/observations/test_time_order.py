@@ -64,6 +64,12 @@ def test_rows_given_twice_are_taken_once_even_if_a_value_is_missing():
     assert other.rows.tolist() == list(range(7)), "of rows that differ it is unknown which are right"
 
 
+def test_a_long_pause_elsewhere_does_not_prevent_sorting():
+    found = order_of(100_000, 100_001, 200_000, 200_001, 99_990, 99_991)
+    assert found.rows.tolist() == [4, 5, 0, 1, 2, 3]
+    assert found.describe() == ("its rows are not in the order of time; 2 parts of it are sorted",)
+
+
 def test_rows_without_a_time_come_last():
     time = np.datetime64("2024-05-01", "ns") + np.array([5, 0, 6, 2, 3]) * np.timedelta64(1, "s")
     time[1] = np.datetime64("NaT")
@@ -124,6 +130,16 @@ def test_an_og1_clock_set_back_is_not_sorted(tmp_path):
     assert not any("order of time" in remark for remark in summary.remarks)
 
 
+def test_og1_dives_that_were_counted_in_the_order_of_the_file_are_not_sorted(tmp_path):
+    """A clock that was wrong for the second of four dives gives times just after the last one."""
+    time = np.concatenate([made.og1_rows(dive)["TIME"] for dive in (1, 2, 3, 4)])
+    time[ROWS : 2 * ROWS] += 3.0 * 3600.0
+    summary = import_og1([made.write_og1(tmp_path / "sg099.nc", (1, 2, 3, 4), TIME=time)], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 3, 4]
+    assert "the clock was wrong" in summary.rejected["dive 2"]
+    assert not any("order of time" in remark for remark in summary.remarks)
+
+
 # Slocum
 
 
@@ -151,3 +167,21 @@ def test_slocum_rows_of_equal_times_that_differ_are_left_to_the_clock(tmp_path):
     twice["m_depth"][half:] += 0.5
     summary = import_slocum([write_netcdf(tmp_path / "twice.nc", twice)], tmp_path / "out.nc")
     assert any("the clock was set back by" in why for why in summary.rejected.values())
+
+
+# A real mission
+
+
+def test_sg033_with_its_parts_exchanged(shared_data, tmp_path):
+    """The record has a pause of 16 hours elsewhere, and rows of one time."""
+    (path,) = (shared_data / "seaglider-sg033-og1-2010").glob("*.nc")
+    import_og1([path], tmp_path / "expected.nc")
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        stored = dataset.load()
+    rows = np.roll(np.arange(stored.sizes["N_MEASUREMENTS"]), 4000)
+    stored.isel(N_MEASUREMENTS=rows).to_netcdf(tmp_path / "exchanged.nc")
+    summary = import_og1([tmp_path / "exchanged.nc"], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == list(range(1, 20))
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        for name in expected.variables:
+            np.testing.assert_array_equal(found[name].values, expected[name].values)
