@@ -240,14 +240,14 @@ def _complete_declinations(found: dict[int, _DiveFile]) -> tuple[str, ...]:
             "currents will be rotated by it: add magnetic_variation (degree, east positive) to the files",
         )
     for number in lacking:
-        nearest = max((other for other in known if other < number), default=min(known))
-        dive = found[number].dive.turned(known[nearest])
+        source = max((other for other in known if other < number), default=min(known))
+        dive = found[number].dive.turned(known[source])
         found[number] = found[number].with_dive(dive)
     if not lacking:
         return ()
     return (
-        f"{_dives(lacking)}: no declination (magnetic_variation) in the file, so that of the nearest dive is added to "
-        "the magnetic heading",
+        f"{_dives(lacking)}: no declination (magnetic_variation) in the file, so that of the last dive before with "
+        "one, else of the first after, is added to the magnetic heading",
     )
 
 
