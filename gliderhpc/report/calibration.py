@@ -7,9 +7,10 @@ import numpy as np
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.flight.hull_parameters import TREND
-from gliderhpc.tuning.calibration import LATERAL, CalibratedParameter, Calibration
+from gliderhpc.tuning.calibration import CalibratedParameter, Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
+from gliderhpc.tuning.lateral_terms import LATERAL
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 

@@ -29,6 +29,7 @@ from gliderhpc.tuning.calibration_covariance import LEVEL, Fit, few_profiles_fac
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.disturbance_prior import TuningSettings
+from gliderhpc.tuning.lateral_terms import LATERAL, WHY_HELD, is_better_held, reason_to_hold
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
@@ -42,20 +43,7 @@ Mask = NDArray[np.bool_]
 MAX_START_SEGMENTS = 200
 """Maximum number of segments, spread over the mission, used to find the starting point."""
 
-LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
-"""Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
-
 _MAX_COST_INCREASE = 1.02
-
-_CLEARLY_LARGER = 1.25
-"""Ratio of costs above which a fit with the lateral terms held is rejected. On twins whose platform is the true hull,
-free lateral terms reduce the cost by 3 to 10 %; on the mission SEA035 M010, by a third."""
-
-_WITHOUT_LATERAL = {
-    CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
-    CalibrationVerdict.CONFOUNDED: "a parameter is less well known than the platform states it",
-}
-"""Reasons for a second fit, with the lateral terms held."""
 
 
 def _listed(names: object) -> object:
@@ -199,19 +187,17 @@ def calibrate(
     free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, known))
     errors = SegmentErrors(platform, candidates, segments)
     lateral = np.isin([p.key for p in candidates], LATERAL)
-    fit, why = Fit(errors, _search_from_best_start(errors, free, settings, report)), None
-    if not is_stable(errors, fit.search):
-        why = CalibrationVerdict.UNSTABLE
-    elif _is_vague(fit, lateral):
-        why = CalibrationVerdict.CONFOUNDED
+    fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
+    why = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if why is not None:
-        report(f"fitting again with the lateral terms held ({_WITHOUT_LATERAL[why]})")
-        again = Fit(errors, _search_from_best_start(errors, free & ~lateral, settings, report))
-        if why is CalibrationVerdict.CONFOUNDED and not _is_better_without(fit, again):
-            report("without the lateral terms less is known, or the turns do not fit: the first fit is kept")
-            why = None
+        report(f"fitting again with the lateral terms held ({WHY_HELD[why]})")
+        apart = errors.with_turns_apart()
+        held = Fit(apart, _search_from_best_start(apart, free & ~lateral, settings, report))
+        if is_better_held(why, fit, held):
+            fit, errors = held, apart
         else:
-            fit = again
+            report("with the lateral terms held the turns do not fit, or less is known: the first fit is kept")
+            why = None
     search, covariance = fit.search, fit.covariance
     reasons = _reasons(search, free, free & lateral, why)
     parameters, estimated = _judge_parameters(errors, search, covariance, reasons)
@@ -238,7 +224,7 @@ def start_subset(errors: SegmentErrors) -> SegmentErrors:
     """Errors over a subset of the segments, spread over all, for the search of a starting point."""
     every = -(-len(errors.segments) // MAX_START_SEGMENTS)
     part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
-    return SegmentErrors(errors.platform, errors.parameters, part, errors.reference)
+    return SegmentErrors(errors.platform, errors.parameters, part, errors.reference, turns_apart=errors.turns_apart)
 
 
 def _search_from_best_start(
@@ -275,17 +261,6 @@ def _costs(search: CalibrationSearch) -> tuple[float, float]:
 def is_stable(errors: SegmentErrors, search: CalibrationSearch) -> bool:
     """Return whether the hull at the end of a search has a stable dive and climb."""
     return glides_stably(Glider(errors.hull(search.steps)))
-
-
-def _is_vague(fit: Fit, lateral: Mask) -> bool:
-    """Return whether lateral terms are fitted, and a fitted parameter is known less well than the platform states."""
-    return bool((fit.search.free & lateral).any()) and fit.largest_variance > 1.0
-
-
-def _is_better_without(fit: Fit, again: Fit) -> bool:
-    """Return whether a fit without the lateral terms leaves less in doubt, and fits the turns about as well."""
-    before, after = (fit.search.cost_of(each.search.steps) for each in (fit, again))
-    return after <= _CLEARLY_LARGER * before and again.largest_variance < fit.largest_variance
 
 
 def check_profiles(segments: SteadySegments) -> None:

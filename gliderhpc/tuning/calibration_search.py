@@ -58,6 +58,7 @@ class CalibrationVerdict(Enum):
     REFUTED = "held at the most probable value: the glides refute the platform's value but do not determine another"
     IMPLAUSIBLE = "held at the bound: the fit reached the limit of plausible values"
     UNSTABLE = "held: if it is free, the hull has no stable glide"
+    IMPLAUSIBLE_TURNS = "held: if the lateral terms are free, one of them is far from the platform's value"
     CONFOUNDED = "held: if it is free, the glides determine others less well than the platform states them"
 
 
@@ -241,10 +242,14 @@ class CalibrationSearch:
         return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
 
     def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
-        chosen = np.flatnonzero(self.free)
-        if not len(chosen):
-            return
-        scale, unit = self._scale_of_each(), np.eye(len(chosen))
+        """Fit the free parameters, those of each part of the errors to that part."""
+        for rows, columns in self._errors.parts():
+            chosen = np.flatnonzero(self.free & columns)
+            if len(chosen):
+                self._fit_part(rows, chosen, prior, tolerance)
+
+    def _fit_part(self, rows: Mask, chosen: NDArray[np.intp], prior: float, tolerance: float) -> None:
+        scale, unit = self._scale_of_each()[rows], np.eye(len(chosen))
 
         def at(values: Array) -> Array:
             steps = self.steps.copy()
@@ -252,17 +257,19 @@ class CalibrationSearch:
             return steps
 
         def residuals(values: Array) -> Array:
-            return np.concatenate([self._errors(at(values)) / scale, prior * values, barrier(values)])
+            return np.concatenate([self._errors(at(values))[rows] / scale, prior * values, barrier(values)])
 
         def barrier(values: Array) -> Array:
-            return np.array([self._errors.flatness(at(values)) / FLATNESS])
+            # The loss is linear in large residuals; with this one it is quadratic in the excess.
+            excess = self._errors.flatness(at(values)) / FLATNESS
+            return np.array([excess * math.sqrt(1.0 + 0.25 * excess**2)])
 
         def barrier_slope(values: Array) -> Array:
             here = barrier(values)
             return np.array([(barrier(values + DIFFERENCE * row) - here) / DIFFERENCE for row in unit]).T
 
         def jacobian(values: Array) -> Array:
-            errors = self._errors.jacobian(at(values), chosen.tolist()) / scale[:, None]
+            errors = self._errors.jacobian(at(values), chosen.tolist())[rows] / scale[:, None]
             return np.vstack([errors, prior * unit, barrier_slope(values)])
 
         found = scipy.optimize.least_squares(

@@ -41,6 +41,15 @@ FLATTEST_MARGIN = 1.25
 MIN_PROFILES = 3
 """Minimum number of profiles from which the uncertainty of an estimate can be determined."""
 
+TURNING = (
+    "viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r", "viscous.K_delta", "position.hull.1",
+    "battery_eccentricity", ROLL_OFFSET.key,
+)  # fmt: skip
+"""Parameters that are fitted to roll and rate of turn where these are fitted apart from depth rate and pitch."""
+
+_ROLL = 2
+"""Index of roll among the four quantities; it and the rate of turn, which follows, are those of turns."""
+
 _DAY = np.timedelta64(1, "D")
 _ROUNDED = (1, 2)
 
@@ -78,6 +87,8 @@ class SegmentErrors:
         Mask of the errors used: depth rate and pitch in straight flight only, roll and rate of turn always.
     kind, profile, leg : (m,) int arrays
         Index of the quantity, number of the profile, and number of the dive or climb, for every error used.
+    turns_apart : bool
+        Whether parameters `TURNING` are fitted to roll and rate of turn alone, and all others to depth rate and pitch.
     """
 
     def __init__(
@@ -86,7 +97,10 @@ class SegmentErrors:
         parameters: Sequence[HullParameter],
         segments: SteadySegments,
         reference: np.datetime64 | None = None,
+        *,
+        turns_apart: bool = False,
     ) -> None:
+        self.turns_apart = turns_apart
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
         # A Jacobian and the slope of the flatness use the same hulls.
         self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._made_hull)
@@ -140,15 +154,29 @@ class SegmentErrors:
         """Trend of the neutral volume, cm3/day."""
         return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
 
+    def with_turns_apart(self) -> "SegmentErrors":
+        """Return the same errors, of which those of turns do not inform the parameters of straight flight."""
+        return SegmentErrors(self.platform, self.parameters, self.segments, self.reference, turns_apart=True)
+
+    def parts(self) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """Masks of the errors (m,), and of the parameters (p,) that are fitted to them, for each separate fit."""
+        turns, turning = self.kind >= _ROLL, np.isin([p.key for p in self.parameters], TURNING)
+        if not self.turns_apart:
+            return [(np.ones_like(turns), np.ones_like(turning))]
+        return [(~turns, ~turning), (turns, turning)]
+
     def jacobian(self, steps: Array, columns: Sequence[int]) -> Array:
         """Derivatives (m, c) of the errors used, with respect to the parameters at some positions.
 
-        The velocity of every displaced hull is solved for from that of the undisplaced one, which is close.
+        The velocity of every displaced hull is solved for from that of the undisplaced one, which is close. Derivatives
+        of a part's errors with respect to the parameters of another part are zero.
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
         balances = self._balances([steps, *(steps + moves[i] for i in columns)], velocity)
         here, *moved = (np.asarray(balance.errors[self.counted]) for balance in balances)
-        return np.column_stack([(errors - here) / DIFFERENCE for errors in moved])
+        slopes = np.column_stack([(errors - here) / DIFFERENCE for errors in moved])
+        together = np.any([rows[:, None] & parameters[list(columns)] for rows, parameters in self.parts()], axis=0)
+        return np.where(together, slopes, 0.0)
 
     def flatness(self, steps: Array) -> float:
         """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured pitch; at least zero.

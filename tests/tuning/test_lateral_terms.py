@@ -1,0 +1,96 @@
+"""Lateral terms in the fit of steady glides: held where turns do not prove them, then without effect on the rest."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.steady_glides import glides
+
+from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
+from gliderhpc.platform import read_platform
+from gliderhpc.tuning import calibration, lateral_terms
+from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
+from gliderhpc.tuning.calibration_search import FLATNESS, CalibrationSearch, CalibrationVerdict
+from gliderhpc.tuning.lateral_terms import LATERAL, is_better_held, reason_to_hold
+from gliderhpc.tuning.segment_errors import TURNING, SegmentErrors
+
+PETREL = read_platform("petrel-l")
+TRUTH = with_values(PETREL, {"buoyancy.neutral_volume": 640.0, "viscous.K_D0": 10.0, "position.battery": 0.104})
+KEYS = [parameter.key for parameter in PARAMETERS]
+
+
+def turned(segments, seed=5):
+    """The same glides in water that rolls and turns the glider."""
+    rng = np.random.default_rng(seed)
+    roll, rate = (rng.standard_normal(len(segments)) for _ in range(2))
+    return replace(segments, roll=math.radians(2.0) * roll, turn_rate=math.radians(0.7) * rate)
+
+
+def test_errors_of_turns_apart_do_not_inform_the_other_parameters():
+    """Within each part the derivatives are those of all errors together."""
+    together = SegmentErrors(PETREL, PARAMETERS, turned(glides(TRUTH, PETREL)))
+    apart, steps = together.with_turns_apart(), np.full(len(KEYS), 0.1)
+    every = range(len(KEYS))
+    whole, parted = together.jacobian(steps, every), apart.jacobian(steps, every)
+    turning = np.isin(KEYS, TURNING)
+    (straight_rows, _), (turn_rows, _) = apart.parts()
+    assert not parted[np.ix_(straight_rows, turning)].any()
+    assert not parted[np.ix_(turn_rows, ~turning)].any()
+    assert whole[np.ix_(turn_rows, ~turning)].any()
+    for rows, columns in apart.parts():
+        np.testing.assert_array_equal(parted[np.ix_(rows, columns)], whole[np.ix_(rows, columns)])
+
+
+def test_water_that_turns_the_glider_does_not_move_its_drag(monkeypatch):
+    """With the lateral terms held, drag, volume and trim are those of glides in still water."""
+    why = CalibrationVerdict.IMPLAUSIBLE_TURNS
+    monkeypatch.setattr(calibration, "reason_to_hold", lambda *_, **__: why)
+    monkeypatch.setattr(calibration, "is_better_held", lambda *_: True)
+    settings = CalibrationSettings(hold=("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope"))
+    calm = glides(TRUTH, PETREL)
+    found = calibrate(PETREL, turned(calm), calm.none(), settings)
+    of = {p.parameter.key: p for p in found.parameters}
+    assert of["viscous.K_D0"].after == pytest.approx(10.0, rel=0.02)
+    assert of["buoyancy.neutral_volume"].after == pytest.approx(640.0, abs=5.0)
+    assert {key for key, p in of.items() if p.verdict is why} == set(LATERAL)
+
+
+def fit(steps, sizes=(1.0,) * 4, *, free=(), variance=0.0):
+    """A finished fit with steps of its parameters and sizes of the four errors."""
+    search = SimpleNamespace(steps=np.array(steps), free=np.isin(np.arange(len(steps)), free), cost_of=np.sum)
+    return SimpleNamespace(errors=np.array(sizes), search=search, largest_variance=variance)
+
+
+def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
+    lateral = np.array([False, True])
+    assert reason_to_hold(fit([4.0, 0.5]), lateral, stable=True) is None
+    assert reason_to_hold(fit([0.0, -3.5]), lateral, stable=True) is CalibrationVerdict.IMPLAUSIBLE_TURNS
+    vague = fit([0.0, 0.5], free=(1,), variance=1.2)
+    assert reason_to_hold(vague, lateral, stable=True) is CalibrationVerdict.CONFOUNDED
+    assert reason_to_hold(vague, lateral, stable=False) is CalibrationVerdict.UNSTABLE
+
+
+@pytest.mark.parametrize(
+    ("sizes", "held"),
+    [([1.0, 30.0, 1.5, 1.5], True), ([1, 1, 1, 2.5], False), ([1, 1, 2.5, 1], False), ([2.5, 1, 1, 1], False)],
+)
+def test_implausible_terms_are_kept_only_where_the_glides_prove_them(monkeypatch, sizes, held):
+    """If held terms double the errors of depth rate or turns, the free ones stand; pitch is no measure."""
+    monkeypatch.setattr(
+        lateral_terms, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors))
+    )
+    assert is_better_held(CalibrationVerdict.IMPLAUSIBLE_TURNS, fit([4.0]), fit([0.0], sizes)) is held
+
+
+def test_no_hull_is_fitted_that_cannot_glide_as_flat_as_it_did():
+    """Depth rates of a hull with much less lift draw the fit there; the barrier outweighs any number of them."""
+    true = with_values(PETREL, {"viscous.K_L": 0.55 * PETREL.viscous.K_L, "viscous.K_D": 0.3 * PETREL.viscous.K_D})
+    segments = glides(true, true, pitches=(26.0, 30.0))
+    flat = replace(segments, pitch=segments.pitch * 16.0 / 26.0)
+    errors = SegmentErrors(PETREL, PARAMETERS, flat)
+    search = CalibrationSearch(errors, np.isin(KEYS, ["viscous.K_L", "viscous.K_D0"]), 1.0, lambda _: None)
+    search.fit_everything(4, 1e-6)
+    assert np.abs(search.steps).max() > 0.1
+    assert errors.flatness(search.steps) < 10.0 * FLATNESS
