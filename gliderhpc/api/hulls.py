@@ -178,13 +178,18 @@ def calibrate_and_tune(
     """Calibrate, tune the disturbance prior on the hull found, and calibrate again from the platform with that prior.
 
     Hull and prior depend on each other: on a hull whose trim is wrong the prior becomes wide enough to contain the
-    error, and the prior decides how much of the records the hull has to explain.
+    error, and the prior decides how much of the records the hull has to explain. A prior with which a run would refuse
+    one of the profiles is not used.
     """
     first = calibrate_open(observations, platform, settings, profiles, hold_out, assignments, executor, progress)
     tuning = TuneSettings(**{name: getattr(settings, name) for name in TuneSettings.model_fields})
     some = ",".join(map(str, evenly_spaced(list(first.fitted.profiles), tuning.tuning.profiles)))
     tuned = tune_open(observations, first.platform, tuning, some, assignments, log.info)
     log.info(tuned.notes[0])
+    if refused := tuning_report.refusal(tuned.tuned, tuning):
+        doubt = f"the prior was tuned but is not used, since {refused}; the hull is that of the first calibration"
+        log.warning(doubt)
+        return replace(first, caution="; ".join(filter(None, (first.caution, doubt))))
     with_prior = platform.model_copy(update={"prior": tuned.platform.prior})
     found = calibrate_open(observations, with_prior, settings, profiles, hold_out, assignments, executor, progress)
     used = tuning_report.used_text(list(tuned.profiles), tuning)

@@ -94,7 +94,7 @@ def _remedy(platform: Platform) -> str:
     """Remedy against implausible self-motion."""
     if platform.calibration is None:
         return "calibrate the hull"
-    return "the hull flew differently when it was calibrated, so calibrate it on profiles like this one"
+    return "hull or disturbance prior does not fit here; calibrate on profiles like this one, then tune the prior"
 
 
 def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:

@@ -31,7 +31,7 @@ from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place, new_archive
 from gliderhpc.store_schema.place import Place, absolute, place_in_memory, remove_partial_files
 from gliderhpc.store_schema.replacement import restore_set_aside
-from gliderhpc.store_schema.schema import COMMITS
+from gliderhpc.store_schema.schema import COMMITS, DISTURBANCE_PRIOR
 from gliderhpc.version import __version__
 
 log = logging.getLogger(__name__)
@@ -40,6 +40,9 @@ TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table during a run."""
 
 ExecutorContext = AbstractContextManager[Executor]
+
+_FEWEST_TO_TUNE = 3
+"""Number of profiles below which nothing is said of their usual disturbances."""
 
 
 @dataclass
@@ -144,6 +147,7 @@ def run_mission(
                 remove_partial_files(store)
             consolidate(store)
     _warn_of_slope(platform, result)
+    _advise_to_tune(platform, result)
     result.seconds = time.monotonic() - began
     return result
 
@@ -172,6 +176,20 @@ def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
             ", ".join(map(str, numbers)),
             platform.name,
             SLOPE_BIAS,
+        )
+
+
+def _advise_to_tune(platform: Platform, result: MissionResult) -> None:
+    """Recommend a tuned prior where most profiles have other disturbances than the usual one expects."""
+    done = [row for row in result.rows.values() if row["status"] == "done"]
+    rough = DISTURBANCE_PRIOR.meanings["rough_water"]
+    unlike = sum(row.get("disturbance_prior") == rough for row in done)
+    if platform.prior is None and len(done) >= _FEWEST_TO_TUNE and unlike > 0.5 * len(done):
+        log.info(
+            "in %d of %d profiles the usual disturbance prior does not fit; `gliderhpc tune` estimates one from these "
+            "records, with which more windows may converge",
+            unlike,
+            len(done),
         )
 
 

@@ -95,16 +95,23 @@ def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
     """Describe the gain, the rejected samples, and whether the maximum was reached."""
     before, after = tuned.evaluation_before, tuned.evaluation_after
     reached = "" if tuned.settled else "; the rounds ended before the maximum was reached, increase tuning.max_rounds"
-    if max(after.rejected_fraction) > settings.filter.max_rejected_fraction:
+    if refused := refusal(tuned, settings):
         reached += (
-            f"; WARNING: a run refuses a profile with more than {settings.filter.max_rejected_fraction:.0%} rejected, "
-            "so do not use this prior: calibrate the hull first, or tune on rougher profiles"
+            f"; WARNING: {refused}, so do not use this prior: calibrate the hull first, or tune on rougher profiles"
         )
     return (
         f"log-likelihood {before.log_likelihood:.1f} before, {after.log_likelihood:.1f} after, gain {tuned.gain:+.1f}; "
         f"largest share of a profile's samples rejected {max(before.rejected_fraction):.1%} before, "
         f"{max(after.rejected_fraction):.1%} after{reached}"
     )
+
+
+def refusal(tuned: TunedPrior, settings: TuneSettings) -> str:
+    """Return why a run with the tuned prior would refuse one of the profiles; empty if it would not."""
+    limit, worst = settings.filter.max_rejected_fraction, max(tuned.evaluation_after.rejected_fraction)
+    if worst <= limit:
+        return ""
+    return f"a run refuses a profile with more than {limit:.0%} of its samples rejected, and one would have {worst:.0%}"
 
 
 def factor_text(error: float) -> str:

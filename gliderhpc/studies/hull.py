@@ -253,7 +253,9 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
         companion = mission.companions.get(parameter)
         if change.step_probability < 0.5:
             days = (mission.dives[-1].time - mission.dives[onset - 1].time) / np.timedelta64(1, "D")
-            walk[parameter] = max(walk[parameter], size / np.sqrt(days)) if days > 0.0 else walk[parameter]
+            allowed = {parameter: size} if companion is None else {parameter: size, companion: settings.change}
+            for which, change_std in allowed.items() if days > 0.0 else ():
+                walk[which] = max(walk[which], change_std / np.sqrt(days))
             continue
         for position in range(first, last + 1):
             variance = jumps.setdefault(position, np.zeros(len(walk)))

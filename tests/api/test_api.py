@@ -21,8 +21,9 @@ from support.missions import archive_bytes, program
 from support.repository import REPOSITORY
 
 import gliderhpc as gh
-from gliderhpc.api import missions
+from gliderhpc.api import hulls, missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
+from gliderhpc.api.found_hulls import CalibratedHull
 from gliderhpc.api.records import RecordsInspected
 from gliderhpc.api.studies import StudyFindings
 from gliderhpc.mission.cluster import FileNotSharedError
@@ -472,6 +473,20 @@ def test_a_hull_is_calibrated_again_with_the_prior_tuned_on_it(brief, tmp_path):
     assert hull.prior != gh.load_platform("petrel-l").prior
     assert hull.viscous == alone.platform.viscous  # The steady glides do not depend on the prior.
     assert "Disturbance prior tuned on profile" in hull.source
+
+
+def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
+    """The hull of the first calibration is, and its notes and the log say why."""
+    hull, reason = gh.load_platform("petrel-l"), "a run refuses a profile with more than 5% of its samples rejected"
+    first = CalibratedHull(hull, None, caution="calibrated before")
+    monkeypatch.setattr(CalibratedHull, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
+    monkeypatch.setattr(hulls, "calibrate_open", lambda *_: first)
+    monkeypatch.setattr(hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"]))
+    monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
+    found = hulls.calibrate_and_tune(None, hull, hulls.CalibrateSettings(), None, None, (), None)
+    assert found.platform.prior == hull.prior
+    assert found.doubts[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
+    assert "the prior was tuned but is not used" in caplog.text
 
 
 def test_a_prior_is_tuned_as_by_the_command(swift, tmp_path):

@@ -37,12 +37,12 @@ from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
-from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.run import MissionResult, _advise_to_tune, run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.outcomes import Outcome
-from gliderhpc.platform import read_platform
+from gliderhpc.platform import DisturbancePrior, read_platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.store_schema import (
     ArchiveRows,
@@ -273,7 +273,7 @@ def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
     assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
     found = remarks(with_covariance(PETREL, errors), spoilt)
-    assert any(line.endswith("calibrate it on profiles like this one") for line in found), "it is calibrated already"
+    assert any(line.endswith("calibrate on profiles like this one, then tune the prior") for line in found), "it is calibrated already"
 
 
 @pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])
@@ -892,3 +892,16 @@ def test_assignments_that_cannot_be_used(assignment, message):
 def test_assignments_need_a_key_and_a_value(text):
     with pytest.raises(InputError, match="KEY=VALUE"):
         parse_assignments([text])
+
+
+@pytest.mark.parametrize(("unlike", "advised"), [(3, True), (2, False)])
+def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, advised):
+    """Where most profiles have other disturbances than the usual prior expects, and the hull states none of its own."""
+    caplog.set_level("INFO")
+    rows = {n: {"status": "done", "disturbance_prior": int(n <= unlike)} for n in range(1, 5)}
+    _advise_to_tune(read_platform("petrel-l"), MissionResult(rows=rows | {5: {"status": "failed"}}))
+    assert ("in 3 of 4 profiles the usual disturbance prior does not fit; `gliderhpc tune`" in caplog.text) is advised
+    prior = DisturbancePrior(deviation=(0.1,) * 6, correlation_time=(60.0,) * 6)
+    caplog.clear()
+    _advise_to_tune(read_platform("petrel-l").model_copy(update={"prior": prior}), MissionResult(rows=rows))
+    assert not caplog.messages

@@ -1,5 +1,6 @@
 """Study `hull`: its sum, its columns in the mission's group, its verdict, and what stays when it fails."""
 
+import math
 import shutil
 from types import SimpleNamespace
 
@@ -13,15 +14,16 @@ from support.shown import check_shown_as_left, shown
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.errors import InputError
+from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import read_platform
 from gliderhpc.report.studies import hull as shown_hull
 from gliderhpc.store_schema import check_archive, create_archive, create_study, finish_study, restored_on_error
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
-from gliderhpc.studies.hull import NAME, MissionDives, mission_hull, read_dives
+from gliderhpc.studies.hull import NAME, HullSettings, MissionDives, combine_dives, mission_hull, read_dives
 from gliderhpc.studies.study import Plan, Preparation
-from gliderhpc.tuning.mission_hull import solve_mission
+from gliderhpc.tuning.mission_hull import DiveTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
 HULL = read_platform("petrel-l")
@@ -246,3 +248,30 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
 def test_a_study_that_was_not_run_is_not_shown(brief_store):
     with pytest.raises(InputError, match="does not hold the study hull"):
         shown(brief_store, NAME)
+
+
+@pytest.mark.parametrize("gradual", [True, False])
+def test_the_battery_s_zero_may_move_with_the_weight(gradual):
+    """What is taken aboard has a place: trim changes with weight, in a step or gradually, and its interval holds."""
+    hull = read_platform("slocum")
+    parameters = hull_parameters(hull)
+    keys, count = [p.key for p in parameters], 24
+    volume, battery = keys.index("buoyancy.neutral_volume"), keys.index("position.battery")
+    off = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        eta, dives = 0.7 * rng.standard_normal(len(keys)), []
+        for i in range(count):
+            part = max(0, i - 7) / (count - 8) if gradual else float(i >= 8)
+            now = eta.copy()
+            now[volume] += 0.8 * part
+            now[battery] -= 0.6 * part
+            rows = math.sqrt(60.0) * rng.standard_normal((20, len(keys)))
+            score = rows.T @ (rows @ now + rng.standard_normal(20))
+            time = np.datetime64("2024-01-01") + np.timedelta64(12 * i, "h")
+            dives.append(DiveTerm(i + 1, time, np.zeros(len(keys)), score, rows.T @ rows))
+        found, changes = combine_dives(MissionDives(hull, parameters, tuple(dives), ()), HullSettings())
+        assert changes[volume].probability > 0.9
+        last = found.smoothed[-1]
+        off.append((last.mean - now)[battery] / last.std[battery])
+    assert np.abs(off).max() < 4.0
