@@ -35,7 +35,7 @@ from gliderhpc.platform_sections import (
     Vector,
 )  # fmt: skip
 from gliderhpc.shipped import ShippedFiles, nearest
-from gliderhpc.yaml_text import parse_value, parse_yaml, read_yaml_text, shown
+from gliderhpc.yaml_text import number_rule, parse_value, parse_yaml, read_yaml_text, shown
 
 GRAVITY = 9.81
 """Standard gravity of the model, m/s2."""
@@ -366,14 +366,6 @@ def _fault_line(kind: str, key: str, fault: Mapping[str, Any]) -> str:
     return f"{key} is {shown(fault['input'])}{of}: {_rule(kind, key, fault)}"
 
 
-_BOUNDS = {
-    "greater_than": ("gt", "greater than"),
-    "greater_than_equal": ("ge", "at least"),
-    "less_than": ("lt", "less than"),
-    "less_than_equal": ("le", "at most"),
-}
-
-
 _LIST = "a list of 3 numbers"
 _LISTS = {
     "prior": "a list of 6 numbers",
@@ -384,11 +376,8 @@ _LISTS = {
 
 
 def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:
-    if kind in _BOUNDS:
-        name, words = _BOUNDS[kind]
-        return f"it must be {words} {fault['ctx'][name]:g}; correct its sign or value"
-    if kind in {"float_type", "float_parsing", "finite_number"}:
-        return "it must be a finite number"
+    if rule := number_rule(fault):
+        return rule
     if kind in {"missing", "too_long", "too_short", "tuple_type"}:
         return f"it must be {next((text for start, text in _LISTS.items() if key.startswith(start)), _LIST)}"
     if kind in {"model_type", "model_attributes_type", "dict_type"}:

@@ -2,6 +2,7 @@
 
 import reprlib
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -190,3 +191,21 @@ class _StrictLoader(yaml.SafeLoader):
 
 def _refused(problem: str, mark: Any) -> _RefusedError:
     return _RefusedError(problem=problem, problem_mark=mark)
+
+
+_BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+"""Pydantic's kinds of faults of a number beyond a bound, the bound's name, and what the number must be."""
+
+
+def number_rule(fault: Mapping[str, Any]) -> str:
+    """Return what a number must be that pydantic refuses for `fault`; empty for a fault of another kind."""
+    kind = fault["type"]
+    if kind in _BOUNDS:
+        name, words = _BOUNDS[kind]
+        return f"it must be {words} {fault['ctx'][name]:g}; correct its sign or value"
+    return "it must be a finite number" if kind in {"float_type", "float_parsing", "finite_number"} else ""

@@ -14,7 +14,7 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.report.facts import polar
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.shipped import nearest
-from gliderhpc.yaml_text import parse_yaml, read_yaml_text, shown
+from gliderhpc.yaml_text import number_rule, parse_yaml, read_yaml_text, shown
 
 _DRAG = "viscous.K_D0"
 
@@ -196,6 +196,8 @@ def read_alerts(path: Path) -> Alerts:
 
 _SECTIONS: dict[str, type[_Section]] = {"": Alerts, "rules": Rules, "rules.next_surfacing_outside": Box}
 _EXPECTED = {
+    "rules": "the rules as `key: value` pairs, such as {current_above: 0.5}",
+    "rules.next_surfacing_outside": "the limits south, north, west and east, degrees",
     "command": "a list of program and arguments, such as [mail, -s, glider, pilot@example.org]",
     "webhook": "an address that begins with http:// or https://",
 }
@@ -214,6 +216,8 @@ def _explanation(error: ValidationError) -> str:
         return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"
     if fault["type"] == "missing":
         return f"missing key '{key}'; add it"
-    expected = _EXPECTED.get(str(fault["loc"][0]))
-    reason = f"give {expected}" if expected else fault["msg"][:1].lower() + fault["msg"][1:]
+    if fault["type"] == "value_error":
+        return f"{key}: {fault['ctx']['error']}"
+    expected = _EXPECTED.get(key, _EXPECTED.get(str(fault["loc"][0]), ""))
+    reason = number_rule(fault) or (f"give {expected}" if expected else fault["msg"][:1].lower() + fault["msg"][1:])
     return f"{key} is {shown(fault['input'])}: {reason}"

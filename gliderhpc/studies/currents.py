@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import SMOOTHED, ProfileData
 from gliderhpc.archive.reader import Archive
-from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty, read_budget
+from gliderhpc.estimation.current_errors import TERMS, CurrentErrors, current_uncertainty, read_budget
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import sign_in_doubt
 from gliderhpc.platform import Platform
@@ -228,8 +228,8 @@ def _uncertainty_model(
     request: Request, archive: Archive, platform: Platform
 ) -> tuple[UncertaintyModel, tuple[str, ...]]:
     """Terms of the uncertainty: those of the budget if one is given, otherwise those of the mission's run."""
+    settings = settings_of(archive).current
     if request.budget is None:
-        settings = settings_of(archive).current
         model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)
         return model, (
             f"no --budget given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
@@ -240,7 +240,9 @@ def _uncertainty_model(
     remarks: tuple[str, ...] = ()
     if budget.platform != platform.name:
         remarks = (f"{request.budget}: was measured for {budget.platform}, this mission flew {platform.name}",)
-    return UncertaintyModel(budget.current, budget.identification_noise), remarks
+    # The budget states the terms of the displacement; those of fixes, actuation and surface remain the run's.
+    terms = settings.errors(platform).model_copy(update={name: getattr(budget, name) for name in TERMS})
+    return UncertaintyModel(terms, budget.identification_noise), remarks
 
 
 def _origin(platform: Platform, model: UncertaintyModel) -> str:

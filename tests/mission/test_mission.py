@@ -273,7 +273,9 @@ def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
     assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
     found = remarks(with_covariance(PETREL, errors), spoilt)
-    assert any(line.endswith("calibrate on profiles like this one, then tune the prior") for line in found), "it is calibrated already"
+    assert any(line.endswith("calibrate on profiles like this one, then tune the prior") for line in found), (
+        "it is calibrated already"
+    )
 
 
 @pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])

@@ -2,15 +2,24 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.current_errors import Budget, CurrentError, budget_text, fit_budget, read_budget
+from gliderhpc.estimation.current_errors import (
+    Budget,
+    CurrentError,
+    CurrentSettings,
+    budget_text,
+    fit_budget,
+    read_budget,
+)
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import read_platform
+from gliderhpc.studies import currents
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
 from gliderhpc.twins.cases import (
@@ -202,6 +211,17 @@ def test_budget_is_read_back(tmp_path):
     path.write_text(budget_text(_budget()), "utf-8")
     assert read_budget(path) == _budget()
     assert read_budget(path).current.axial_error == 0.0123
+
+
+def test_a_budget_leaves_the_run_s_terms_of_fixes_and_actuation(monkeypatch, tmp_path):
+    """It states the errors of the displacement; what a run was told of its fixes and actuators remains."""
+    path = tmp_path / "budget.yaml"
+    path.write_text(budget_text(_budget()), "utf-8")
+    told = CurrentSettings(actuation_error=0.7, fix_error=40.0, axial_error=0.5)
+    monkeypatch.setattr(currents, "settings_of", lambda _: SimpleNamespace(current=told))
+    model, remarks = currents._uncertainty_model(SimpleNamespace(budget=path), None, read_platform("petrel-l"))
+    assert (model.current.actuation_error, model.current.fix_error, model.current.axial_error) == (0.7, 40.0, 0.0123)
+    assert remarks == ()
 
 
 @pytest.mark.parametrize(
