@@ -31,8 +31,8 @@ _SAME = 1e-9
 """Largest difference of values (rad, m) that are considered equal."""
 _FEW = 0.05
 """Share of the distances that may be smaller than the quantum, after corrections of the record."""
-_FEWEST = 3
-"""Number of distances from which a quantum is found."""
+_FEWEST = 10
+"""Number of distances from which a quantum is found; a few values between two levels are not the steps of a sensor."""
 _REPEATED = 0.5
 """Largest ratio of the number of distinct values to that of samples in a rounded record."""
 _EVEN = 0.1

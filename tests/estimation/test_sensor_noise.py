@@ -95,3 +95,13 @@ def test_the_profile_says_what_noise_it_has():
     (line,) = (line for line in lines if "noise taken from the record" in line)
     assert "pitch 0.3" in line
     assert "depth" not in line
+
+
+def test_a_few_values_between_two_levels_are_no_resolution():
+    """A pitch held at two values, with four others in the turn between them, says nothing of its sensor's steps."""
+    record = twin("calm")
+    count = len(record.time)
+    pitch = np.where(np.arange(count) < count // 2, -23.0, 23.0)
+    pitch[count // 2 : count // 2 + 4] = [-9.7, 1.3, 12.9, 20.1]
+    found = louder_than_stated(PETREL, series(replace(record, pitch=np.radians(pitch))))
+    assert "pitch" not in found
