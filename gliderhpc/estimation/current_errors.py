@@ -244,7 +244,9 @@ class Budget(Settings):
     heading_error: float = Field(ge=0, description="error of the course through the water, degree")
     cross_track_error: float = Field(0.0, ge=0, description="velocity error across the track, m/s")
     identification_noise: float = Field(gt=0, description="high-passed yaw moment due to noise alone, RMS, N m")
-    detection_floor: float = Field(gt=0, description="amplitude of a yaw impulse found nine times in ten, N m")
+    detection_floor: float | None = Field(
+        gt=0, description="amplitude of a yaw impulse found nine times in ten, N m; null if none of the grid is"
+    )
     axial_offset_dive: float = Field(description="mean error of B_cu on the dive, N")
     axial_offset_climb: float = Field(description="mean error of B_cu on the climb, N")
     axial_offset_rms: float = Field(ge=0, description="root mean square of the mean error of B_cu, N")

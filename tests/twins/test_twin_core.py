@@ -22,6 +22,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.studies import currents
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
+from gliderhpc.twins import recoverability
 from gliderhpc.twins.cases import (
     UNCERTAIN_COEFFICIENTS,
     RecordChanges,
@@ -222,6 +223,22 @@ def test_a_budget_leaves_the_run_s_terms_of_fixes_and_actuation(monkeypatch, tmp
     model, remarks = currents._uncertainty_model(SimpleNamespace(budget=path), None, read_platform("petrel-l"))
     assert (model.current.actuation_error, model.current.fix_error, model.current.axial_error) == (0.7, 40.0, 0.0123)
     assert remarks == ()
+
+
+def test_a_hull_whose_records_show_no_impulse_still_has_a_budget(tmp_path):
+    """The terms of the current do not need the floor of the impulses; slow sensors have none."""
+    preset = recoverability.BUDGET_PRESET
+    terms = dict.fromkeys(
+        ("axial_error", "relative_error", "heading_error", "axial_dive", "axial_climb", "axial_rms"), 0.1
+    )
+    errors = [{"preset": preset, "model": model, **terms} for model in recoverability.MODELS]
+    floors = [{"preset": preset, "width": 1.0, "floor": math.nan}]
+    budget = recoverability.make_budget(read_platform("seaexplorer"), {preset: {"noise": 0.01}}, floors, errors, 4)
+    assert budget.detection_floor is None
+    assert budget.how["detection_floor"] == "no impulse of 1 s of the grid is found in 90% of all cases"
+    path = tmp_path / "budget.yaml"
+    path.write_text(budget_text(budget), "utf-8")
+    assert read_budget(path) == budget
 
 
 @pytest.mark.parametrize(
