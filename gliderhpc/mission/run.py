@@ -16,6 +16,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS
+from gliderhpc.estimation.settings import smoother_passes
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
 from gliderhpc.mission.local_workers import default_workers
@@ -40,6 +41,9 @@ TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table during a run."""
 
 ExecutorContext = AbstractContextManager[Executor]
+
+_FOR_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
+"""Settings of the smoother that act from its second pass on."""
 
 _FEWEST_TO_TUNE = 3
 """Number of profiles below which nothing is said of their usual disturbances."""
@@ -119,6 +123,7 @@ def run_mission(
     check_engine(settings)
     check_seawater(platform, settings)
     _log_use_of_optional_variables(observations, platform, settings)
+    _warn_of_idle_settings(platform, settings)
     began = time.monotonic()
     plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
@@ -161,6 +166,17 @@ def _log_use_of_optional_variables(observations: Observations, platform: Platfor
         )
     if observations.has_velocity:
         log.info("the smoother uses the measured velocity relative to the water where it agrees with the depth rate")
+
+
+def _warn_of_idle_settings(platform: Platform, settings: MissionSettings) -> None:
+    """Warn of settings of the smoother that were given and have no effect, because it makes a single pass."""
+    given = [name for name in _FOR_SEVERAL_PASSES if name in settings.smoother.model_fields_set]
+    if given and smoother_passes(platform, settings.smoother, platform.sensors.sample_interval) == 1:
+        log.warning(
+            "%s: no effect, because the smoother makes one pass over slow records of a hull without a disturbance "
+            "prior of its own; `gliderhpc tune` estimates one, or set smoother.max_passes",
+            ", ".join(f"smoother.{name}" for name in given),
+        )
 
 
 def _warn_of_slope(platform: Platform, result: MissionResult) -> None:

@@ -37,7 +37,7 @@ from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
-from gliderhpc.mission.run import MissionResult, _advise_to_tune, run_mission
+from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_of_idle_settings, run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
@@ -907,3 +907,13 @@ def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, a
     caplog.clear()
     _advise_to_tune(read_platform("petrel-l").model_copy(update={"prior": prior}), MissionResult(rows=rows))
     assert not caplog.messages
+
+
+def test_settings_of_passes_that_are_not_made_are_warned_of(caplog):
+    """Slow records of a hull without its own prior are smoothed in one pass."""
+    settings = build_settings({}, {"smoother.tolerance": "0.01"})
+    _warn_of_idle_settings(read_platform("petrel-l"), settings)
+    _warn_of_idle_settings(read_platform("seaglider"), build_settings({}, {}))
+    assert not caplog.messages
+    _warn_of_idle_settings(read_platform("seaglider"), settings)
+    assert caplog.messages[0].startswith("smoother.tolerance: no effect, because the smoother makes one pass")
