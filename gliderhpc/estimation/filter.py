@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.innovations import contradict_prior, log_density
+from gliderhpc.estimation.innovations import contradict_prior, departing_quantity, log_density
 from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, steps_in
 from gliderhpc.estimation.self_motion import flight_guesses
@@ -17,7 +18,6 @@ from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
-from gliderhpc.observations.format import MEASURED
 from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
@@ -30,10 +30,6 @@ _PATH_ORDER = np.array([0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 
 
 GUESS_INTERVAL = 1.0
 """Interval (s) of the velocities and rates that a restart uses; attitude and depth are those of its own sample."""
-
-
-DEPARTURE = 4.0
-"""Innovation in standard deviations beyond which a quantity departs from the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +79,12 @@ class FilterEstimate:
     def describe(self) -> str:
         """Describe the counts in one clause, with the quantity that most often departs from the model."""
         counts = f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
-        departures = self._departures()
-        return f"{counts}, most of them in {MEASURED[int(departures.argmax())]}" if departures.any() else counts
+        return f"{counts}, most of them in {self.departing}" if self.departing else counts
 
-    def _departures(self) -> NDArray[np.int64]:
-        """Number of samples ``(4,)`` in which each quantity has the largest of innovations beyond `DEPARTURE`."""
-        with np.errstate(invalid="ignore"):
-            sizes = np.nan_to_num(self.innovations**2 / self.innovation_variances)
-        far = sizes[(sizes > DEPARTURE**2).any(axis=1)]
-        return np.bincount(far.argmax(axis=1), minlength=len(MEASURED))
+    @cached_property
+    def departing(self) -> str:
+        """Quantity that most often departs from the model; empty if none does."""
+        return departing_quantity(self.innovations, self.innovation_variances)
 
 
 def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> FilterEstimate:
@@ -203,11 +196,19 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings, doubt: str | None = None) -> ProfileError:
     """Error for an estimate that rejected more than the allowed share of samples, with a doubt of the water if any."""
+    remedy = _IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-        "follow this record; check the platform (neutral volume, battery zero) and the signs of the battery, or raise "
-        "filter.max_rejected_fraction" + (f"; {doubt}" if doubt else "")
+        f"follow this record; {remedy}, or raise filter.max_rejected_fraction" + (f"; {doubt}" if doubt else "")
     )
+
+
+_IN_TRIM = "check the platform (neutral volume, battery zero) and the signs of the battery"
+_IN_TURNS = (
+    "the water may turn the glider more than the disturbance prior expects, and `gliderhpc tune` estimates another one "
+    "from other profiles; or check the signs of the battery's rotation and of the rudder"
+)
+"""Remedies by what departs from the model."""
 
 
 @dataclass(frozen=True, eq=False)

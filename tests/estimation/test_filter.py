@@ -1,12 +1,14 @@
 """Prior: input and estimate of the filter, the vibration set, and the first guesses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from support.missions import SETTLING, glide_series, profile_series, replaced
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import filter as filter_module
-from gliderhpc.estimation.filter import filter_with_priors, run_filter, run_filters
+from gliderhpc.estimation.filter import filter_with_priors, refusal, run_filter, run_filters
 from gliderhpc.estimation.preparation import prepare_profile, vibration_set
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
@@ -414,3 +416,12 @@ def test_of_two_priors_the_likelier_is_used(name, sway, yaw, chosen, monkeypatch
     monkeypatch.setattr(filter_module, "candidate_priors", lambda *_: priors)
     monkeypatch.setattr(filter_module, "contradict_prior", lambda *_: True)
     assert run_filter(request(twin_series(name, 1, 60.0)), SETTINGS).prior_name == chosen
+
+
+@pytest.mark.parametrize(
+    ("departing", "remedy"), [("heading", "`gliderhpc tune`"), ("pitch", "neutral volume"), ("", "neutral volume")]
+)
+def test_the_remedy_for_a_refused_profile_depends_on_what_departs(departing, remedy):
+    """A hull out of trim shows in pitch and depth; water that turns the glider, in roll and heading."""
+    estimate = SimpleNamespace(departing=departing, describe=lambda: "filter: 9 gated")
+    assert remedy in str(refusal(estimate, SETTINGS))
