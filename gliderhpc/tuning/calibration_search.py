@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance
-from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
+from gliderhpc.tuning.segment_errors import DIFFERENCE, FLATTEST_MARGIN, SegmentErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -260,9 +260,9 @@ class CalibrationSearch:
             return np.concatenate([self._errors(at(values))[rows] / scale, prior * values, barrier(values)])
 
         def barrier(values: Array) -> Array:
-            # The loss is linear in large residuals; with this one it is quadratic in the excess.
-            excess = self._errors.flatness(at(values)) / FLATNESS
-            return np.array([excess * math.sqrt(1.0 + 0.25 * excess**2)])
+            # The loss is linear in large residuals, so that the glides may use up the margin. Beyond, it is quadratic.
+            within, beyond = (self._errors.flatness(at(values), m) / FLATNESS for m in (FLATTEST_MARGIN, 1.0))
+            return np.array([within, beyond * math.sqrt(1.0 + 0.25 * beyond**2)])
 
         def barrier_slope(values: Array) -> Array:
             here = barrier(values)

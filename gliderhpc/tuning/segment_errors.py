@@ -178,8 +178,8 @@ class SegmentErrors:
         together = np.any([rows[:, None] & parameters[list(columns)] for rows, parameters in self.parts()], axis=0)
         return np.where(together, slopes, 0.0)
 
-    def flatness(self, steps: Array) -> float:
-        """Excess (rad) of a hull's flattest pitch, with a margin, over the flattest measured pitch; at least zero.
+    def flatness(self, steps: Array, margin: float = FLATTEST_MARGIN) -> float:
+        """Excess (rad) of a hull's flattest pitch, times a margin, over the flattest measured pitch; at least zero.
 
         At its least glide angle a hull's angle of attack has an infinite slope, and a fit would get stuck there.
         """
@@ -188,7 +188,7 @@ class SegmentErrors:
             least_glide_angle(hull, heavy=heavy) - abs(best_angle_of_attack(hull, heavy=heavy))
             for heavy in (True, False)
         ]
-        return max(0.0, FLATTEST_MARGIN * max(flattest) - float(np.abs(self.segments.pitch).min()))
+        return max(0.0, margin * max(flattest) - float(np.abs(self.segments.pitch).min()))
 
     def offsets(self) -> Array:
         """Errors (m, 4) from rounding common to all segments: of pitch and of roll, in dives and in climbs.
