@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance
-from gliderhpc.tuning.segment_errors import DIFFERENCE, FLATTEST_MARGIN, SegmentErrors
+from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,6 +58,7 @@ class CalibrationVerdict(Enum):
     REFUTED = "held at the most probable value: the glides refute the platform's value but do not determine another"
     IMPLAUSIBLE = "held at the bound: the fit reached the limit of plausible values"
     UNSTABLE = "held: if it is free, the hull has no stable glide"
+    TOO_STEEP = "held: if the lateral terms are free, the hull found cannot glide as flat as the glider did"
     IMPLAUSIBLE_TURNS = "held: if the lateral terms are free, one of them is far from the platform's value"
     CONFOUNDED = "held: if it is free, the glides determine others less well than the platform states them"
 
@@ -260,9 +261,7 @@ class CalibrationSearch:
             return np.concatenate([self._errors(at(values))[rows] / scale, prior * values, barrier(values)])
 
         def barrier(values: Array) -> Array:
-            # The loss is linear in large residuals, so that the glides may use up the margin. Beyond, it is quadratic.
-            within, beyond = (self._errors.flatness(at(values), m) / FLATNESS for m in (FLATTEST_MARGIN, 1.0))
-            return np.array([within, beyond * math.sqrt(1.0 + 0.25 * beyond**2)])
+            return np.array([self._errors.flatness(at(values)) / FLATNESS])
 
         def barrier_slope(values: Array) -> Array:
             here = barrier(values)

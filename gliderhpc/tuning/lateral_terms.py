@@ -19,6 +19,7 @@ LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 
 WHY_HELD = {
     CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
+    CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",
     CalibrationVerdict.IMPLAUSIBLE_TURNS: "one of them is far from the platform's value",
     CalibrationVerdict.CONFOUNDED: "a parameter is less well known than the platform states it",
 }
@@ -43,6 +44,8 @@ def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdi
     """Return why the lateral terms of a finished fit are in doubt; None if they are not."""
     if not stable:
         return CalibrationVerdict.UNSTABLE
+    if fit.errors.flatness(fit.search.steps, margin=1.0) > 0.0:
+        return CalibrationVerdict.TOO_STEEP
     if np.abs(fit.search.steps[lateral]).max(initial=0.0) > _FARTHEST:
         return CalibrationVerdict.IMPLAUSIBLE_TURNS
     if (fit.search.free & lateral).any() and fit.largest_variance > 1.0:
@@ -52,7 +55,7 @@ def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdi
 
 def is_better_held(why: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
     """Return whether the fit with the lateral terms held is the better one."""
-    if why is CalibrationVerdict.UNSTABLE:
+    if why in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
         return True
     if why is CalibrationVerdict.IMPLAUSIBLE_TURNS:
         return bool(np.all(_sizes_of_errors(held) <= _PROOF * _sizes_of_errors(fit)))

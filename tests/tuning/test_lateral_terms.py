@@ -12,7 +12,7 @@ from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning import calibration, lateral_terms
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
-from gliderhpc.tuning.calibration_search import FLATNESS, CalibrationSearch, CalibrationVerdict
+from gliderhpc.tuning.calibration_search import CalibrationVerdict
 from gliderhpc.tuning.lateral_terms import LATERAL, is_better_held, reason_to_hold
 from gliderhpc.tuning.segment_errors import TURNING, SegmentErrors
 
@@ -57,10 +57,11 @@ def test_water_that_turns_the_glider_does_not_move_its_drag(monkeypatch):
     assert {key for key, p in of.items() if p.verdict is why} == set(LATERAL)
 
 
-def fit(steps, sizes=(1.0,) * 4, *, free=(), variance=0.0):
-    """A finished fit with steps of its parameters and sizes of the four errors."""
+def fit(steps, sizes=(1.0,) * 4, *, free=(), variance=0.0, steep=0.0):
+    """A finished fit with steps of its parameters, sizes of the four errors, and excess of its flattest pitch."""
     search = SimpleNamespace(steps=np.array(steps), free=np.isin(np.arange(len(steps)), free), cost_of=np.sum)
-    return SimpleNamespace(errors=np.array(sizes), search=search, largest_variance=variance)
+    errors = SimpleNamespace(sizes=np.array(sizes), flatness=lambda _, margin: steep)
+    return SimpleNamespace(errors=errors, search=search, largest_variance=variance)
 
 
 def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
@@ -70,6 +71,9 @@ def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
     vague = fit([0.0, 0.5], free=(1,), variance=1.2)
     assert reason_to_hold(vague, lateral, stable=True) is CalibrationVerdict.CONFOUNDED
     assert reason_to_hold(vague, lateral, stable=False) is CalibrationVerdict.UNSTABLE
+    steep = fit([0.0, 0.5], steep=0.1)
+    assert reason_to_hold(steep, lateral, stable=True) is CalibrationVerdict.TOO_STEEP
+    assert is_better_held(CalibrationVerdict.TOO_STEEP, steep, fit([0.0, 0.0], [9.0] * 4))
 
 
 @pytest.mark.parametrize(
@@ -79,18 +83,17 @@ def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
 def test_implausible_terms_are_kept_only_where_the_glides_prove_them(monkeypatch, sizes, held):
     """If held terms double the errors of depth rate or turns, the free ones stand; pitch is no measure."""
     monkeypatch.setattr(
-        lateral_terms, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors))
+        lateral_terms, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors.sizes))
     )
     assert is_better_held(CalibrationVerdict.IMPLAUSIBLE_TURNS, fit([4.0]), fit([0.0], sizes)) is held
 
 
-def test_no_hull_is_fitted_that_cannot_glide_as_flat_as_it_did():
-    """Depth rates of a hull with much less lift draw the fit there; the barrier outweighs any number of them."""
-    true = with_values(PETREL, {"viscous.K_L": 0.55 * PETREL.viscous.K_L, "viscous.K_D": 0.3 * PETREL.viscous.K_D})
-    segments = glides(true, true, pitches=(26.0, 30.0))
-    flat = replace(segments, pitch=segments.pitch * 16.0 / 26.0)
-    errors = SegmentErrors(PETREL, PARAMETERS, flat)
-    search = CalibrationSearch(errors, np.isin(KEYS, ["viscous.K_L", "viscous.K_D0"]), 1.0, lambda _: None)
-    search.fit_everything(4, 1e-6)
-    assert np.abs(search.steps).max() > 0.1
-    assert errors.flatness(search.steps) < 10.0 * FLATNESS
+def test_a_hull_that_cannot_glide_as_flat_as_flown_is_found_out():
+    """The margin of the flattest pitch is for the fit; without it, the true hull has no excess."""
+    segments = glides(TRUTH, TRUTH)
+    errors = SegmentErrors(TRUTH, PARAMETERS, segments)
+    steps = np.zeros(len(KEYS))
+    assert errors.flatness(steps, margin=1.0) == 0.0
+    steps[KEYS.index("viscous.K_D0")] = 4.0
+    steps[KEYS.index("viscous.K_L")] = -4.0
+    assert errors.flatness(steps, margin=1.0) > math.radians(1.0)
