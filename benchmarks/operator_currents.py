@@ -23,6 +23,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.studies.currents import STUDY
+from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.request import Request
 
 Rows = list[tuple[str, str]]
@@ -51,7 +52,8 @@ def studied(path: Path, platform: Platform, numbers: tuple[int, ...], store: Pat
             run_mission(
                 observations, platform, MissionSettings(), numbers, store, lambda: local_executor(default_workers())
             )
-    STUDY.run(Request(store, lambda: local_executor(default_workers()), estimate=estimate, reference=path))
+    request = Request(store, lambda: local_executor(default_workers()), estimate=estimate, reference=path)
+    STUDY.run(request, DepthResolvedSettings())
     with open_mission(store) as tree:
         return tree["currents"].to_dataset().drop_dims("record").load()
 
