@@ -15,7 +15,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
-from gliderhpc.estimation.quality import SLOPE_BIAS
+from gliderhpc.estimation.quality import SLOPE_BIAS, USUALLY_CONVERGED
 from gliderhpc.estimation.settings import smoother_passes
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
@@ -196,11 +196,13 @@ def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
 
 
 def _advise_to_tune(platform: Platform, result: MissionResult) -> None:
-    """Recommend a tuned prior where most profiles have other disturbances than the usual one expects."""
+    """Recommend a tuned prior where most profiles are unlike the usual one, and few windows converge."""
     done = [row for row in result.rows.values() if row["status"] == "done"]
     rough = DISTURBANCE_PRIOR.meanings["rough_water"]
     unlike = sum(row.get("disturbance_prior") == rough for row in done)
-    if platform.prior is None and len(done) >= _FEWEST_TO_TUNE and unlike > 0.5 * len(done):
+    if platform.prior is not None or len(done) < _FEWEST_TO_TUNE or unlike <= 0.5 * len(done):
+        return
+    if np.mean([row["converged_fraction"] for row in done]) < USUALLY_CONVERGED:
         log.info(
             "in %d of %d profiles the usual disturbance prior does not fit; `gliderhpc tune` estimates one from these "
             "records, with which more windows may converge",

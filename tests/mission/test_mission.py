@@ -896,11 +896,14 @@ def test_assignments_need_a_key_and_a_value(text):
         parse_assignments([text])
 
 
-@pytest.mark.parametrize(("unlike", "advised"), [(3, True), (2, False)])
-def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, advised):
-    """Where most profiles have other disturbances than the usual prior expects, and the hull states none of its own."""
+@pytest.mark.parametrize(("unlike", "converged", "advised"), [(3, 0.6, True), (2, 0.6, False), (3, 1.0, False)])
+def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, converged, advised):
+    """Where most profiles are unlike the usual prior, few windows converge, and the hull states no prior of its own."""
     caplog.set_level("INFO")
-    rows = {n: {"status": "done", "disturbance_prior": int(n <= unlike)} for n in range(1, 5)}
+    rows = {
+        n: {"status": "done", "disturbance_prior": int(n <= unlike), "converged_fraction": converged}
+        for n in range(1, 5)
+    }
     _advise_to_tune(read_platform("petrel-l"), MissionResult(rows=rows | {5: {"status": "failed"}}))
     assert ("in 3 of 4 profiles the usual disturbance prior does not fit; `gliderhpc tune`" in caplog.text) is advised
     prior = DisturbancePrior(deviation=(0.1,) * 6, correlation_time=(60.0,) * 6)
