@@ -303,14 +303,15 @@ class _Iteration:
     def _renewed_noise(self) -> Array:
         """Variances of the noise for the next pass: the same array as in use, unless a variance has changed.
 
-        A variance that would turn back is moved by half (of its logarithm): alternating changes overshoot their limit.
+        Where nothing else moves any longer, a variance that would turn back is moved by half (of its logarithm):
+        alternating changes overshoot their limit.
         """
         used: Array = self._sweeps.dive.noise
         noise = used
         # Damped rows would seem better resolved than they are by the record.
         for model in () if self._damping.active else self._models:
             noise = model.renewed(noise, self.linear)
-        if self._before is not None and noise is not used:
+        if self._before is not None and noise is not used and self.movement <= self._settings.tolerance:
             turns_back = (noise - used) * (used - self._before) < 0.0
             noise = np.where(turns_back, np.sqrt(noise * used), noise)
         return noise if np.max(np.abs(noise / used - 1.0)) > _SETTLED else used
