@@ -71,6 +71,9 @@ QUALITY = Flags(
 )
 """Bits of `quality`."""
 
+OF_WINDOWS = ("prior_used_because_the_window_failed", "window_not_converged")
+"""Quality bits that concern the windows of the adjoint, and no other estimate."""
+
 
 def she_leveque(order: float) -> float:
     """Return the scaling exponent zeta_p of velocity increments in intermittent turbulence (She and Leveque 1994)."""

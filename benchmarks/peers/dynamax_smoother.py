@@ -1,7 +1,6 @@
 """dynamax: Kalman filter and smoother of a linear problem, sequential scans compiled by XLA for one core."""
 
 import importlib.metadata
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.linear_dive import LinearDive
 from benchmarks.peers.base import require
-from benchmarks.peers.jax_scan import XLA_FLAGS
+from benchmarks.peers.jax_scan import jax_on_one_core
 
 Array = NDArray[np.float64]
 
@@ -33,9 +32,7 @@ def dynamax_pass(linear: LinearDive, unit: Array) -> Callable[[], tuple[Array, A
         dynamax is not installed.
     """
     require("dynamax")
-    os.environ["JAX_PLATFORMS"] = "cpu"
-    os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
-    import jax
+    jax = jax_on_one_core()
     from dynamax.linear_gaussian_ssm import (
         ParamsLGSSM,
         ParamsLGSSMDynamics,
@@ -44,7 +41,6 @@ def dynamax_pass(linear: LinearDive, unit: Array) -> Callable[[], tuple[Array, A
         lgssm_smoother,
     )
 
-    jax.config.update("jax_enable_x64", True)
     there = linear.fed[:, None] & np.isfinite(linear.residual)
     samples, emissions = _in_units(linear, unit, there)
     rows, channels = there.shape

@@ -29,14 +29,20 @@ FENCED_SINCE = (0, 10)
 """Version from which `jax.lax.optimization_barrier` can be counted on to be differentiable (0.4.38 refuses)."""
 
 
-def jax_scan(settings: EstimationSettings) -> Contender:
-    """Give the peer, or raise `UnavailableError`."""
+def jax_on_one_core() -> ModuleType:
+    """Return the package, set to one core and double precision, or raise `UnavailableError`."""
     require("jax")
     os.environ["JAX_PLATFORMS"] = "cpu"
     os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    return jax
+
+
+def jax_scan(settings: EstimationSettings) -> Contender:
+    """Give the peer, or raise `UnavailableError`."""
+    jax = jax_on_one_core()
     compiled = once_for_all(lambda window: jax.jit(jax.value_and_grad(_cost_of(jax, window))))
 
     def evaluator(window: Window) -> Evaluator:

@@ -16,7 +16,7 @@ from gliderhpc.observations.series import averages_between
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
 from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER
-from gliderhpc.vocabulary import CHANNELS, QUALITY
+from gliderhpc.vocabulary import CHANNELS, OF_WINDOWS, QUALITY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -33,9 +33,6 @@ SETTLING = 60.0
 
 NOT_STEADY = ("vibration", "gap_in_the_record")
 """Quality bits that exclude a sample from steady glide."""
-
-OF_WINDOWS = ("prior_used_because_the_window_failed", "window_not_converged")
-"""Quality bits that concern the windows of the adjoint, and no other estimate."""
 
 _SECOND = np.timedelta64(1, "s")
 _TIME_TOLERANCE = 1e-5

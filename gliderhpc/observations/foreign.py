@@ -266,8 +266,7 @@ class ForeignFile(NamedColumns):
             stored = np.ma.asarray(self._read(name)).compressed()
             if stored.dtype.kind == "f":
                 check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
-        time = super().times(name)
-        return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+        return self._rejected.without_times(name, super().times(name))
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""

@@ -108,13 +108,11 @@ class NavigationColumns(NamedColumns):
         """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
         array = self._dataset[name]
         if np.issubdtype(array.dtype, np.datetime64):
-            time = np.asarray(self._values(name), dtype="datetime64[ns]")
-            return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+            return self._rejected.without_times(name, np.asarray(self._values(name), dtype="datetime64[ns]"))
         if array.dtype.kind in "fiu":
             unit = self.attribute("units", name) or DEFAULT_UNITS
             check_resolution(self._values(name), unit, f"{self.source}: {name}")
-        time = super().times(name)
-        return np.where(self._rejected.masks.get(name, False), np.datetime64("NaT", "ns"), time)
+        return self._rejected.without_times(name, super().times(name))
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import NamedColumns, find_name
-from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.records import FloatArray, TimeArray
 
 Mask = npt.NDArray[np.bool_]
 
@@ -44,6 +44,10 @@ class Rejected:
         """Values ``(n,)`` of a variable, NaN where they are not used."""
         mask = self.masks.get(name)
         return values if mask is None else np.where(mask, np.nan, values)
+
+    def without_times(self, name: str, times: TimeArray) -> TimeArray:
+        """Times ``(n,)`` of a variable, NaT where they are not used."""
+        return np.where(self.masks.get(name, False), np.datetime64("NaT", "ns"), times)
 
 
 def find_rejected(columns: NamedColumns, names: Iterable[str], needed: Container[str] = ()) -> Rejected:

@@ -10,7 +10,7 @@ from gliderhpc.flight.hull_parameters import TREND
 from gliderhpc.tuning.calibration import CalibratedParameter, Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
-from gliderhpc.tuning.lateral_terms import LATERAL
+from gliderhpc.tuning.segment_errors import LATERAL
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 

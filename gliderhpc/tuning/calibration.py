@@ -29,10 +29,10 @@ from gliderhpc.tuning.calibration_covariance import LEVEL, Fit, few_profiles_fac
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.disturbance_prior import TuningSettings
-from gliderhpc.tuning.lateral_terms import LATERAL, WHY_HELD, is_better_held, reason_to_hold
+from gliderhpc.tuning.lateral_terms import WHY_HELD, is_better_held, reason_to_hold
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
-from gliderhpc.tuning.segment_errors import MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
+from gliderhpc.tuning.segment_errors import LATERAL, MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments
 from gliderhpc.tuning.turn_test import TurnTestSettings
 from gliderhpc.wording import counted

@@ -14,9 +14,6 @@ from gliderhpc.tuning.calibration_search import CalibrationVerdict
 
 Mask = NDArray[np.bool_]
 
-LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
-"""Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
-
 WHY_HELD = {
     CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
     CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",

@@ -41,10 +41,10 @@ FLATTEST_MARGIN = 1.25
 MIN_PROFILES = 3
 """Minimum number of profiles from which the uncertainty of an estimate can be determined."""
 
-TURNING = (
-    "viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r", "viscous.K_delta", "position.hull.1",
-    "battery_eccentricity", ROLL_OFFSET.key,
-)  # fmt: skip
+LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
+"""Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""
+
+TURNING = (*LATERAL, "viscous.K_delta", "position.hull.1", "battery_eccentricity", ROLL_OFFSET.key)
 """Parameters that are fitted to roll and rate of turn where these are fitted apart from depth rate and pitch."""
 
 _ROLL = 2

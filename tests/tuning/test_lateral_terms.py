@@ -13,8 +13,8 @@ from gliderhpc.platform import read_platform
 from gliderhpc.tuning import calibration, lateral_terms
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.lateral_terms import LATERAL, is_better_held, reason_to_hold
-from gliderhpc.tuning.segment_errors import TURNING, SegmentErrors
+from gliderhpc.tuning.lateral_terms import is_better_held, reason_to_hold
+from gliderhpc.tuning.segment_errors import LATERAL, TURNING, SegmentErrors
 
 PETREL = read_platform("petrel-l")
 TRUTH = with_values(PETREL, {"buoyancy.neutral_volume": 640.0, "viscous.K_D0": 10.0, "position.battery": 0.104})

@@ -159,8 +159,7 @@ def noise_from_segment(
         mean=np.concatenate([start.states[first, SENSED], np.zeros(6)]),
     )  # fmt: skip
     part_scale, part_start = scale.of_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
-    passes = _SEGMENT_PASSES if settings.max_passes is None else min(settings.max_passes, _SEGMENT_PASSES)
-    brief = settings.model_copy(update={"max_passes": passes})
+    brief = settings.model_copy(update={"max_passes": min(settings.max_passes or _SEGMENT_PASSES, _SEGMENT_PASSES)})
     smoothed = iterate_passes(
         hull, part, part_start, brief, gate=gate, noise_models=[part_scale], usual=part_scale.usual
     )

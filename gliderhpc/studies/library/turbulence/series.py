@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gliderhpc.archive.profile import OF_WINDOWS, SETTLING, SMOOTHED, ProfileData, without_windows
+from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, without_windows
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
@@ -17,7 +17,7 @@ from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import sample_interval
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.vocabulary import CHANNELS, QUALITY
+from gliderhpc.vocabulary import CHANNELS, OF_WINDOWS, QUALITY
 
 Range = tuple[float, float]
 Array = NDArray[np.float64]
