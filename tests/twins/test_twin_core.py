@@ -215,11 +215,11 @@ def test_budget_is_read_back(tmp_path):
 
 
 def test_a_budget_leaves_the_run_s_terms_of_fixes_and_actuation(monkeypatch, tmp_path):
-    """It states the errors of the displacement; what a run was told of its fixes and actuators remains."""
+    """It states the errors of the displacement; the settings of a run for its fixes and actuators remain."""
     path = tmp_path / "budget.yaml"
     path.write_text(budget_text(_budget()), "utf-8")
-    told = CurrentSettings(actuation_error=0.7, fix_error=40.0, axial_error=0.5)
-    monkeypatch.setattr(currents, "settings_of", lambda _: SimpleNamespace(current=told))
+    given = CurrentSettings(actuation_error=0.7, fix_error=40.0, axial_error=0.5)
+    monkeypatch.setattr(currents, "settings_of", lambda _: SimpleNamespace(current=given))
     model, remarks = currents._uncertainty_model(SimpleNamespace(budget=path), None, read_platform("petrel-l"))
     assert (model.current.actuation_error, model.current.fix_error, model.current.axial_error) == (0.7, 40.0, 0.0123)
     assert remarks == ()
