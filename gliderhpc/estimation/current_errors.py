@@ -161,6 +161,8 @@ class Drift:
     disagreement : (2,)
         Difference between the currents of two estimates, m/s; zero if there is only one. If the windows start from the
         smoothed path, the current of the filter replaces that of the adjoint.
+    departure : (2,)
+        Difference from the smoother's current, m/s, of an adjoint whose track has the smoother's covariance.
     """
 
     velocity: Array
@@ -171,6 +173,7 @@ class Drift:
     track_covariance: Array
     disagreement: Array = field(default_factory=lambda: np.zeros(2))
     with_hull: bool = False
+    departure: Array = field(default_factory=lambda: np.zeros(2))
 
 
 def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertainty:
@@ -182,13 +185,14 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
     water and T the time::
 
         C = axial^2 t t' + ((heading U)^2 + cross_track^2) c c' + (relative |V|)^2 v v'
-            + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2
+            + (position_variance / T^2 + (actuation bridged / T)^2) I + track_covariance / T^2 + d d' / 2 + a a'
 
     The terms axial, heading, cross_track and relative represent errors of the hull and the compass. They are zero if
     the track's covariance contains these errors (`Drift.with_hull`). Adjoint and smoother have the same hull, sensors
     and fixes. If they differ by d, at least one of them has an error that no other term contains, and the variance of
     the difference is divided between them. If the windows start from the smoothed path, the filter's current replaces
-    the adjoint's in d.
+    the adjoint's in d. The adjoint then has the smoother's covariance, and its own difference a from the smoother adds to
+    its error as a whole.
     """
     if drift.with_hull:
         errors = errors.model_copy(update=dict.fromkeys(TERMS, 0.0))
@@ -206,6 +210,7 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
         + (fixes**2 + actuation**2) * np.eye(2)
         + drift.track_covariance / drift.elapsed**2
         + 0.5 * np.outer(drift.disagreement, drift.disagreement)
+        + np.outer(drift.departure, drift.departure)
     )
     return CurrentUncertainty(
         errors.axial_error, errors.cross_track_error, magnitude, heading, fixes, actuation, np.asarray(covariance)

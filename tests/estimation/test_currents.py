@@ -267,6 +267,21 @@ def test_what_the_two_estimates_differ_by_widens_both():
         np.testing.assert_array_equal(after.velocity, before.velocity)
 
 
+def test_adjoint_with_the_covariance_of_the_smoother_is_uncertain_by_its_whole_departure_from_it():
+    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    track = track_of(series, motion, np.array([0, 20_000]))
+    adjoint = depth_averaged_current(record, track, CERTAIN, np.diag([400.0, 300.0]))
+    filtered = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
+    total = motion.total + np.array([40.0, -10.0])
+    smoothed = smoothed_current(record, series.time, total, np.diag([400.0, 300.0]), CERTAIN, with_hull=True)
+    first, second = with_disagreement(adjoint, smoothed, CERTAIN, filtered)
+    own, other = adjoint.velocity - smoothed.velocity, filtered.velocity - smoothed.velocity
+    np.testing.assert_allclose(
+        first.covariance - adjoint.covariance, 0.5 * np.outer(other, other) + np.outer(own, own), atol=1e-15
+    )
+    np.testing.assert_allclose(second.covariance - smoothed.covariance, 0.5 * np.outer(other, other), atol=1e-15)
+
+
 @pytest.mark.parametrize("missing", ["entry", "exit"])
 def test_no_fix_no_smoothed_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)

@@ -244,6 +244,8 @@ BY_SMOOTHER = CurrentColumns(
     "dac_east_smoothed_std",
     "dac_smoothed_covariance",
 )
+BY_FILTER = ("dac_north_filter", "dac_east_filter")
+"""Columns of the filter's current, which has no uncertainty."""
 
 
 def current_columns(estimate: str) -> CurrentColumns:
@@ -259,8 +261,7 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
     is therefore the run's displacement, with the same intervals bridged.
     """
     smoothed = estimate == SMOOTHED
-    by_adjoint, by_smoother = _velocity(data, ADJOINT), _velocity(data, SMOOTHED)
-    velocity = by_smoother if smoothed else by_adjoint
+    velocity = _velocity(data, current_columns(estimate))
     anchors = anchors_of(data)
     if anchors is None or not np.isfinite(velocity).all():
         return None
@@ -275,6 +276,7 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
     variance += surface_variance(max(float(after), 0.0), float(-drift_removed[1]), errors)
     depth, pitch = data.measured[:, 3], np.radians(data.measured[:, 1])
     variance += sum(unrecorded_variance(data.record_time, depth, pitch, (float(before), float(after))))
+    differences = _differences(data, whole=with_hull and not smoothed)
     return Drift(
         velocity=velocity,
         track=anchors.moved - velocity * (end - begin),
@@ -282,20 +284,27 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
         position_variance=variance,
         bridged=0.0 if smoothed else float(np.nan_to_num(data.table["vibration_displacement"])),
         track_covariance=_track_covariance(archive, data.number, hull, with_hull=with_hull, smoothed=smoothed),
-        disagreement=np.nan_to_num(_second_velocity(data) - by_smoother),
         with_hull=with_hull,
+        disagreement=differences[0],
+        departure=differences[1],
     )
 
 
-def _velocity(data: ProfileData, estimate: str) -> Array:
-    columns = current_columns(estimate)
-    return np.array([float(data.table.get(name, np.nan)) for name in (columns.north, columns.east)])
+def _velocity(data: ProfileData, columns: Sequence[str]) -> Array:
+    """Velocity ``(2,)`` (m/s) from the first two columns, NaN if the run stored none."""
+    return np.array([float(data.table.get(name, np.nan)) for name in columns[:2]])
 
 
-def _second_velocity(data: ProfileData) -> Array:
-    """Current that the smoother's is compared with: the filter's if the run stored it, else the adjoint's."""
-    by_filter = np.array([float(data.table.get(f"dac_{name}_filter", np.nan)) for name in ("north", "east")])
-    return by_filter if np.isfinite(by_filter).all() else _velocity(data, ADJOINT)
+def _differences(data: ProfileData, *, whole: bool) -> tuple[Array, Array]:
+    """Differences ``(2,)`` (m/s) of the second estimate's current and, if `whole`, the adjoint's from the smoother's.
+
+    The second estimate is the filter if the run stored its current, else the adjoint. Missing currents differ by zero.
+    """
+    by_smoother = _velocity(data, BY_SMOOTHER)
+    by_adjoint, by_filter = (np.nan_to_num(_velocity(data, one) - by_smoother) for one in (BY_ADJOINT, BY_FILTER))
+    if not np.isfinite(_velocity(data, BY_FILTER)).all():
+        return by_adjoint, np.zeros(2)
+    return by_filter, by_adjoint if whole else np.zeros(2)
 
 
 def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:
