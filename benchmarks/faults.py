@@ -2,7 +2,7 @@
 
 Usage: ``python -m benchmarks.faults [--profiles 32] [--seeds 10] [--depth 15]``. Per seed the mission is run four times on
 real processes: with workers killed at random, with the scheduler killed and the run resumed, interrupted at random
-moments by SIGINT, SIGTERM and SIGKILL and resumed until it is done, and with chunks spoilt at random and mended. Exit
+moments by SIGINT, SIGTERM and SIGKILL and resumed until it is done, and with chunks damaged at random and repaired. Exit
 status 1: an archive differs from the undisturbed one.
 """
 
@@ -79,19 +79,19 @@ def with_interrupts(observations: Path, store: Path, seed: int) -> str:
     return f"ended with {', '.join(map(str, ended))}, then {run(observations, store, '--workers', 2).returncode}"
 
 
-def with_spoilt_chunks(observations: Path, store: Path, seed: int) -> str:
-    """Truncate, delete or flip a byte of random chunks; each must be named, and all be mended."""
+def with_damaged_chunks(observations: Path, store: Path, seed: int) -> str:
+    """Truncate, delete or flip a byte of random chunks; each must be named, and all repaired."""
     random = np.random.default_rng(seed)
     run(observations, store, "--workers", 2)
     chunks = sorted(path for path in store.rglob("c.*") if path.is_file())
     chosen = [chunks[i] for i in random.choice(len(chunks), 20, replace=False)]
     for chunk in chosen:
-        _spoil(chunk, random)
+        _damage(chunk, random)
     named = damaged_chunks(store)
-    return f"20 spoilt, {len(named)} lines, exit status {run(observations, store, '--workers', 2).returncode}"
+    return f"20 damaged, {len(named)} lines, exit status {run(observations, store, '--workers', 2).returncode}"
 
 
-def _spoil(chunk: Path, random: np.random.Generator) -> None:
+def _damage(chunk: Path, random: np.random.Generator) -> None:
     content = bytearray(chunk.read_bytes())
     kind = random.integers(3)
     if kind == 0:
@@ -107,7 +107,7 @@ TRIALS: dict[str, Trial] = {
     "workers killed": with_workers_killed,
     "scheduler killed": with_the_scheduler_killed,
     "interrupted": with_interrupts,
-    "chunks spoilt": with_spoilt_chunks,
+    "chunks damaged": with_damaged_chunks,
 }
 
 

@@ -34,7 +34,9 @@ SCENARIOS = ("calm", "impulses")
 SEEDS = 20
 SETTINGS = MissionSettings()
 CLEAN = RecordSettings()
-SPOILT = RecordSettings(depth_lag=3.0, pitch_offset=1.5, heading_offset=8.0, heading_deviation=(12.0, -8.0, 4.0, 0.0))
+ADDED_ERRORS = RecordSettings(
+    depth_lag=3.0, pitch_offset=1.5, heading_offset=8.0, heading_deviation=(12.0, -8.0, 4.0, 0.0)
+)
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "record-checks.md"
 
 
@@ -58,7 +60,7 @@ def _at_pitch(scenario: Scenario, pitch: float) -> Scenario:
     return scenario.replaced({"actuation": {"pitch": pitch}})
 
 
-def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
+def with_errors(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
     """Put into a record what `errors` takes out."""
     reading = record.heading
     for _ in range(20):
@@ -75,7 +77,7 @@ def spoilt(record: ProfileRecord, errors: RecordSettings) -> ProfileRecord:
 def inspect_open(records: Sequence[ProfileRecord], errors: RecordSettings = CLEAN) -> Inspection:
     """Checks of a twin's records with errors put into them."""
     numbers = evenly_spaced([record.number for record in records], SETTINGS.inspect.lag_profiles)
-    bad = (spoilt(record, errors) for record in records)
+    bad = (with_errors(record, errors) for record in records)
     platform = load_platform(PLATFORM)
     return inspect_profiles(bad, platform, SETTINGS, SETTINGS.inspect, SETTINGS.current, numbers)
 
@@ -131,11 +133,11 @@ def inspected_mission(observations: Path, platform: str) -> Inspection:
 
 def twin_sections() -> dict[str, str]:
     """Tables of twins without errors and with them, of the same flights."""
-    tables: dict[str, list[str]] = {"clean": [], "spoilt": []}
+    tables: dict[str, list[str]] = {"clean": [], "with-errors": []}
     for scenario in SCENARIOS:
         flown = [twin_records(seed, twin_scenario(scenario)) for seed in range(SEEDS)]
         title = f"Scenario `{scenario}`, {SEEDS} missions of {PROFILES} profiles:"
-        for name, errors in (("clean", CLEAN), ("spoilt", SPOILT)):
+        for name, errors in (("clean", CLEAN), ("with-errors", ADDED_ERRORS)):
             tables[name].append(f"{title}\n\n{twin_table(errors, [inspect_open(one, errors) for one in flown])}")
     return {name: "\n\n".join(parts) for name, parts in tables.items()}
 

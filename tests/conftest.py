@@ -176,36 +176,36 @@ def fortran_kernels() -> Implementation:
 
 
 @pytest.fixture(scope="session")
-def _looked_at() -> set[Path]:
-    """Archives that are no longer to be held against the schema: they were, or a test spoilt them on purpose."""
+def _not_to_check() -> set[Path]:
+    """Archives not to be checked against the schema: checked already, or damaged by a test on purpose."""
     return set()
 
 
 @pytest.fixture(autouse=True)
-def _spoilt_archives(request, _looked_at):
-    """Archives that a test marked ``spoils`` leaves are not checked against the schema."""
-    spoils = request.node.get_closest_marker("spoils") is not None
-    folder = request.getfixturevalue("tmp_path") if spoils else None
+def _skip_damaged_archives(request, _not_to_check):
+    """Archives that a test marked ``damages_archive`` leaves are not checked against the schema."""
+    damages_archive = request.node.get_closest_marker("damages_archive") is not None
+    folder = request.getfixturevalue("tmp_path") if damages_archive else None
     yield
     if folder is not None:
-        _looked_at.update(_archives(folder))
+        _not_to_check.update(_archives(folder))
 
 
 @pytest.fixture(scope="session")
 def _sound() -> set[str]:
-    """Digests, by `schema_digest`, of archives that are as the schema says."""
+    """Digests, by `schema_digest`, of archives that conform to the schema."""
     return set()
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _sound_archives(tmp_path_factory, _looked_at, _sound):
+def _sound_archives(tmp_path_factory, _not_to_check, _sound):
     """Hold every archive that a module's tests made against the schema; they may hold anything else that they like.
 
     Of archives that are alike in all that the schema speaks of, such as copies, one is looked at.
     """
     yield
-    made = set(_archives(tmp_path_factory.getbasetemp())) - _looked_at
-    _looked_at.update(made)
+    made = set(_archives(tmp_path_factory.getbasetemp())) - _not_to_check
+    _not_to_check.update(made)
     wrong = {}
     for path in filter(is_archive, made):
         if (digest := schema_digest(path)) not in _sound:

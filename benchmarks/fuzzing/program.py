@@ -37,7 +37,7 @@ class Call:
     folder : Path
         Working folder.
     streams : str
-        ``files``, or how the streams are spoilt: ``no-out``, ``no-err``, ``none`` (closed), ``full`` (/dev/full),
+        ``files``, or how the streams are changed: ``no-out``, ``no-err``, ``none`` (closed), ``full`` (/dev/full),
         ``pipe`` (nobody reads).
     kill : tuple of (float, int) or None
         Seconds after which the signal is sent.
@@ -267,7 +267,7 @@ def _limit_memory(more: int) -> None:
 
 
 def _open_streams(call: dict[str, Any]) -> None:
-    """Connect the streams to files, or spoil them."""
+    """Connect the streams to files, or break them."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
     os.dup2(os.open("/dev/null", os.O_RDONLY), 0)
     for number, name in ((1, "out"), (2, "err")):

@@ -1,4 +1,4 @@
-"""Hypothesis strategies that draw recipes: JSON values that say how a sound input is spoilt, and which command reads it."""
+"""Hypothesis strategies that draw recipes: JSON values that define a change of a valid input and the command that reads it."""
 
 from __future__ import annotations
 

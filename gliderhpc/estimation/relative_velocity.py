@@ -1,7 +1,7 @@
 """Measured velocity relative to the water, from a Doppler profiler or a velocimeter on the glider.
 
 No estimate needs it. Where a record has it, it determines lift, drag and speed. It is compared with the depth rate
-first: a sensor with the wrong sign, axis or scale must not spoil the estimate.
+first: a sensor with the wrong sign, axis or scale must not corrupt the estimate.
 """
 
 from dataclasses import dataclass

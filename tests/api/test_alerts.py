@@ -76,7 +76,7 @@ def test_a_box_may_go_round_the_globe():
 def test_a_command_gets_the_alert_on_its_input_and_the_path_as_it_is(message, tmp_path):
     program = tmp_path / "hear.py"
     program.write_text(
-        "import pathlib, sys\npathlib.Path('heard').write_text(sys.argv[1] + '\\n' + sys.stdin.read())\n"
+        "import pathlib, sys\npathlib.Path('received').write_text(sys.argv[1] + '\\n' + sys.stdin.read())\n"
     )
     path = tmp_path / "dive; touch pwned $(id).json"
     (tmp_path / "alerts.yaml").write_text(
@@ -85,8 +85,8 @@ def test_a_command_gets_the_alert_on_its_input_and_the_path_as_it_is(message, tm
     )
     alerts, failures = read_alerts(tmp_path / "alerts.yaml").check_and_send(message, path)
     assert failures == ()
-    heard, content = (tmp_path / "heard").read_text().split("\n", 1)
-    assert heard == str(path)
+    received, content = (tmp_path / "received").read_text().split("\n", 1)
+    assert received == str(path)
     assert json.loads(content) == {"alerts": list(alerts), "message": message.model_dump(mode="json")}
     assert not (tmp_path / "pwned").exists()
 

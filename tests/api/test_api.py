@@ -102,7 +102,7 @@ def test_records_have_the_units_of_the_format(swift):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    ("corrupt", "message"),
     [
         (lambda r: r.drop_vars("pitch"), "records: required variable pitch is missing"),
         (lambda r: r.assign(pitch=r.pitch.assign_attrs(units="rad")), "records: pitch is in 'rad'; convert it to"),
@@ -111,12 +111,12 @@ def test_records_have_the_units_of_the_format(swift):
         (lambda r: r.assign(depth=r.depth * 0.0).drop_vars("profile"), "records: has no profile"),
     ],
 )  # fmt: skip
-def test_a_dataset_is_checked_as_a_file_is(records, spoil, message):
+def test_a_dataset_is_checked_as_a_file_is(records, corrupt, message):
     with xr.set_options(keep_attrs=True), pytest.raises(gh.GliderhpcError, match=message):
-        gh.invert(spoil(records), "petrel-l", profile=2)
+        gh.invert(corrupt(records), "petrel-l", profile=2)
 
 
-def test_a_file_that_is_none(tmp_path):
+def test_a_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(gh.InputError, match=r"none\.nc: no such file"):
         gh.open_records(tmp_path / "none.nc")
 
@@ -161,7 +161,7 @@ def test_records_are_imported_as_by_the_command(kind, tmp_path):
         assert (tmp_path / f"ours{len(given)}.nc").read_bytes() == (tmp_path / "theirs.nc").read_bytes()
 
 
-def test_what_cannot_be_imported(tmp_path, swift):
+def test_unusable_sources_and_options_are_refused_by_import_records(tmp_path, swift):
     with pytest.raises(gh.InputError, match="not recognised as a glider's records"):
         gh.import_records(tmp_path)
     with pytest.raises(gh.InputError, match=r"is already in the observation format"):
@@ -244,7 +244,7 @@ def test_settings_by_name_or_as_an_object(records, swift):
         gh.invert(swift, "petrel-l", 2, settings={})
 
 
-def test_which_profile_and_which_hull(swift, records):
+def test_invalid_profile_and_hull_arguments_are_refused(swift, records):
     with pytest.raises(gh.InputError, match=r"profile: there are .* choose one"):
         gh.invert(swift, "petrel-l")
     with pytest.raises(gh.InputError, match="profile 9: no profile 9; the available ones are 1 to 3"):
@@ -517,7 +517,7 @@ def test_records_are_inspected(brief, tmp_path):
     assert isinstance(found.suggestions, dict)
 
 
-def test_what_inspect_suggests_is_a_setting_of_python():
+def test_suggestions_of_inspect_are_python_settings():
     suggestions = ("--set records.pitch_offset=2.50", "--set records.heading_deviation=[1.0, 0.5] (times sin, cos)")
     findings = [
         Finding("check", name, "degree", 2.5, 0.1, 0.5, CheckVerdict.FOUND, text)
@@ -659,9 +659,9 @@ def test_values_changed_in_place_are_what_is_inverted(swift, tmp_path):
 
 
 def test_attributes_and_variables_that_a_file_cannot_hold(records):
-    odd = records.assign_attrs(note=None, tested=True, more={"a": 1}, history="edited").drop_vars("fix_time")
-    odd["reference_mass"] = 60.0
-    with opened_records(odd) as observations:
+    edited = records.assign_attrs(note=None, tested=True, more={"a": 1}, history="edited").drop_vars("fix_time")
+    edited["reference_mass"] = 60.0
+    with opened_records(edited) as observations:
         assert observations.profile_numbers == [1, 2, 3]
         assert "there is no usable GPS fix in the file" in observations.warnings[0]
 

@@ -184,7 +184,7 @@ def test_a_hull_is_taken_as_it_is():
 
 
 @pytest.mark.parametrize(
-    ("spoil", "names"),
+    ("corrupt", "names"),
     [
         (lambda d: d.drop_vars(["heading", "pitch"]), ("pitch, heading",)),
         (lambda d: d.drop_dims("fix"), ("GPS fixes",)),
@@ -196,10 +196,10 @@ def test_a_hull_is_taken_as_it_is():
         (lambda d: d.assign(depth=d["depth"] * 0.01), ("no dive",)),
     ],
 )
-def test_what_is_missing_is_named_in_one_line(spoil, names):
+def test_missing_variables_are_named_in_one_line(corrupt, names):
     records = mission(Glide(dives=1))
     with pytest.raises(InputError) as refused:
-        currents(spoil(records))
+        currents(corrupt(records))
     assert "\n" not in str(refused.value)
     assert all(name in str(refused.value) for name in names)
 
@@ -389,8 +389,8 @@ def test_times_are_those_of_the_records():
 def test_a_file_of_a_surfacing_alone_gives_its_fixes(tmp_path):
     records = mission(Glide())
     whole = currents(records)
-    afloat = np.flatnonzero(records["depth"].values == 0.5)
-    middle = np.split(afloat, np.flatnonzero(np.diff(afloat) > 1) + 1)[1]
+    at_surface = np.flatnonzero(records["depth"].values == 0.5)
+    middle = np.split(at_surface, np.flatnonzero(np.diff(at_surface) > 1) + 1)[1]
     cuts = [0, middle[0], middle[-1] + 1, records.sizes["time"]]
     paths = []
     for part, (start, stop) in enumerate(itertools.pairwise(cuts)):

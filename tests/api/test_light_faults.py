@@ -60,7 +60,7 @@ def test_files_of_two_gliders_at_one_time_are_refused_and_of_one_are_joined(tmp_
 
 
 @pytest.mark.parametrize(
-    ("spoil", "names"),
+    ("corrupt", "names"),
     [
         (lambda d: d.assign(heading=np.radians(d["heading"]).assign_attrs(units="degree")), ("heading", "radians")),
         (lambda d: d.assign(heading=_without_units(np.radians(d["heading"]))), ("heading", "radians")),
@@ -91,11 +91,11 @@ def test_files_of_two_gliders_at_one_time_are_refused_and_of_one_are_joined(tmp_
     ids=["radians", "radians, no unit", "tenths of a degree", "cm", "feet", "bar", "kPa", "Pa", "feet and dbar",
          "fathoms and dbar"],
 )  # fmt: skip
-def test_a_quantity_in_another_unit_is_refused(spoil, names):
+def test_a_quantity_in_another_unit_is_refused(corrupt, names):
     # Headings all round, at 0.36 m/s.
     records = mission(Glide(dives=9, depth=300.0, interval=8.0))
     with pytest.raises(InputError) as refused:
-        currents(spoil(records))
+        currents(corrupt(records))
     assert "\n" not in str(refused.value)
     assert all(name in str(refused.value) for name in names), str(refused.value)
 

@@ -62,7 +62,7 @@ def _dive(source: Path, out: Path, number: int, share: float = 1.0) -> Path:
     return changed_observations(source, out, change)
 
 
-class _Heard:
+class _Reports:
     def __init__(self) -> None:
         self.dives: list[SurfacingMessage] = []
         self.faults: list[tuple[str, str]] = []
@@ -83,11 +83,11 @@ def _watched(folder: Path) -> WatchInputs:
     )
 
 
-def _once(folder: Path) -> _Heard:
-    heard = _Heard()
-    with open_watch(_watched(folder), heard.listener()) as opened:
+def _once(folder: Path) -> _Reports:
+    reports = _Reports()
+    with open_watch(_watched(folder), reports.listener()) as opened:
         opened.once(0.0)
-    return heard
+    return reports
 
 
 def _assert_as_fresh(store: Path, fresh: Path) -> None:
@@ -110,8 +110,8 @@ def test_each_dive_is_reported_once_and_the_archive_is_that_of_a_fresh_run(dives
     # The same again under another name, and with another time of change.
     shutil.copy(dives[0], tmp_path / "land" / "again.nc")
     os.utime(tmp_path / "land" / dives[0].name, (1e9, 1e9))
-    heard = _once(tmp_path)
-    assert (heard.numbers, heard.faults) == ([(2, 0)], [])
+    reports = _once(tmp_path)
+    assert (reports.numbers, reports.faults) == ([(2, 0)], [])
     # Files that vanish are still in the archive.
     (tmp_path / "land" / dives[0].name).unlink()
     shutil.copy(dives[2], tmp_path / "land")
@@ -127,9 +127,7 @@ def test_each_dive_is_reported_once_and_the_archive_is_that_of_a_fresh_run(dives
         assert len(list((tmp_path / "m-watch").glob(f"dive-*.{ending}"))) == 3
 
 
-def test_what_is_reported_is_that_of_a_fresh_run_over_the_dives_so_far_and_files_are_read_once(
-    dives, tmp_path, monkeypatch
-):
+def test_messages_equal_those_of_a_fresh_run_and_each_file_is_read_once(dives, tmp_path, monkeypatch):
     opened: list[str] = []
     read = joined._read_file
 
@@ -173,15 +171,15 @@ def test_a_damaged_file_is_named_once_and_tried_again_when_it_changes(dives, tmp
     shutil.copy(dives[0], tmp_path / "land")
     cut = tmp_path / "land" / dives[1].name
     cut.write_bytes(dives[1].read_bytes()[:9000])
-    heard = _once(tmp_path)
-    assert heard.numbers == [(1, 0)]
-    ((name, why),) = heard.faults
+    reports = _once(tmp_path)
+    assert reports.numbers == [(1, 0)]
+    ((name, why),) = reports.faults
     assert name == dives[1].name
     assert "\n" not in why
     assert _once(tmp_path).faults == []
     shutil.copy(dives[1], cut)
-    heard = _once(tmp_path)
-    assert (heard.numbers, heard.faults) == ([(2, 0)], [])
+    reports = _once(tmp_path)
+    assert (reports.numbers, reports.faults) == ([(2, 0)], [])
 
 
 def test_a_dive_that_comes_in_pieces_is_revised_and_the_changes_are_listed(swift, dives, tmp_path):
@@ -221,18 +219,18 @@ def test_a_current_that_becomes_known_with_the_next_file_is_reported(dives, tmp_
         fixes = [name for name, variable in first.variables.items() if variable.dims == ("fix",)]
         joined = xr.concat([late[fixes], next_[fixes]], "fix").drop_vars("fix", errors="ignore")
         changed_observations(dives[1], land / "dive2.nc", lambda content: content.drop_dims("fix").merge(joined))
-    heard = _once(tmp_path)
-    assert heard.numbers == [(1, 1), (2, 0)]
-    assert heard.dives[0].current is not None
-    assert any(change.startswith("current north, m/s: unknown to") for change in heard.dives[0].changes)
+    reports = _once(tmp_path)
+    assert reports.numbers == [(1, 1), (2, 0)]
+    assert reports.dives[0].current is not None
+    assert any(change.startswith("current north, m/s: unknown to") for change in reports.dives[0].changes)
     rules = Rules(current_above=0.0, next_surfacing_outside=Box(south=-80.0, north=-79.0, west=0.0, east=1.0))
-    late, new = (rules.violations(message) for message in heard.dives)
+    late, new = (rules.violations(message) for message in reports.dives)
     assert [alert.partition(" ")[0] for alert in late] == ["current"]
     assert [alert.partition(" ")[0] for alert in new] == ["current", "next"]
     assert _once(tmp_path).numbers == []
 
 
-def test_a_spoilt_message_is_replaced(swift, dives, tmp_path, caplog):
+def test_an_unreadable_message_is_replaced(swift, dives, tmp_path, caplog):
     _watched(tmp_path)
     _dive(swift, tmp_path / "land" / "dive1.nc", 1, share=0.6)
     _once(tmp_path)
@@ -273,17 +271,17 @@ def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swi
     change(landed, swift)
     earlier.mkdir()
     (earlier / "left-by-a-kill").touch()
-    heard = _once(tmp_path)
-    assert heard.dives == []
-    assert [name for name, _ in heard.faults] == ([landed.name] if words else [])
-    for _, why in heard.faults:
+    reports = _once(tmp_path)
+    assert reports.dives == []
+    assert [name for name, _ in reports.faults] == ([landed.name] if words else [])
+    for _, why in reports.faults:
         assert re.search(f"^the new version {words}.*; the earlier one remains in use$", why)
     assert [path.name for path in earlier.iterdir()] == ["left-by-a-kill"]
     _assert_as_fresh(tmp_path / "m.zarr", swift_store)
     assert _once(tmp_path).faults == []
     shutil.copy(dives[1], landed)
-    heard = _once(tmp_path)
-    assert (heard.dives, heard.faults) == ([], [])
+    reports = _once(tmp_path)
+    assert (reports.dives, reports.faults) == ([], [])
     _assert_as_fresh(tmp_path / "m.zarr", swift_store)
 
 
@@ -312,15 +310,15 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
     reported, kills = [], 0
     while True:
         steps, limit[0] = iter(range(1_000_000)), 1 + 2 * kills
-        heard = _Heard()
+        reports = _Reports()
         try:
-            with open_watch(_watched(tmp_path), heard.listener()) as opened:
+            with open_watch(_watched(tmp_path), reports.listener()) as opened:
                 opened.once(0.0)
         except Killed:
             kills += 1
-            reported += heard.numbers
+            reported += reports.numbers
         else:
-            reported += heard.numbers
+            reported += reports.numbers
             break
     assert kills >= 4
     assert sorted(set(reported)) == [(1, 0), (2, 0), (3, 0)]
@@ -334,34 +332,34 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
 def test_the_loop_takes_a_file_after_two_equal_looks(dives, tmp_path):
     _watched(tmp_path)
     landing = tmp_path / "land" / "dive1.nc"
-    content, heard, looks = dives[0].read_bytes(), _Heard(), []
+    content, reports, looks = dives[0].read_bytes(), _Reports(), []
 
     class StoppedError(Exception):
         pass
 
     def sleep(seconds: float) -> None:
-        looks.append(len(heard.dives))
+        looks.append(len(reports.dives))
         if len(looks) == 4:
             raise StoppedError
         if len(looks) <= 2:
             landing.write_bytes(content[: len(content) * len(looks) // 2])
 
-    with open_watch(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+    with open_watch(_watched(tmp_path), reports.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1]
-    assert heard.faults == []
+    assert reports.faults == []
 
 
 def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp_path, caplog):
     _watched(tmp_path)
-    land, away, heard, looks = tmp_path / "land", tmp_path / "away", _Heard(), []
+    land, away, reports, looks = tmp_path / "land", tmp_path / "away", _Reports(), []
     shutil.copy(dives[0], land)
 
     class StoppedError(Exception):
         pass
 
     def sleep(seconds: float) -> None:
-        looks.append(len(heard.dives))
+        looks.append(len(reports.dives))
         if len(looks) == 1:
             land.rename(away)
         elif len(looks) == 2:
@@ -369,7 +367,7 @@ def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp
         elif len(looks) == 5:
             raise StoppedError
 
-    with open_watch(_watched(tmp_path), heard.listener()) as opened, pytest.raises(StoppedError):
+    with open_watch(_watched(tmp_path), reports.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1, 1]
     assert sum("trying again" in record.getMessage() for record in caplog.records) == 1
@@ -388,9 +386,9 @@ def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dive
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "open", refuse)
-        heard = _once(tmp_path)
-        assert (heard.numbers, [name for name, _ in heard.faults]) == ([(1, 0)], [dives[1].name])
-        assert "Permission denied" in heard.faults[0][1]
+        reports = _once(tmp_path)
+        assert (reports.numbers, [name for name, _ in reports.faults]) == ([(1, 0)], [dives[1].name])
+        assert "Permission denied" in reports.faults[0][1]
         assert _once(tmp_path).faults == []
     assert _once(tmp_path).numbers == [(2, 0)]
 
@@ -454,10 +452,10 @@ def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, t
     watched = _watched(tmp_path)
     shutil.copy(dives[0], tmp_path / "land")
     assert _once(tmp_path).numbers == [(1, 0)]
-    heard, hull = _Heard(), watched.platform.model_copy(update={"name": "other"})
-    with open_watch(replace(watched, platform=hull), heard.listener()) as opened:
+    reports, hull = _Reports(), watched.platform.model_copy(update={"name": "other"})
+    with open_watch(replace(watched, platform=hull), reports.listener()) as opened:
         opened.once(0.0)
-    assert heard.numbers == []
+    assert reports.numbers == []
     with open_for_reading(tmp_path / "m.zarr") as archive:
         assert archive.attrs["platform"]["name"] == "other"
 
@@ -482,11 +480,11 @@ def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatc
 
 
 def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(dives, swift_store, tmp_path):
-    with open_watch(_watched(tmp_path), _Heard().listener()), pytest.raises(InputError, match="m-watch"):
+    with open_watch(_watched(tmp_path), _Reports().listener()), pytest.raises(InputError, match="m-watch"):
         _once(tmp_path)
     with (
         pytest.raises(InputError, match="is the folder being watched"),
-        open_watch(replace(_watched(tmp_path), out=tmp_path / "land"), _Heard().listener()),
+        open_watch(replace(_watched(tmp_path), out=tmp_path / "land"), _Reports().listener()),
     ):
         pass
     shutil.copytree(swift_store, tmp_path / "m.zarr")
@@ -689,8 +687,8 @@ def test_the_next_surfacing_is_where_the_water_takes_a_dive_like_the_last(swift_
         assert elapsed == pytest.approx(cycle, abs=1.0)
         own = np.array([float(moves["displacement_north"]), float(moves["displacement_east"])])
         offset, _ = surface_offset(dives_until(archive, 2), archive.attrs["settings"]["current"]["surface_shear"])
-        afloat = (cycle - float(row["duration"])) * offset
-        np.testing.assert_allclose(way, own + elapsed * found.current + afloat, atol=0.01)
+        surface_drift = (cycle - float(row["duration"])) * offset
+        np.testing.assert_allclose(way, own + elapsed * found.current + surface_drift, atol=0.01)
         assert found.dives == 2
         assert np.all(np.linalg.eigvalsh(found.covariance) > 0.0)
         message = surfacing_message(archive, 2)
@@ -710,7 +708,7 @@ def test_a_dive_without_a_current_is_no_time_at_the_surface(swift_store):
     assert lost.time == whole.time
 
 
-def test_what_a_dive_does_otherwise_than_the_last_widens_the_next_ellipse():
+def test_differences_between_successive_displacements_widen_the_ellipse():
     alike = np.tile([300.0, 0.0], (6, 1))
     turned = np.array([[300.0, 0.0], [0.0, 300.0]] * 3)
     assert np.trace(displacement_scatter(turned)) > 10.0 * np.trace(displacement_scatter(alike))
@@ -737,14 +735,14 @@ def test_the_page_answers_first_fetches_nothing_and_obeys_no_name(swift_store, t
     assert page.read_text("utf-8").count("unknown") >= 3
 
 
-def test_of_two_files_of_one_name_only_the_first_is_used(dives, tmp_path):
+def test_only_the_first_of_two_files_with_the_same_name_is_used(dives, tmp_path):
     """A pattern can match several folders; their files would take turns in one copy."""
     for folder, dive in zip(("a", "b"), dives, strict=False):
         (tmp_path / "land" / folder).mkdir(parents=True)
         shutil.copy(dive, tmp_path / "land" / folder / "dive.nc")
     watched = replace(_watched(tmp_path), source=str(tmp_path / "land" / "*" / "dive.nc"))
     for dive, faults in (([(1, 0)], [str(tmp_path / "land" / "b" / "dive.nc")]), ([], [])):
-        heard = _Heard()
-        with open_watch(watched, heard.listener()) as opened:
+        reports = _Reports()
+        with open_watch(watched, reports.listener()) as opened:
             opened.once(0.0)
-        assert (heard.numbers, [name for name, _ in heard.faults]) == (dive, faults)
+        assert (reports.numbers, [name for name, _ in reports.faults]) == (dive, faults)

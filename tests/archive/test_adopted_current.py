@@ -13,7 +13,7 @@ ROW = {
 }  # fmt: skip
 
 
-def test_the_smoother_s_is_adopted_with_its_own_ellipse():
+def test_the_smoothed_current_is_adopted_with_its_own_covariance():
     current = adopted_current(ROW)
     found = (current.north, current.east, current.north_std, current.east_std, current.covariance)
     assert [float(value) for value in found] == [0.3, 0.4, 0.01, 0.02, 2e-4]
@@ -21,20 +21,20 @@ def test_the_smoother_s_is_adopted_with_its_own_ellipse():
 
 
 @pytest.mark.parametrize("missing", [{"dac_north_smoothed": np.nan}, {"dac_east_smoothed": np.nan}])
-def test_without_it_the_adjoint_s_is_adopted(missing):
+def test_the_adjoint_current_is_adopted_without_a_smoothed_one(missing):
     current = adopted_current(ROW | missing)
     found = (current.north, current.east, current.north_std, current.east_std, current.covariance)
     assert [float(value) for value in found] == [0.1, 0.2, 0.05, 0.06, 1e-4]
     assert (str(current.estimate), current.label) == ("adjoint", "by the inversion")
 
 
-def test_archives_without_the_smoother_s_columns_have_the_adjoint_s():
+def test_the_adjoint_current_is_adopted_in_archives_without_smoothed_columns():
     current = adopted_current({name: value for name, value in ROW.items() if "smoothed" not in name})
     assert (float(current.north), str(current.estimate)) == (0.1, "adjoint")
     assert str(adopted_current({}).estimate) == ""
 
 
-def test_a_table_takes_each_profile_s_own():
+def test_the_adopted_current_is_chosen_profile_by_profile():
     columns = {name: ("profile", np.full(4, value)) for name, value in ROW.items()}
     table = xr.Dataset(columns).copy(deep=True)
     table["dac_north_smoothed"][1:3] = np.nan

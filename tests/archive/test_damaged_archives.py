@@ -46,7 +46,7 @@ def _copy(archive, folder):
     return shutil.copytree(archive, folder / "copy.zarr", copy_function=os.link)
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("name", CHOSEN)
 def test_damage_is_one_line(brief_store, commands, tmp_path, name):
     damage = next(damage for found, damage in damages(brief_store) if found == name)
@@ -60,7 +60,7 @@ def test_damage_is_one_line(brief_store, commands, tmp_path, name):
 
 
 @pytest.mark.long
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("key", ["series/depth/c.1.0", "state/zarr.json", "start_time/c.0"])
 def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(brief_store, commands, tmp_path, key):
     copy = _copy(brief_store, tmp_path)
@@ -74,7 +74,7 @@ def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(brief_store, commands, t
     assert re.search(rf"{key} is a pipe, socket or device, not a file; remove it", program("check", copy, "--deep").err)
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_the_line_names_archive_and_damage(brief_store, tmp_path):
     copy = _copy(brief_store, tmp_path)
     dict(damages(brief_store))["root attribute step = 'xxxxxxxxxxxxxxxxxxxx'"](copy)
@@ -103,7 +103,7 @@ def test_an_archive_that_the_system_does_not_give_out(brief_store):
         assert opened.sizes["profile"] == 3
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_a_refused_study_leaves_the_earlier_one(swift_store, tmp_path):
     """The damage is found half way, when the study's group has been replaced."""
     copy = _copied(swift_store, tmp_path)

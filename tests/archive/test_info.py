@@ -109,7 +109,7 @@ def test_info_of_an_empty_archive(archive):
     assert "4 pending" in result.output
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_only_our_archives_open(tmp_path, archive):
     with pytest.raises(InputError, match=r"absent\.zarr: no such archive"):
         open_mission(tmp_path / "absent.zarr")
@@ -120,7 +120,7 @@ def test_only_our_archives_open(tmp_path, archive):
         open_mission(archive)
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_an_archive_of_another_version_is_not_called_damaged(archive):
     """What it lacks of this version's variables is no damage, which a resumed run could not mend."""
     _fill(archive)

@@ -39,7 +39,7 @@ def test_a_name_is_a_group_or_a_variable_of_the_table(archive):
             opened["depht"]
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_a_group_is_opened_when_it_is_asked_for(archive):
     """Damage of a group that nobody reads hinders nobody."""
     (archive / "events" / "profile" / "c.0").write_bytes(b"damaged")
@@ -49,7 +49,7 @@ def test_a_group_is_opened_when_it_is_asked_for(archive):
             opened["events"].to_dataset().load()
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("opened", [open_mission, open_for_reading])
 def test_archives_of_other_versions_are_refused_by_every_way_to_open(opened, archive):
     set_attributes(archive, {"schema_version": "999.0"})

@@ -57,7 +57,7 @@ def table_of(store):
 
 
 @pytest.mark.parametrize("command", ["import gliderhpc", "from gliderhpc.cli.main import main; main(['--help'])"])
-def test_what_needs_no_numbers_loads_no_library_of_numbers(command):
+def test_verbs_without_computation_import_no_numerical_library(command):
     code = f"""import sys\ntry:\n    {command}\nfinally:\n    print(*sys.modules)"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.splitlines()[-1].split())
@@ -141,7 +141,7 @@ def test_an_archive_of_results_given_as_records_is_called_so(brief, brief_store)
     )
 
 
-def test_a_whole_run_is_0_and_tells(brief_run):
+def test_a_complete_run_exits_with_0_and_reports_every_profile(brief_run):
     assert brief_run.status == 0
     assert "3 of 3 profiles done" in brief_run.out.splitlines()[-1]
     for number in (1, 2, 3):
@@ -373,7 +373,7 @@ def test_an_archive_that_exists(brief, brief_store):
 
 
 @pytest.mark.parametrize("option", [(), ("--overwrite",), ("--resume",)])
-def test_what_is_no_archive_is_left_alone(brief, tmp_path, option):
+def test_a_folder_that_is_not_an_archive_is_refused_and_left_unchanged(brief, tmp_path, option):
     folder = tmp_path / "thesis"
     folder.mkdir()
     (folder / "chapter.txt").write_text("years of work")
@@ -491,7 +491,7 @@ def test_a_file_without_fixes_is_accepted_with_a_warning(brief, run, tmp_path):
     assert all("no GPS fix before or after the profile" in str(message) for message in table["message"].values)
 
 
-def test_a_profile_without_a_fix_before_it_says_so(brief, run, tmp_path):
+def test_a_missing_fix_before_a_profile_is_stated_in_its_message(brief, run, tmp_path):
     answer, store = run(changed_observations(brief, tmp_path / "late.nc", no_fix_before_the_first))
     assert answer.status == 0
     assert "warning" not in answer.err

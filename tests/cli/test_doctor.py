@@ -81,7 +81,7 @@ def test_every_extra_is_one_of_the_project():
         assert f'"{distribution}' in section, name
 
 
-def test_kernels_none_and_sound(monkeypatch, tmp_path):
+def test_compiled_kernels_are_reported_as_absent_or_loaded(monkeypatch, tmp_path):
     monkeypatch.setattr(doctor, "compiled_cache", lambda: tmp_path)
     monkeypatch.setattr(doctor, "warm_kernels", lambda: None)
     assert doctor.compiled_kernels().state is State.ABSENT
@@ -118,7 +118,7 @@ def test_a_scheduler_file_that_is_not_there(tmp_path):
     assert f"dask scheduler --scheduler-file {tmp_path / 'scheduler.json'}" in answer.out
 
 
-def test_an_address_that_is_none(tmp_path):
+def test_an_unusable_address_is_reported_as_missing(tmp_path):
     check = doctor.write_access("nonsense://bucket/folder")
     assert check.state is State.MISSING
     assert "nonsense://bucket/folder" in check.found
@@ -153,7 +153,7 @@ def test_completion_of_a_shell_that_is_not_known():
         ("gliderhpc import seag", "seaglider"),
     ],
 )
-def test_what_is_completed(words, offered):
+def test_shell_completion_offers_verbs_options_and_files(words, offered):
     environment = {
         **os.environ, "_GLIDERHPC_COMPLETE": "bash_complete", "COMP_WORDS": words, "PYTHONPATH": str(REPOSITORY),
         "COMP_CWORD": str(len(words.split()) - 1),

@@ -157,7 +157,7 @@ def test_a_cluster_with_tls_takes_nobody_without_its_certificate(tls_scheduler, 
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "17", "[" * 5000, "\udcff"])
-def test_a_scheduler_file_of_odd_content(tmp_path, content, monkeypatch):
+def test_a_scheduler_file_with_invalid_content_is_refused(tmp_path, content, monkeypatch):
     file = tmp_path / "scheduler.json"
     file.write_bytes(content.encode("utf-8", "surrogateescape"))
     monkeypatch.setattr(cluster, "_FILE_TIMEOUT", 0.2)

@@ -90,7 +90,7 @@ def test_an_interruption_while_a_lock_of_a_file_is_taken_leaves_it_free():
     assert inner.lock.acquire(blocking=False)
 
 
-def test_a_condition_is_left_free():
+def test_an_interruption_leaves_a_condition_unlocked():
     condition = threading.Condition(threading.Lock())
 
     def take_and_release():

@@ -55,7 +55,7 @@ def test_blank_lines_before_the_message_are_skipped(failing):
     assert "unexpected error, RuntimeError: no message; this" in failing(RuntimeError(" \n")).line
 
 
-def test_with_a_log_the_traceback_is_there(failing, tmp_path):
+def test_the_traceback_of_an_unexpected_error_is_in_the_log_file(failing, tmp_path):
     log = tmp_path / "run.log"
     answer = failing(ZeroDivisionError("of all things"), log)
     assert answer.status == 1

@@ -108,7 +108,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path):
     assert held.read_text() == "new"
 
 
-def test_nothing_is_left_of_what_fails(tmp_path):
+def test_a_failed_write_leaves_no_files(tmp_path):
     out = tmp_path / "out.txt"
     out.write_text("old")
     with pytest.raises(FileNotFoundError), written_aside(out, overwrite=True) as aside:
@@ -145,7 +145,7 @@ def test_names_aside_are_random_and_never_too_long(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"\x89HDF\r\n", b"name: petrel-l\n", b"2024 is no log line\n"])
-def test_a_log_is_not_appended_to_what_is_none(tmp_path, content):
+def test_a_log_is_not_appended_to_a_file_that_is_not_a_log(tmp_path, content):
     held = tmp_path / "mission.nc"
     held.write_bytes(content)
     (tmp_path / "records").mkdir()
@@ -156,7 +156,7 @@ def test_a_log_is_not_appended_to_what_is_none(tmp_path, content):
     assert held.read_bytes() == content
 
 
-def test_a_log_goes_on_in_our_own_and_in_an_empty_file(tmp_path):
+def test_a_log_is_appended_to_an_earlier_log_or_an_empty_file(tmp_path):
     log = tmp_path / "run.log"
     log.touch()
     for word in ("first", "second"):

@@ -38,14 +38,14 @@ def fill_and_fail(out, *, error, theirs=None):
         raise error
 
 
-def test_nothing_is_left_of_what_fails(tmp_path):
+def test_a_failed_write_leaves_no_files(tmp_path):
     full = OSError(errno.ENOSPC, "No space left on device")
     with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\); give another --out"):
         fill_and_fail(tmp_path / "new" / "study", error=full)
     assert names(tmp_path) == []
 
 
-def test_what_others_put_there_meanwhile_stays(tmp_path):
+def test_files_added_by_others_in_the_meantime_are_not_removed(tmp_path):
     with pytest.raises(ZeroDivisionError):
         fill_and_fail(tmp_path / "new", error=ZeroDivisionError(), theirs="theirs")
     assert names(tmp_path / "new") == ["theirs"]

@@ -78,7 +78,7 @@ def test_a_byte_order_mark_and_a_few_aliases_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("value", ["nan", ".nan", ".inf", "-.inf", "1e400", "9" * 5000, "[[[[" * 3000])
-def test_numbers_that_are_none_are_refused(value):
+def test_invalid_numbers_are_refused_in_one_short_line(value):
     with pytest.raises(InputError) as refused:
         build_settings({}, {"window.length": value})
     assert "\n" not in str(refused.value)

@@ -142,13 +142,13 @@ CERTAIN = CurrentErrors(fix_error=0.0)
 """Fixes without error; their drift is used in full."""
 
 
-def taken_out(current):
+def removed_drift(current):
     """Return the total time (s) and displacement (m) that are removed on both sides."""
     time = current.entry.drift_removed + current.exit.drift_removed
     return time, current.entry.displacement + current.exit.displacement
 
 
-def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
+def record_with_surface_drifts(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2):
     """Return record, series and motion of a dive of 2000 s in one current, with 300 s of drift before and 200 s after.
 
     The fixes before the dive span 120 s, and those after it 150 s.
@@ -165,14 +165,14 @@ def afloat(current, drift_before, drift_after, *, fixes_before=2, fixes_after=2)
     return record, series_of(np.zeros(len(steps) + 1)), SelfMotion(steps, 0.0)
 
 
-def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
+def test_the_surface_drift_is_removed_from_the_displacement_of_the_dive():
     current, before, after = np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
-    record, series, motion = afloat(current, before, after)
+    record, series, motion = record_with_surface_drifts(current, before, after)
     boundaries = np.array([0, 8000, 20_000])
     found = depth_averaged_current(record, track_of(series, motion, boundaries), CERTAIN)
     np.testing.assert_allclose(found.velocity, current, atol=1e-6)
-    np.testing.assert_allclose(taken_out(found)[1], 300.0 * before + 200.0 * after, atol=1e-3)
-    assert taken_out(found)[0] == pytest.approx(500.0)
+    np.testing.assert_allclose(removed_drift(found)[1], 300.0 * before + 200.0 * after, atol=1e-3)
+    assert removed_drift(found)[0] == pytest.approx(500.0)
     for segment in found.segments:
         np.testing.assert_allclose(segment.velocity, current, atol=1e-6)
 
@@ -180,42 +180,48 @@ def test_the_surface_drift_is_taken_out_of_the_dives_displacement():
 @pytest.mark.parametrize("known", ["before", "after", "neither"])
 def test_an_end_without_consecutive_fixes_keeps_its_time_and_displacement(known):
     current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
-    record, series, motion = afloat(
+    record, series, motion = record_with_surface_drifts(
         current, drift, drift, fixes_before=1 + (known == "before"), fixes_after=1 + (known == "after")
     )
     found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     removed = {"before": 300.0, "after": 200.0, "neither": 0.0}[known]
     remaining = 500.0 - removed
-    assert taken_out(found)[0] == pytest.approx(removed)
-    np.testing.assert_allclose(taken_out(found)[1], removed * drift, atol=1e-3)
+    assert removed_drift(found)[0] == pytest.approx(removed)
+    np.testing.assert_allclose(removed_drift(found)[1], removed * drift, atol=1e-3)
     np.testing.assert_allclose(found.velocity, (2000.0 * current + remaining * drift) / (2000.0 + remaining), atol=1e-6)
 
 
-def test_an_uncertain_drift_is_taken_out_in_part():
+def test_an_uncertain_surface_drift_is_removed_in_part():
     """Drift errors of 7.07 m over 120 s and 150 s, compared with 0.1 m/s: the weighted mean with the current below."""
     current, drift = np.array([0.1, -0.05]), np.array([-0.3, 0.4])
-    record, series, motion = afloat(current, drift, drift)
+    record, series, motion = record_with_surface_drifts(current, drift, drift)
     uncertain = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), uncertain)
     shares = [1.0 / (1.0 + (np.sqrt(50.0) / lasts / 0.1) ** 2) for lasts in (120.0, 150.0)]
     unexplained = 300.0 * (1.0 - shares[0]) + 200.0 * (1.0 - shares[1])
-    assert taken_out(found)[0] == pytest.approx(500.0 - unexplained)
+    assert removed_drift(found)[0] == pytest.approx(500.0 - unexplained)
     # The balance: in the unexplained time the glider in fact drifted as at the surface.
     np.testing.assert_allclose(
         found.velocity, (2000.0 * current + unexplained * drift) / (2000.0 + unexplained), atol=1e-6
     )
 
 
-def test_where_the_surface_is_as_the_water_below_nothing_is_taken_out():
-    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0]))
+def test_no_drift_is_removed_if_the_surface_current_equals_that_below():
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, 0.0]), np.array([0.4, 0.0]), np.array([0.2, 0.0])
+    )
     same = CurrentErrors(surface_shear=0.0)
-    assert taken_out(depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), same))[0] == 0.0
+    assert (
+        removed_drift(depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), same))[0] == 0.0
+    )
 
 
 def test_a_fix_kilometres_off_is_no_drift():
-    record, series, motion = afloat(np.array([0.1, 0.0]), np.array([3.5, 0.0]), np.array([0.2, 0.0]))
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, 0.0]), np.array([3.5, 0.0]), np.array([0.2, 0.0])
+    )
     found = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
-    assert taken_out(found)[0] == pytest.approx(200.0)
+    assert removed_drift(found)[0] == pytest.approx(200.0)
     assert surface_drift(record.surface_fixes_before) is None
 
 
@@ -246,18 +252,22 @@ def test_the_smoothed_current_by_hand():
     np.testing.assert_allclose(current.covariance, np.array([[427.0, 2.0], [2.0, 422.0]]) / 700.0**2)
 
 
-def test_the_smoothed_current_has_the_same_drift_taken_out():
+def test_the_same_surface_drift_is_removed_from_the_smoothed_current():
     """For one dive with one displacement, the currents of the adjoint and of the smoother are equal."""
-    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    )
     settings = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), settings)
     smoothed = smoothed_current(record, series.time, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
-    assert taken_out(adjoint)[0] > 300.0
+    assert removed_drift(adjoint)[0] > 300.0
     np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
 
 
-def test_what_the_two_estimates_differ_by_widens_both():
-    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+def test_a_difference_between_adjoint_and_smoother_widens_both_covariances():
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    )
     adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     smoothed = smoothed_current(record, series.time, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
     difference = adjoint.velocity - smoothed.velocity
@@ -268,7 +278,9 @@ def test_what_the_two_estimates_differ_by_widens_both():
 
 
 def test_adjoint_with_the_covariance_of_the_smoother_is_uncertain_by_its_whole_departure_from_it():
-    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    )
     track = track_of(series, motion, np.array([0, 20_000]))
     adjoint = depth_averaged_current(record, track, CERTAIN, np.diag([400.0, 300.0]))
     filtered = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
@@ -292,7 +304,7 @@ def test_no_fix_no_smoothed_current(missing):
 @pytest.mark.long
 @pytest.mark.parametrize("fixes", [1, 2])
 @pytest.mark.parametrize(("latitude", "velocity"), [(10.0, [0.5, -0.1]), (70.0, [-0.1, 0.4])])
-def test_its_covariance_is_that_of_drawn_displacements_drifts_and_fixes(latitude, velocity, fixes):
+def test_the_smoothed_covariance_agrees_with_monte_carlo_draws(latitude, velocity, fixes):
     """The sample covariance of the current from 4000 draws agrees within its sampling error."""
     rng = np.random.default_rng(5)
     covariance = np.array([[900.0, -350.0], [-350.0, 400.0]])
@@ -388,11 +400,11 @@ def test_one_dive_is_one_cycle():
 def test_a_steady_track_is_bridged_exactly(intervals):
     truth = np.tile([0.021, -0.013], (800, 1))
     vibrating = np.zeros(800, dtype=bool)
-    spoilt = truth.copy()
+    corrupted = truth.copy()
     for begin, end in intervals:
         vibrating[begin:end] = True
-        spoilt[begin:end] = 7.0
-    np.testing.assert_allclose(bridge(spoilt, vibrating, 300), truth, atol=1e-15)
+        corrupted[begin:end] = 7.0
+    np.testing.assert_allclose(bridge(corrupted, vibrating, 300), truth, atol=1e-15)
 
 
 def test_a_change_of_velocity_is_bridged_by_a_straight_line():
@@ -406,7 +418,7 @@ def test_a_change_of_velocity_is_bridged_by_a_straight_line():
     np.testing.assert_array_equal(bridged[:100], steps[:100])
 
 
-def test_where_nothing_is_believed_nothing_is_changed():
+def test_bridging_without_a_usable_step_changes_nothing():
     steps = np.random.default_rng(0).normal(size=(50, 2))
     np.testing.assert_array_equal(bridge(steps, np.ones(50, dtype=bool), 10), steps)
 
@@ -432,7 +444,7 @@ def drift_of(velocity, track, elapsed=1000.0, variance=0.0, bridged=0.0, covaria
 
 
 @given(velocities, velocities, velocities, velocities)
-def test_the_covariance_is_one(north, east, along_north, along_east):
+def test_the_covariance_is_symmetric_and_positive_semidefinite(north, east, along_north, along_east):
     drift = drift_of([north, east], [100.0 * along_north, 100.0 * along_east])
     covariance = current_uncertainty(drift, CurrentErrors()).covariance
     np.testing.assert_array_equal(covariance, covariance.T)
@@ -450,7 +462,7 @@ def test_the_covariance_by_hand():
     assert calm.covariance[0, 0] == pytest.approx((np.radians(10.0) * 0.5) ** 2 + 0.01**2)
 
 
-def test_what_the_estimate_the_fixes_and_the_actuators_leave_open_adds_either_way():
+def test_errors_of_track_fixes_and_actuation_are_isotropic():
     exact = FIXES_ALONE.model_copy(update={"actuation_error": 0.2})
     drift = drift_of([0.1, 0.1], [300.0, 0.0], 1000.0, 800.0, 150.0, [[900.0, 100.0], [100.0, 400.0]])
     found = current_uncertainty(drift, exact)
@@ -461,7 +473,9 @@ def test_what_the_estimate_the_fixes_and_the_actuators_leave_open_adds_either_wa
 
 def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     """The displacement is rotated by the stated error; even in calm water, the current is in error by one sigma."""
-    record, series, motion = afloat(np.array([0.0, 0.0]), np.array([0.0, 0.0]), np.array([0.0, 0.0]))
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.0, 0.0]), np.array([0.0, 0.0]), np.array([0.0, 0.0])
+    )
     terms = FIXES_ALONE.model_copy(update={"heading_error": 3.0, "fix_error": 0.0, "surface_shear": 0.0})
     angle = np.radians(3.0)
     turned = SelfMotion(motion.steps @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.0)
@@ -516,7 +530,9 @@ def test_the_terms_follow_the_hull_unless_given():
 
 
 def test_the_surface_s_variance_follows_from_what_the_archive_holds():
-    record, series, motion = afloat(np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2]))
+    record, series, motion = record_with_surface_drifts(
+        np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
+    )
     errors = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     current = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), errors)
     for end in (current.entry, current.exit):
@@ -555,7 +571,7 @@ def test_drag_balances_lift_along_the_path(platform, direction):
 
 
 @pytest.mark.parametrize("platform", HULLS, ids=lambda p: f"{p.name} {p.viscous.K_L0:g}")
-def test_it_is_the_steady_glides_angle_of_attack(platform):
+def test_angle_of_attack_agrees_with_the_steady_glide(platform):
     """The same pitches can be flown, at the same angle, as in the balance that `steady_glide` finds by scanning."""
     for heavy in (True, False):
         pitch = np.radians(np.arange(2.0, 60.0, 1.0)) * (-1.0 if heavy else 1.0)
@@ -586,7 +602,7 @@ def test_petrels_least_path_is_about_15_degrees():
     assert np.nanmin(path) == pytest.approx(15.0, abs=0.5)
 
 
-def test_what_is_not_a_pitch_has_no_angle_of_attack():
+def test_angle_of_attack_is_nan_for_nan_or_zero_pitch():
     assert np.isnan(angle_of_attack(PETREL, [np.nan, 0.0])).all()
     assert angle_of_attack(PETREL, -0.4).shape == ()
 

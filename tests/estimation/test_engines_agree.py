@@ -42,7 +42,7 @@ def test_engines_agree_by_the_papers_preset(twin, paper):
 
 
 @pytest.mark.long
-def test_the_page_tells_different_estimates_apart(twin, recommended, paper):
+def test_the_page_shows_the_ratio_of_different_errors(twin, recommended, paper):
     """The two presets have different errors, and the table shows the difference."""
     with open_mission(recommended) as first, open_mission(paper) as second:
         found = engines_page.agreement(first, second, truth_path(twin))

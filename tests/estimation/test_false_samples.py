@@ -31,7 +31,7 @@ def turning(n=200, interval=1.0):
     )  # fmt: skip
 
 
-def spoilt(record, **changes):
+def with_false_samples(record, **changes):
     columns = {}
     for name, (rows, size) in changes.items():
         columns[name] = getattr(record, name).copy()
@@ -42,7 +42,7 @@ def spoilt(record, **changes):
 def test_an_isolated_sample_is_left_out_of_its_own_variable():
     record = turning()
     found, count = without_false_samples(
-        spoilt(record, pitch=([50, 90], 0.3), depth=([120], 20.0), heading=([30], 2.0))
+        with_false_samples(record, pitch=([50, 90], 0.3), depth=([120], 20.0), heading=([30], 2.0))
     )
     assert count == 4
     assert np.flatnonzero(np.isnan(found.pitch)).tolist() == [50, 90]
@@ -55,14 +55,14 @@ def test_an_isolated_sample_is_left_out_of_its_own_variable():
     "record",
     [
         turning(),
-        spoilt(turning(), roll=(slice(50, 53), 0.4)),
-        spoilt(turning(), roll=(slice(50, None), 0.4)),
-        spoilt(turning(), depth=([60], 2.0)),
-        spoilt(turning(interval=20.0), roll=([50], 0.3)),
+        with_false_samples(turning(), roll=(slice(50, 53), 0.4)),
+        with_false_samples(turning(), roll=(slice(50, None), 0.4)),
+        with_false_samples(turning(), depth=([60], 2.0)),
+        with_false_samples(turning(interval=20.0), roll=([50], 0.3)),
     ],
     ids=["north", "three samples", "step", "small", "slow"],
 )
-def test_nothing_else_is(record):
+def test_jumps_lasting_changes_and_steering_are_not_false_samples(record):
     """Neither the jump at north, nor what lasts, nor a roll of one sample of a slow record, which is steering."""
     found, count = without_false_samples(record)
     assert (found, count) == (record, 0)
@@ -76,14 +76,14 @@ def test_motion_is_no_false_sample(name):
 
 
 @pytest.mark.compiled
-def test_a_record_with_false_samples_is_estimated_and_says_so():
+def test_a_record_with_false_samples_is_estimated_with_a_remark():
     """Two in a hundred in every variable; before, the filter refused the profile."""
     record, _ = simulate_profile(PETREL, load_scenario("impulses").replaced({"depth": 80.0, "depth_spread": 0.0}), 1)
     rng, changes = np.random.default_rng(5), {}
     for name, size in (("roll", 0.3), ("pitch", 0.3), ("heading", 0.3), ("depth", 8.0)):
         rows = np.flatnonzero(rng.random(len(record.time)) < 0.02)
         changes[name] = rows, size * rng.standard_normal(len(rows))
-    profile = prepare_profile(Glider(PETREL), on_steps(spoilt(record, **changes), SETTINGS, PETREL))
+    profile = prepare_profile(Glider(PETREL), on_steps(with_false_samples(record, **changes), SETTINGS, PETREL))
     estimate = estimate_profile(profile, SETTINGS)
     assert estimate.filtered.rejected_fraction < 0.03
     assert any("isolated false samples are left out" in line for line in remarks(PETREL, estimate))

@@ -78,8 +78,8 @@ def test_values_filled_at_even_times_are_left_out(twins, name, every, how):
 def test_values_filled_at_uneven_times_are_left_out(twins, name, how):
     record, _ = twins[name]
     measured = uneven(record)
-    spoilt = filled(record, measured, how)
-    found, names = without_filled_values(spoilt)
+    with_filled = filled(record, measured, how)
+    found, names = without_filled_values(with_filled)
     assert "depth" in names
     kept = np.isfinite(found.depth)
     assert abs(np.count_nonzero(kept) - len(measured.time)) < 0.1 * len(measured.time)
@@ -104,11 +104,11 @@ def test_the_rate_may_change_with_depth(twins, rates, how):
 @pytest.mark.parametrize("names", [ANGLES, ("depth",)])
 def test_only_the_instrument_concerned_loses_values(twins, names):
     record, _ = twins["impulses"]
-    spoilt = filled(record, take(record, np.arange(0, len(record.time), 4)), "interpolated", names)
-    found, lost = without_filled_values(spoilt)
+    with_filled = filled(record, take(record, np.arange(0, len(record.time), 4)), "interpolated", names)
+    found, lost = without_filled_values(with_filled)
     assert lost == names
     for one in set(MEASURED) - set(names):
-        assert getattr(found, one) is getattr(spoilt, one)
+        assert getattr(found, one) is getattr(with_filled, one)
 
 
 @pytest.mark.parametrize("quantum", [None, 0.5, 1.0])
@@ -151,18 +151,18 @@ def test_nothing_is_left_out_without_common_times(twins):
     """Attitude measured between the samples of depth, both interpolated: there is no sample of all four."""
     record, _ = twins["impulses"]
     attitude, depth = np.arange(0, len(record.time), 4), np.arange(2, len(record.time), 4)
-    spoilt = filled(record, take(record, attitude), "interpolated", ANGLES)
-    spoilt = filled(spoilt, take(record, depth), "interpolated", ("depth",))
-    assert without_filled_values(spoilt) == (spoilt, ())
+    with_filled = filled(record, take(record, attitude), "interpolated", ANGLES)
+    with_filled = filled(with_filled, take(record, depth), "interpolated", ("depth",))
+    assert without_filled_values(with_filled) == (with_filled, ())
 
 
-def test_the_speed_is_that_of_the_measurements_and_the_message_says_so(twins):
+def test_filled_values_do_not_change_the_speed_and_are_mentioned_in_the_message(twins):
     """Taken for measurements, these values gave a speed wrong by 0.02 m/s, five times its deviation."""
     record, truth = twins["calm"]
-    spoilt = filled(record, take(record, np.arange(0, len(record.time), 4)), "interpolated")
+    with_filled = filled(record, take(record, np.arange(0, len(record.time), 4)), "interpolated")
     settings = EstimationSettings(step=0.25)
     estimate = estimate_profile(
-        prepare_profile(Glider(PETREL), on_steps(spoilt, settings, PETREL)), settings, smooth=True
+        prepare_profile(Glider(PETREL), on_steps(with_filled, settings, PETREL)), settings, smooth=True
     )
     records = slice(None, None, 4)
     time = estimate.series.time[records]

@@ -69,7 +69,7 @@ def to_the_end(profiles, settings=SETTINGS):
         (3, 10.0, False),
     ],
 )
-def test_each_actuator_shakes_beyond_its_own_rate(column, rate, vibrating):
+def test_each_actuator_vibrates_the_hull_above_its_own_threshold(column, rate, vibrating):
     series, _ = glide_record(steps=1000)
     controls = series.controls.copy()
     controls[500:510, column] += rate * STEP * np.arange(1, 11)
@@ -77,7 +77,7 @@ def test_each_actuator_shakes_beyond_its_own_rate(column, rate, vibrating):
     assert vibration_set(PETREL, replaced(series, controls=controls)).any() == vibrating
 
 
-def test_the_set_is_the_motion_and_the_guard_on_either_side():
+def test_the_vibration_set_is_the_motion_with_a_guard_time_on_either_side():
     series, _ = glide_record(steps=1000)
     controls = series.controls.copy()
     controls[500:, 2] += 100e-6
@@ -143,7 +143,7 @@ def test_sparse_guesses_are_among_the_dense():
 # The filter on records like real ones
 
 
-def test_nothing_to_reject_on_a_calibrated_hull(twin):
+def test_the_filter_rejects_hardly_any_sample_of_a_calibrated_hull(twin):
     for number in (1, 2, 3, 4):
         series = profile_series(twin, number, SETTINGS)
         prior = filtered(series)
@@ -205,10 +205,10 @@ def test_heading_may_turn_through_north():
 
 def test_an_outlier_is_gated_and_leaves_no_trace():
     series, _ = glide_record()
-    spoilt = series.measurements.copy()
+    corrupted = series.measurements.copy()
     at = 1500
-    spoilt[at, 1] += np.radians(20.0)
-    prior, clean = filtered(replaced(series, measurements=spoilt)), filtered(series)
+    corrupted[at, 1] += np.radians(20.0)
+    prior, clean = filtered(replaced(series, measurements=corrupted)), filtered(series)
     assert (prior.gated, prior.inflated, prior.reset) == (1, 0, 0)
     assert prior.describe().endswith("samples, most of them in pitch")
     assert "most of them" not in clean.describe()
@@ -217,11 +217,11 @@ def test_an_outlier_is_gated_and_leaves_no_trace():
 
 def test_inside_the_vibration_set_the_variance_gives_way_instead():
     series, _ = glide_record()
-    controls, spoilt = series.controls.copy(), series.measurements.copy()
+    controls, corrupted = series.controls.copy(), series.measurements.copy()
     at = 1500
     controls[at - 1 : at + 2, 0] += [1e-4, 2e-4, 1e-4]
-    spoilt[at, 1] += np.radians(20.0)
-    with_motion = replaced(series, controls=controls, measurements=spoilt)
+    corrupted[at, 1] += np.radians(20.0)
+    with_motion = replaced(series, controls=controls, measurements=corrupted)
     assert vibration_set(PETREL, with_motion)[at]
     prior = filtered(with_motion)
     assert (prior.gated, prior.reset) == (0, 0)
@@ -272,7 +272,7 @@ def test_a_profile_gives_the_same_whatever_is_computed_with_it(twin):
         assert_same(estimate, to_the_end([one])[0])
 
 
-def spoilt(series, share):
+def with_outliers(series, share):
     """Return a record with junk in a fraction of its pitch samples."""
     measurements = series.measurements.copy()
     bad = np.random.default_rng(0).choice(series.sample_index, round(share * len(series.sample_index)), replace=False)
@@ -286,13 +286,13 @@ def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
     gusty = resample(simulate_profile(PETREL, scenario, 0)[0], SETTINGS.step, SETTINGS.gap_limit(1.0))
     calm = cut(profile_series(twin, 1, SETTINGS), 4000)
     empty = replaced(calm, weights=np.zeros_like(calm.weights))
-    requests = [request(series) for series in (calm, gusty, spoilt(calm, 0.125), empty)]
+    requests = [request(series) for series in (calm, gusty, with_outliers(calm, 0.125), empty)]
     first, second = candidate_priors(PETREL).items()
     answers = run_filters(requests, SETTINGS)
     for answer, series, prior in ((answers[0], calm, first), (answers[1], gusty, second)):
         assert (answer.prior_name, answer.prior) == prior
         assert_same(answer, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
-    whole = filtered(spoilt(calm, 0.125), platform=PETREL.model_copy(update={"prior": second[1]}))
+    whole = filtered(with_outliers(calm, 0.125), platform=PETREL.model_copy(update={"prior": second[1]}))
     assert str(answers[2]).startswith(f"{whole.describe()}, more than 5%: the hull's model does not follow")
     assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
 
@@ -315,7 +315,7 @@ def test_slow_hulls_are_freer_in_yaw_alone():
 
 def test_a_prior_of_the_platform_s_own_is_the_only_candidate(twin):
     own = PETREL.model_copy(update={"prior": default_prior(PETREL)})
-    series = spoilt(cut(profile_series(twin, 1, SETTINGS), 4000), 0.125)
+    series = with_outliers(cut(profile_series(twin, 1, SETTINGS), 4000), 0.125)
     (answer,) = run_filters([request(series, own)], SETTINGS)
     assert isinstance(answer, ProfileError)
     assert filtered(series).describe() in str(answer)
@@ -357,16 +357,16 @@ def test_a_record_that_the_hull_does_not_follow_fails_with_the_counts(twin):
     """An eighth of the pitch record is junk; the filter rejects it, and the profile fails instead of being guessed."""
     series = profile_series(twin, 1, SETTINGS)
     rng = np.random.default_rng(0)
-    spoilt = series.measurements.copy()
+    corrupted = series.measurements.copy()
     bad = rng.choice(series.sample_index, len(series.sample_index) // 8, replace=False)
-    spoilt[bad, 1] += np.radians(30.0)
+    corrupted[bad, 1] += np.radians(30.0)
     with pytest.raises(
         ProfileError,
         match=r"filter: \d+ gated, \d+ inflated, \d+ reset of \d+ samples, most of them in \w+, more than 5%",
     ):
-        estimate_profile(request(replaced(series, measurements=spoilt)), SETTINGS)
+        estimate_profile(request(replaced(series, measurements=corrupted)), SETTINGS)
     lenient = EstimationSettings.model_validate({"filter": {"max_rejected_fraction": 0.5}})
-    assert estimate_profile(request(replaced(series, measurements=spoilt)), lenient).filtered.gated >= len(bad) // 2
+    assert estimate_profile(request(replaced(series, measurements=corrupted)), lenient).filtered.gated >= len(bad) // 2
 
 
 def test_a_profile_with_nothing_to_feed_fails():
@@ -408,7 +408,7 @@ def test_weak_gusts_that_contradict_the_calm_prior_are_followed_by_the_second(na
     [("demo", 1.0, 1.0, "second"), ("impulses", 30.0, 1.0, "usual"), ("impulses", 1.0, 1e-3, "usual")],
     ids=["likelier", "too wide", "refused"],
 )
-def test_of_two_priors_the_likelier_is_used(name, sway, yaw, chosen, monkeypatch):
+def test_the_more_likely_of_two_priors_is_used(name, sway, yaw, chosen, monkeypatch):
     """A second prior that rejects more than the allowed share of the samples is not used, however likely."""
     deviation = (0.4, sway, 0.4, 0.3, 0.15, yaw)
     second = DisturbancePrior(deviation=deviation, correlation_time=ROUGH_WATER.correlation_time)

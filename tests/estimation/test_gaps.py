@@ -77,7 +77,7 @@ def test_each_sensor_is_used_at_its_own_rate():
 
 
 @pytest.mark.long
-def test_a_gap_of_all_records_at_the_turn_is_smoothed_without_the_mean():
+def test_a_gap_at_the_turn_is_smoothed_by_the_most_probable_path():
     """The most probable path is found where the shift to the mean diverges, and the profile's remarks say so."""
     diverging = []
     for seed in range(1, 7):

@@ -107,7 +107,7 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
         np.testing.assert_allclose(found.displacement[:, j], moved, atol=0.05 * np.abs(moved).max())
 
 
-def test_the_guess_of_the_start_changes_with_what_acts_on_it(flown):
+def test_the_first_guess_depends_on_drag_and_lift_only(flown):
     """The slopes are differences of the guess itself, from a glide by a hull that has lift at zero angle of attack."""
     dive, profile, _ = flown
     platform = with_values(PETREL.platform, {"viscous.K_L0": 0.4})
@@ -282,7 +282,7 @@ def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
 
 
 @pytest.mark.long
-def test_held_to_the_platform_the_hull_s_part_is_that_before_the_dive_on_average(flown):
+def test_uncertainty_of_a_held_hull_obeys_the_law_of_total_variance(flown):
     """The mean of ``C + m m'`` over dives whose score has its stated covariance obeys the law of total variance."""
     information = _information(flown[2], seed=3)
     before = stated_errors(PETREL.platform, information.parameters)
@@ -345,7 +345,7 @@ def _forced(flown):
     return hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements), path
 
 
-def test_what_other_assumptions_change():
+def test_other_noise_assumptions_reduce_the_noise_or_drop_actuated_samples():
     """They have less noise where the dive was quieter and nowhere more, or no samples while actuators move."""
     dive = fly(2, 400).dive
     spent = np.full((400, 6), 0.01)

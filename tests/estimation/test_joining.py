@@ -59,7 +59,7 @@ def test_a_solution_fades_into_the_next_over_their_overlap():
     assert roll[250] == pytest.approx(1.5e-4, rel=0.05)
 
 
-def test_what_is_joined_is_one_trajectory():
+def test_joined_windows_form_a_single_trajectory():
     """States and track follow from the disturbances over the whole dive, including seams without an overlap."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
     solution = solve_dive(path_problem(700), solver)
@@ -129,7 +129,7 @@ def test_a_distance_from_the_path_is_steered_away(index):
     np.testing.assert_allclose(own[:, SENSED], states, atol=1e-10)
 
 
-def test_the_first_push_is_that_of_a_damped_oscillator():
+def test_the_steering_force_is_that_of_a_critically_damped_oscillator():
     """It is ``M (2 rate dv + rate^2 dx)`` (`steering`), for each channel."""
     offset = np.array([0.01, -0.02, 0.03, 0.5, 0.04, -0.05, 0.06, 0.001, -0.002, 0.003])
     disturbances, states, path = steered(offset)

@@ -181,7 +181,7 @@ def test_every_kind_of_window_occurs(alone):
     assert len({window.iterations for window in windows}) > 3
 
 
-SPOILT = {
+CORRUPTED = {
     "a measurement": lambda problem: {"profile": with_measurements(problem.profile)},
     "the masses": lambda problem: {"profile": replace(problem.profile, bodies=with_nan(problem.profile.bodies, 150))},
     "the start": lambda problem: {"start": with_nan(problem.start, 150)},
@@ -198,17 +198,17 @@ def with_measurements(profile):
 
 
 def with_nan(array, row):
-    spoilt = array.copy()
-    spoilt[row] = np.nan
-    return spoilt
+    corrupted = array.copy()
+    corrupted[row] = np.nan
+    return corrupted
 
 
-@pytest.mark.parametrize("what", SPOILT)
-def test_what_is_no_number_never_reaches_a_neighbour(dives, alone, run, what):
+@pytest.mark.parametrize("what", CORRUPTED)
+def test_a_diverging_dive_does_not_affect_its_neighbours(dives, alone, run, what):
     """If one dive of the batch diverges, at its start or later, the others have the bits of a run without it."""
     problem = dives[2]
-    spoilt = replace(problem, **SPOILT[what](problem))
-    solutions = solved({**dives, 2: spoilt}, run)
+    corrupted = replace(problem, **CORRUPTED[what](problem))
+    solutions = solved({**dives, 2: corrupted}, run)
     assert Outcome.DIVERGED in {window.outcome for window in solutions[2].windows}
     for number in dives:
         if number != 2:

@@ -113,7 +113,7 @@ def _tidal_misses(amplitude):
 
 
 @pytest.mark.long
-def test_tidal_lines_halve_the_miss_where_there_is_a_tide_and_do_no_harm_where_there_is_none():
+def test_tidal_lines_halve_the_error_with_a_tide_and_do_no_harm_without():
     with_lines, without = _tidal_misses(0.1)
     assert with_lines < 0.5 * without
     with_lines, without = _tidal_misses(0.0)

@@ -107,7 +107,7 @@ def assert_agreement(found, tolerance):
 
 
 @pytest.mark.parametrize("preset", ["recommended", "paper"])
-def test_every_window_that_stands_whole_is_as_good_as_it_says(brief, tmp_path, preset):
+def test_stored_optimality_of_windows_without_margin_is_reproduced(brief, tmp_path, preset):
     """Without a margin nothing is overwritten, and every window's measure can be recomputed."""
     store = tmp_path / "whole.zarr"
     estimate(brief, store, preset, {"window.margin": "0", "start": "prior"})
@@ -150,7 +150,7 @@ def test_windows_of_a_mission_that_were_not_retracted(twin, paper):
     assert checked >= 8
 
 
-def test_joined_windows_are_nearly_as_good_as_they_say(twin, recommended):
+def test_joining_changes_the_optimality_of_windows_little(twin, recommended):
     """Blending and steering change most windows by less than the tolerance does, and none by far more."""
     archive = Archive(recommended, twin)
     found = [one for number in (1, 3) for one in archive.recompute(number, archive.windows(number))]

@@ -227,10 +227,10 @@ def test_a_known_hull_leaves_the_errors_of_the_sensor_alone():
     np.testing.assert_allclose(by_hull.states, V.states[..., :3] - V.states[..., 3:] @ (alone @ matrix[3:, :3]))
 
 
-@pytest.mark.parametrize("spoilt", [np.nan, -50.0])
-def test_information_that_is_not_sound_leaves_the_sensor_s_errors_as_they_were(spoilt):
+@pytest.mark.parametrize("corrupted", [np.nan, -50.0])
+def test_invalid_information_leaves_the_errors_of_the_sensor_unchanged(corrupted):
     matrix = np.eye(6)
-    matrix[5, 5] = spoilt
+    matrix[5, 5] = corrupted
     V = _sensitivity(np.random.default_rng(7), 6)
     by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), np.eye(3))
     np.testing.assert_array_equal(errors.mean, 0.0)

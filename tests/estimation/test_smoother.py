@@ -114,7 +114,7 @@ def test_few_passes_from_far_away(flown):
 # Gaps and north
 
 
-def test_a_gap_is_bridged_and_less_sure(flown):
+def test_intervals_are_wider_in_a_gap(flown):
     dive, truth = flown
     smoothed = smooth(dive, start=truth.guess)
     inside, outside = smoothed.states_std[1200], smoothed.states_std[700]
@@ -125,7 +125,7 @@ def test_a_gap_is_bridged_and_less_sure(flown):
     assert smoothed.used == np.isfinite(dive.measured).sum()
 
 
-def test_whole_turns_of_the_heading_change_nothing(flown):
+def test_full_turns_of_the_heading_do_not_change_the_smoothed_estimate(flown):
     dive, truth = flown
     turned = dive.measured.copy()
     turned[1500:, 2] += 2.0 * np.pi
@@ -137,11 +137,11 @@ def test_whole_turns_of_the_heading_change_nothing(flown):
 
 def test_a_masked_sample_is_as_if_it_had_never_been(flown):
     dive, truth = flown
-    spoilt = dive.measured.copy()
-    spoilt[600] = np.nan
-    without = smooth(with_measured(dive, spoilt), start=truth.guess)
-    spoilt[600] = 1e3
-    masked = with_measured(dive, spoilt)
+    corrupted = dive.measured.copy()
+    corrupted[600] = np.nan
+    without = smooth(with_measured(dive, corrupted), start=truth.guess)
+    corrupted[600] = 1e3
+    masked = with_measured(dive, corrupted)
     masked.fed[600] = False
     np.testing.assert_array_equal(smooth(masked, start=truth.guess).disturbances, without.disturbances)
 
@@ -161,7 +161,7 @@ def test_variances_are_sound(flown):
 # Intervals
 
 
-def test_intervals_hold_what_they_promise():
+def test_intervals_cover_the_truth_at_their_nominal_rate():
     """For twins drawn from the prior, with half the smoother's step: 68 % and 95 % intervals in every channel."""
     errors, widths, displacement = [], [], []
     for seed in range(32):
@@ -244,11 +244,11 @@ def smoothed_profile(series, settings=SETTINGS):
     return estimate, smooth_dive(profile, estimate, settings)
 
 
-def test_what_the_filter_gated_does_not_count():
+def test_samples_gated_by_the_filter_have_no_weight_in_the_smoother():
     series = record()
-    spoilt = series.measurements.copy()
-    spoilt[1000, 1] += np.radians(20.0)
-    estimate, smoothed = smoothed_profile(replaced(series, measurements=spoilt))
+    corrupted = series.measurements.copy()
+    corrupted[1000, 1] += np.radians(20.0)
+    estimate, smoothed = smoothed_profile(replaced(series, measurements=corrupted))
     assert estimate.gated == 1
     assert smoothed.used == 4 * (estimate.fed - 1)
     weights = series.weights.copy()
@@ -257,12 +257,12 @@ def test_what_the_filter_gated_does_not_count():
     np.testing.assert_allclose(smoothed.disturbances, without.disturbances, atol=1e-6)
 
 
-def test_in_the_vibration_set_a_bad_sample_is_widened():
+def test_outliers_in_the_vibration_set_have_their_variance_widened():
     series = record()
-    controls, spoilt = series.controls.copy(), series.measurements.copy()
+    controls, corrupted = series.controls.copy(), series.measurements.copy()
     controls[999:1002, 0] += [1e-4, 2e-4, 1e-4]
-    spoilt[1000, 1] += np.radians(20.0)
-    estimate, smoothed = smoothed_profile(replaced(series, controls=controls, measurements=spoilt))
+    corrupted[1000, 1] += np.radians(20.0)
+    estimate, smoothed = smoothed_profile(replaced(series, controls=controls, measurements=corrupted))
     assert estimate.gated == 0
     assert smoothed.widened >= 1
     assert smoothed.used == 4 * estimate.fed
@@ -286,7 +286,7 @@ def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch
     assert np.isnan(smoothed.displacement_covariance).all()
 
 
-def test_a_stationary_glider_is_smoothed_by_the_mode(monkeypatch):
+def test_a_stationary_glider_is_smoothed_by_the_most_probable_path(monkeypatch):
     """About rest the mean's shift of the path diverges: two hours at rest gave 0.6 m/s."""
     by_mode = EstimationSettings(smoother=SmootherSettings(estimate="mode"))
     _, expected = smoothed_profile(record(), by_mode)

@@ -37,7 +37,7 @@ def test_a_run_of_equal_values_is_counted():
                                   [2, 2, 3, 3, 3, 1, 1, 1])  # fmt: skip
 
 
-def test_no_move_no_noise():
+def test_actuators_at_rest_add_no_noise():
     bodies = PETREL.bodies(controls(50))
     assert not actuation_noise(bodies, np.zeros((50, 2)), np.full(50, 1.0), 0.1).any()
 
@@ -57,7 +57,7 @@ def test_a_moving_battery_s_noise_is_its_lag_s_moment_squared():
     assert noise.sum(axis=0)[[3, 5]] == pytest.approx(0.0, abs=1e-20)
 
 
-def test_factors_are_spent_over_resolved():
+def test_noise_factors_are_the_ratio_of_squared_to_resolved_noise():
     n = 30
     prior = np.full((n, 6), 2.0)
     scale = NoiseScale(prior, np.zeros((n, 6)), np.ones(n, dtype=bool), (0, 5))
@@ -81,7 +81,7 @@ def test_standardised_noise_is_over_its_own_deviation():
 
 
 @pytest.mark.compiled
-def test_a_dive_tells_its_own_intensity():
+def test_the_noise_factor_of_a_dive_corrects_a_prior_that_is_too_strong():
     """With a prior nine times too strong in yaw, the factor is close to a ninth, and the interval is narrower."""
     flown = fly(41, 6000)
     truth = flown.dive.noise.copy()
@@ -226,7 +226,7 @@ def wandering():
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("damping", [-250.0, -800.0, -100.0])
-def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
+def test_a_wrong_yaw_damping_does_not_bias_the_speed(wandering, damping):
     """Glides hardly determine the yaw damping; with fixed values, the smoothed speed was up to 42 % too low."""
     hull, record, truth = wandering
     assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
@@ -236,7 +236,7 @@ def test_how_a_hull_turns_does_not_tell_its_speed(wandering, damping):
 
 
 @pytest.mark.compiled
-def test_of_an_only_pass_as_much_is_made_as_can_be_flown(monkeypatch):
+def test_a_single_pass_is_shortened_until_the_path_is_flyable(monkeypatch):
     """Half the move is made if the whole gives no flyable path; the other half is added to the uncertainty."""
     flown = fly(42, 3000)
     only = SmootherSettings(max_passes=1)

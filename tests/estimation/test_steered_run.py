@@ -67,7 +67,7 @@ def test_the_run_has_less_noise_than_the_smoothed_path(calm):
     assert smooth < 0.2 * rough
 
 
-def test_water_that_turns_the_glider_has_none():
+def test_there_is_no_steered_run_in_yaw_impulses():
     profile, _, path = smoothed_dive(load_scenario("impulses"))
     assert steered_run(profile, path) is None
 
@@ -107,7 +107,7 @@ def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
     [("calm", None), ("impulses", None), ("paper", Gusts(False)), ("harsh", Gusts(False)), ("demo", Gusts(True))],
 )
 @pytest.mark.parametrize("seed", [1, 3])
-def test_gusts_are_told_from_impulses_and_both_together_are_recognised(name, expected, seed):
+def test_gusts_impulses_and_both_together_are_distinguished(name, expected, seed):
     profile, filtered, _ = flown_dive(load_scenario(name).replaced({"depth_spread": 5.0}), seed, depth=100.0)
     assert find_gusts(profile, starting_trajectory(filtered)) == expected
 
@@ -130,7 +130,7 @@ def test_a_slow_record_does_not_show_gusts():
 
 
 @pytest.mark.parametrize(("name", "seeds"), [("paper", (1, 2, 5)), ("demo", (1, 3, 4))])
-def test_the_roll_in_gusts_does_not_tell_the_speed(name, seeds, monkeypatch):
+def test_roll_in_gusts_does_not_bias_the_smoothed_speed(name, seeds, monkeypatch):
     """Without the priors for gusts the smoothed speed of the true hull is wrong; with impulses, the usual factors too.
 
     In gusts alone the prior of the side force and the variance of the roll are the usual ones; in gusts with impulses

@@ -51,7 +51,7 @@ def test_a_heading_that_stopped_is_refused(first, last):
 
 @pytest.mark.parametrize("quantum", [0.1, 1.0])
 @pytest.mark.parametrize("name", ["calm", "impulses", "stratified", "demo", "paper", "harsh"])
-def test_sensors_that_measure_are_not_refused(name, quantum):
+def test_coarsely_rounded_sensors_are_not_taken_for_stuck_ones(name, quantum):
     """In calm water a heading rounded to a degree stays the same for most of the dive."""
     record = twin(name)
     angles = {one: np.radians(quantum * np.round(np.degrees(getattr(record, one)) / quantum)) for one in ANGLES}

@@ -41,7 +41,7 @@ def test_windows_follow_the_sensors(interval, length, margin, threshold):
     assert plan.cost_threshold == pytest.approx(threshold)
 
 
-def test_what_is_set_holds_for_every_sensor():
+def test_window_settings_that_are_given_apply_to_every_sample_interval():
     settings = EstimationSettings.model_validate({"window": {"length": 60.0, "margin": 5.0, "cost_threshold": 0.1}})
     for interval in (1.0, 20.0):
         assert settings.window_length(interval) == 60.0
@@ -348,9 +348,9 @@ def test_masked_samples_do_not_count():
     """Arbitrary values with zero weight change nothing at all."""
     data = window_data(disturbance=impulse())
     data.weights[100:180] = 0.0
-    spoilt = replace(data, measurements=data.measurements.copy())
-    spoilt.measurements[100:180] += 1e3
-    clean, dirty = (solve_window(one, np.zeros((300, 6)), EstimationSettings()) for one in (data, spoilt))
+    corrupted = replace(data, measurements=data.measurements.copy())
+    corrupted.measurements[100:180] += 1e3
+    clean, dirty = (solve_window(one, np.zeros((300, 6)), EstimationSettings()) for one in (data, corrupted))
     np.testing.assert_array_equal(clean.disturbances, dirty.disturbances)
     assert clean.cost == dirty.cost
 

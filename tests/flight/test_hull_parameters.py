@@ -35,7 +35,7 @@ def of(key, platform=PETREL):
 
 
 @pytest.mark.parametrize("name", shipped_platforms())
-def test_a_value_set_to_itself_leaves_the_errors_that_a_hull_may_have(name):
+def test_an_override_with_the_same_value_does_not_change_the_parameters_of_the_hull(name):
     plain = read_platform(name)
     same = load_platform(name, {"sensors.depth_noise": plain.sensors.depth_noise})
     assert [p.key for p in hull_parameters(same)] == [p.key for p in hull_parameters(plain)]
@@ -175,7 +175,7 @@ def test_former_calibrations_still_load(file_with):
         )
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_a_platform_with_a_covariance_survives_its_file(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text(platform_yaml(with_covariance(PETREL, ERRORS)), "utf-8")
     assert load_platform(path) == with_covariance(PETREL, ERRORS)

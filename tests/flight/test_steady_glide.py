@@ -58,7 +58,7 @@ def test_petrel_speeds_are_those_its_track_implies(petrel):
     assert all(is_stable(petrel, glide) for glide in glides)
 
 
-def test_a_balanced_glider_flies_on_as_it_was(petrel):
+def test_a_simulation_from_a_steady_glide_remains_steady(petrel):
     glide = steady_glide(petrel, 0.3, math.radians(-25))
     n = 200
     flight = petrel.simulate(glide.state, np.tile(glide.control, (n, 1)), np.zeros((n, 6)), 0.1)
@@ -113,7 +113,7 @@ def test_lift_at_zero_angle_of_attack_splits_dive_and_climb():
     assert dive > -climb > 0.0
 
 
-def test_no_glide_where_there_is_none(petrel):
+def test_impossible_glides_give_none(petrel):
     assert steady_glide(petrel, 0.3, math.radians(25)) is None
     assert steady_glide(petrel, -0.3, math.radians(-25)) is None
     assert steady_glide(petrel, 0.3, math.radians(-5)) is None

@@ -105,7 +105,7 @@ def test_windows_agree_with_the_oracle(oracle, implementation, number):
     )  # fmt: skip
 
 
-def test_the_border_gives_what_the_kernels_give(short, numba_kernels):
+def test_glider_returns_the_same_numbers_as_the_kernels(short, numba_kernels):
     """`Glider` coerces and allocates; cost and gradients are those of the kernels, with zeros for X and Y."""
     cost, gradient, gradient0 = short.cost_by(numba_kernels)
     assert short.cost()[0] == cost
@@ -155,7 +155,7 @@ def test_gradient_by_the_initial_state(short, implementation):
     np.testing.assert_array_equal(expected[3:5], 0.0)
 
 
-def test_the_last_disturbance_is_felt_by_the_last_sample_alone(short):
+def test_the_last_disturbance_affects_only_the_last_sample(short):
     """The terminal costate is zero (eq. 34): without the last sample, the last disturbance does not affect the cost."""
     weights = short.weights.copy()
     weights[-1] = 0.0
@@ -209,7 +209,7 @@ def test_the_first_sample_is_not_used(short):
 
 
 @pytest.mark.parametrize("turns", [-3, 1, 7])
-def test_whole_turns_of_the_heading_cost_nothing(short, turns):
+def test_full_turns_of_the_heading_do_not_change_the_cost(short, turns):
     measurements = short.measurements.copy()
     measurements[5:, 2] += 2.0 * math.pi * turns
     cost, gradient = short.cost(measurements=measurements)

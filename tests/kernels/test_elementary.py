@@ -106,7 +106,7 @@ def test_sine_and_cosine_at_the_quarters(way):
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf])
-def test_what_is_no_angle_stays_visible(x, way):
+def test_nan_and_infinite_angles_give_nan(x, way):
     with np.errstate(invalid="ignore", over="ignore"):
         assert np.isnan(way.sine_and_cosine(np.array([x]))).all()
         assert np.isnan(way.angle_of(np.array([math.nan]), np.ones(1))).all()
@@ -170,7 +170,7 @@ def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
 
 @given(st.floats(-3.1, 3.1), st.integers(-50, 50))
 @settings(deadline=None, max_examples=scaled(500, 100))
-def test_whole_turns_do_not_count(angle, turns):
+def test_wrapping_removes_full_turns(angle, turns):
     assert wrap(angle) == angle
     assert wrap(angle + 2.0 * math.pi * turns) == pytest.approx(angle, abs=1e-13)
 

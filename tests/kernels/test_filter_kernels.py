@@ -443,7 +443,7 @@ def test_an_outlier_counts_as_missing(record, channel):
     assert not none.any()
 
 
-def test_in_vibration_an_outlier_is_widened_not_dropped(record, estimate):
+def test_an_outlier_in_vibration_is_down_weighted_rather_than_rejected(record, estimate):
     """Inside the vibration set the variance is inflated until the innovation lies at the gate.
 
     The correction is then ``gate**2 P / innovation``: a larger outlier changes the estimate less.
@@ -590,8 +590,8 @@ def test_a_run_with_too_much_trouble_is_given_up(record):
 def variety(record):
     """Return cases that differ in length, in their fed samples, in their start and in their faults."""
     rng = np.random.default_rng(3)
-    spoilt = record.with_outlier(4 * EVERY, 1, 2.0)
-    spoilt[8 * EVERY :, 3] += 40.0
+    corrupted = record.with_outlier(4 * EVERY, 1, 2.0)
+    corrupted[8 * EVERY :, 3] += 40.0
     lost = record.bodies.copy()
     lost[20, 9] = math.nan
     short = slice(0, 32)
@@ -599,10 +599,10 @@ def variety(record):
         record.case(),
         record.case(fed=np.arange(STEPS + 1) % 7 == 3),
         Case(record.bodies[short], record.measured[:33], record.fed[:33], record.x0),
-        record.case(measured=spoilt, patience=2, vibrating=np.arange(STEPS + 1) < 30),
+        record.case(measured=corrupted, patience=2, vibrating=np.arange(STEPS + 1) < 30),
         Case(lost, record.measured, rng.uniform(size=STEPS + 1) < 0.2, record.x0),
         record.case(fed=np.zeros(STEPS + 1, dtype=bool)),
-        record.case(measured=spoilt, allowed=1),
+        record.case(measured=corrupted, allowed=1),
         record.case(x0=np.where(np.arange(18) == 5, record.x0 + 3.0, record.x0)),
     ]
 
@@ -613,7 +613,7 @@ def assert_same(case, other):
 
 
 @pytest.mark.skipif(not COMPILED, reason="eight runs, and uncompiled lanes are plain arrays")
-def test_what_a_lane_gives_does_not_depend_on_its_place_or_neighbours(record):
+def test_results_do_not_depend_on_the_lane_or_its_neighbours(record):
     """The result is the same to the bit, in any lane, alone or with cases of other lengths and fed samples."""
     alone, together = variety(record), variety(record)
     for case in alone:

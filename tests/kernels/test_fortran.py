@@ -88,7 +88,7 @@ def test_gradients_agree(numba_kernels, fortran_kernels):
 
 
 @pytest.mark.parametrize("where", range(10))
-def test_what_is_no_number_stays_visible(cases, fortran_kernels, where):
+def test_nan_in_a_state_propagates(cases, fortran_kernels, where):
     """A NaN in a state is also in the new state and, except for the heading, in the transposed derivatives."""
     bodies, state, b, a = cases[0]
     y = state[SENSED]
@@ -190,7 +190,7 @@ def test_a_folder_that_cannot_be_written_is_named(monkeypatch):
         build.build()
 
 
-def test_the_command_tells_where_the_library_is(monkeypatch, capsys):
+def test_the_build_command_prints_the_path_of_the_library(monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(build, "build", lambda *options: asked.append(options) or Path("made.so"))
     monkeypatch.setattr("sys.argv", ["build", "--compiler=gfortran-13", "--flags=-O3 -march=haswell", "--lanes=4"])

@@ -127,7 +127,7 @@ def test_selections_are_numpys(name):
 
 
 @pytest.mark.parametrize("name", ["<", "<=", ">", ">=", "=="])
-def test_nothing_compares_with_what_is_no_number(name):
+def test_every_comparison_with_nan_is_false(name):
     a = rows_of(SPECIAL)
     nan = np.full_like(a, np.nan)
     for operands in ((a, nan), (nan, a), (nan, nan)):

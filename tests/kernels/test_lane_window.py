@@ -89,7 +89,7 @@ def test_a_window_does_not_know_its_lane_nor_its_neighbours(implementation):
                 np.testing.assert_array_equal(a, b)
 
 
-def test_nothing_behind_its_end_counts(implementation):
+def test_steps_beyond_the_end_of_a_window_have_no_gradient(implementation):
     """Gradients of steps of zero length are zero; these steps cannot change an unknown."""
     p = evaluate([(window_data(5), np.full((5, 6), 0.01))], LONGEST, implementation)
     assert np.abs(p.gradient[:5, :, 0]).min() > 0.0
@@ -98,13 +98,13 @@ def test_nothing_behind_its_end_counts(implementation):
 
 
 @pytest.mark.parametrize("where", ["measurements", "bodies", "state0"])
-def test_what_is_no_number_stays_in_its_lane(where, implementation):
+def test_nan_stays_in_its_lane(where, implementation):
     posed = several_windows()
     expected = evaluated(posed, implementation)
     data, start = posed[1]
-    spoilt = getattr(data, where).copy()
-    spoilt[-1] = np.nan
-    posed[1] = replace(data, **{where: spoilt}), start
+    corrupted = getattr(data, where).copy()
+    corrupted[-1] = np.nan
+    posed[1] = replace(data, **{where: corrupted}), start
     with np.errstate(invalid="ignore"):
         results = evaluated(posed, implementation)
     assert np.isnan(results[1][0])

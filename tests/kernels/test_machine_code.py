@@ -80,7 +80,7 @@ def test_a_narrower_processor_gives_the_same_results(here, narrower):
     np.testing.assert_allclose(narrower["disturbances"], here["disturbances"], rtol=1e-6, atol=1e-9)
 
 
-def test_the_count_knows_single_numbers_from_vectors():
+def test_the_operation_count_distinguishes_scalars_from_vectors():
     """A recurrence without lanes cannot be vectorised, and its operations are counted as scalar."""
 
     @numba.njit(error_model="numpy")

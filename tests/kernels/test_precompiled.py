@@ -74,7 +74,7 @@ def content(folder: Path) -> dict[str, bytes]:
 @pytest.mark.long
 @compiled
 @level_known
-def test_what_was_compiled_beforehand_is_not_compiled_and_not_changed(tmp_path: Path, made: Path) -> None:
+def test_precompiled_kernels_are_neither_recompiled_nor_changed(tmp_path: Path, made: Path) -> None:
     before = content(made)
     assert len(before) > 2
     done = python(COUNT_COMPILED, GLIDERHPC_KERNELS=made, GLIDERHPC_CACHE=tmp_path / "cache")
@@ -145,7 +145,7 @@ def test_a_folder_that_others_can_write_is_not_used(named: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [None, "{", "[]", "\0", '{"levels": 3}', "{}"])
-def test_a_manifest_that_is_absent_or_damaged_is_said(named: Path, text: str | None) -> None:
+def test_an_absent_or_damaged_manifest_is_reported(named: Path, text: str | None) -> None:
     (named / MANIFEST).unlink()
     if text is not None:
         (named / MANIFEST).write_text(text)

@@ -150,7 +150,7 @@ def test_a_window_that_may_be_halved_has_a_third_of_the_iterations():
     assert replace(data, halves_early=True).iteration_limit(settings_of(max_iterations=1)) == 1
 
 
-def test_what_is_reported_belongs_to_what_is_returned():
+def test_the_reported_cost_and_gradient_belong_to_the_returned_solution():
     settings = settings_of(tolerance=TOLERANCE)
     for (data, _), solution in zip(posed(2), solve_together(posed(2), settings), strict=True):
         problem = WindowProblem(data)

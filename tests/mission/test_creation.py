@@ -85,7 +85,7 @@ def test_a_scheduler_that_does_not_answer_changes_nothing_of_what_is_resumed(swi
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")], ids=["^C", "full"])
-def test_what_commits_nothing_replaces_nothing(swift, swift_store, own_copy, error):
+def test_a_run_that_commits_nothing_does_not_replace_the_archive(swift, swift_store, own_copy, error):
     with pytest.raises(type(error)):
         overwrite(swift, own_copy, lambda: stopping(error))
     assert archive_bytes(own_copy, ()) == archive_bytes(swift_store, ())
@@ -142,7 +142,7 @@ def test_folders_with_like_names_are_left_alone(swift, own_copy):
     assert names(own_copy) == ["copy.zarr", *sorted(folder.name for folder in theirs)]
 
 
-def test_what_an_older_run_set_aside_is_named_and_stays(own_copy, caplog):
+def test_an_archive_set_aside_by_an_earlier_run_is_named_and_left(own_copy, caplog):
     aside = shutil.copytree(own_copy, own_copy.with_name("copy.zarr.0123456789abcdef.old"))
     restore_set_aside(own_copy)
     assert is_archive(aside)

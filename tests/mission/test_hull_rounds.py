@@ -86,7 +86,7 @@ def test_the_covariance_is_of_the_parameters_found(found):
     assert stated.deviation[stated.parameters.index("buoyancy.neutral_volume")] == pytest.approx(half, rel=1e-4)
 
 
-def test_what_is_found_is_better_than_the_platform(found):
+def test_the_hull_from_rounds_fits_held_out_dives_better_than_the_platform(found):
     scores = found.scores
     assert (
         scores.loc[("held out", "after"), "depth rate, cm/s"] < scores.loc[("held out", "before"), "depth rate, cm/s"]
@@ -95,7 +95,7 @@ def test_what_is_found_is_better_than_the_platform(found):
 
 
 @pytest.mark.long
-def test_what_is_held_out_changes_nothing(records, tmp_path):
+def test_a_held_out_dive_does_not_affect_the_hull(records, tmp_path):
     """The hull is the same to the bit when the dive held out was much rougher: its noise is not that of the mission."""
 
     def roughen(content):
@@ -245,8 +245,8 @@ def test_rounds_without_a_stable_glide_ahead_have_not_converged(records, monkeyp
 def test_a_hull_from_whole_dives_has_the_warnings_of_a_steady_fit(found):
     assert not [note for note in found.notes if "still in error" in note]
     wrong = replace(found.dives.fitted, errors_after=Errors(np.full(4, 0.2), np.full(4, 0.2)))
-    spoilt = replace(found, dives=replace(found.dives, fitted=wrong))
-    assert sum("still in error" in note for note in spoilt.notes) == 4
+    corrupted = replace(found, dives=replace(found.dives, fitted=wrong))
+    assert sum("still in error" in note for note in corrupted.notes) == 4
 
 
 def test_both_hulls_are_judged_by_the_same_segments(records, found):
@@ -262,7 +262,7 @@ def test_both_hulls_are_judged_by_the_same_segments(records, found):
     assert len(segments[0].of(np.arange(len(segments[0])) == 0).shared_with(late, 30.0)) == 0
 
 
-def test_a_calibration_that_starts_from_a_calibrated_hull_says_so(records, found):
+def test_starting_from_a_calibrated_hull_is_mentioned_in_notes_and_source(records, found):
     again = gh.calibrate(records, found.platform, hold_out=4, workers=0, rounds={"most": 1})
     assert not any("calibrated before" in note for note in found.notes)
     assert any("has been calibrated before: its stated errors are not used" in note for note in again.notes)
@@ -296,7 +296,7 @@ def test_the_noise_follows_all_dives_together():
     np.testing.assert_allclose(pooled_factor(dives), [11 / 101, 1.0, 1.0, 1.0, 1.0, 1001 / 101])
 
 
-def test_where_no_dive_can_be_smoothed_the_steady_glides_remain(records, monkeypatch):
+def test_the_steady_glide_fit_is_returned_if_no_dive_can_be_smoothed(records, monkeypatch):
     def fail(job):
         return SmoothedDive(job.number, np.datetime64("NaT", "ns"), message="no attitude")
 

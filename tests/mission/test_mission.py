@@ -265,14 +265,14 @@ def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
         states = estimated.solution.states.copy()
         rows = longest[: 10 * seconds]
         states[rows, 8] = states[rows, 6] * np.tan(np.radians(16.0))
-        spoilt = replace(estimated, solution=replace(estimated.solution, states=states))
-        np.testing.assert_array_equal(np.flatnonzero(implausible_motion(spoilt)), rows)
-        flagged = quality_flags(spoilt) & QUALITY.meanings["implausible_self_motion"] > 0
+        corrupted = replace(estimated, solution=replace(estimated.solution, states=states))
+        np.testing.assert_array_equal(np.flatnonzero(implausible_motion(corrupted)), rows)
+        flagged = quality_flags(corrupted) & QUALITY.meanings["implausible_self_motion"] > 0
         np.testing.assert_array_equal(np.flatnonzero(flagged), rows)
-        assert any("implausible for 65 s" in line for line in remarks(PETREL, spoilt)) is reported
-    assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, spoilt))
+        assert any("implausible for 65 s" in line for line in remarks(PETREL, corrupted)) is reported
+    assert any(line.endswith("calibrate the hull") for line in remarks(PETREL, corrupted))
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(1.0,), correlation=((),))
-    found = remarks(with_covariance(PETREL, errors), spoilt)
+    found = remarks(with_covariance(PETREL, errors), corrupted)
     assert any(line.endswith("calibrate on profiles like this one, then tune the prior") for line in found), (
         "it is calibrated already"
     )
@@ -298,8 +298,8 @@ def test_windows_that_mostly_fail_are_reported_with_their_reason(estimated, shar
 def test_speeds_that_are_plausible(estimated, u, plausible):
     states = estimated.solution.states.copy()
     states[100, 6:9] = u, 0.0, 0.0
-    spoilt = replace(estimated, solution=replace(estimated.solution, states=states))
-    assert implausible_motion(spoilt)[100] != plausible
+    corrupted = replace(estimated, solution=replace(estimated.solution, states=states))
+    assert implausible_motion(corrupted)[100] != plausible
 
 
 def test_longest_run():
@@ -313,18 +313,18 @@ def _sabotage(monkeypatch, engine):
     """Make the third window of a profile diverge: its start is NaN."""
     calls = []
 
-    def spoilt(data, start):
+    def corrupted(data, start):
         # The compilation of the kernels before the run solves shorter windows.
         calls.append(len(data.bodies) == 300)
         return np.full_like(start, np.nan) if calls[-1] and sum(calls) == 3 else start
 
     if engine == "lanes":
         put = LaneBatch.put
-        monkeypatch.setattr(LaneBatch, "put", lambda batch, lane, task: put(batch, lane, (task[0], spoilt(*task))))
+        monkeypatch.setattr(LaneBatch, "put", lambda batch, lane, task: put(batch, lane, (task[0], corrupted(*task))))
     else:
         solve = engines.solve_window
         monkeypatch.setattr(
-            engines, "solve_window", lambda data, start, settings: solve(data, spoilt(data, start), settings)
+            engines, "solve_window", lambda data, start, settings: solve(data, corrupted(data, start), settings)
         )
 
 
@@ -415,7 +415,7 @@ def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_sto
     assert archive_bytes(store) == archive_bytes(swift_store)
 
 
-def test_what_a_killed_worker_left_half_written_is_gone_when_the_run_ends(swift, swift_store, tmp_path):
+def test_partial_files_of_a_killed_worker_are_removed_at_the_end_of_the_run(swift, swift_store, tmp_path):
     """The file has a temporary name of zarr; another worker has since written the chunk."""
     store = tmp_path / "stray.zarr"
     stray = store / "observed" / "ballast_volume" / f"c.5.{'0a' * 16}.partial"
@@ -560,7 +560,7 @@ def test_archives_of_the_same_file_under_two_names_are_equal(swift_store, own_co
     assert "renamed.nc" in answer.out
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_resume_refuses_an_archive_of_another_schema(swift, own_copy):
     set_attributes(own_copy, {"schema_version": "1.0"})
     answer = program("run-mission", swift, *WHOLE, "--store", own_copy, "--resume")
@@ -791,7 +791,7 @@ def test_profiles_that_cannot_be_chosen(text):
         select_profiles([1, 2, 3, 18], text)
 
 
-def test_a_dry_run_tells_and_does_nothing(brief, brief_store, tmp_path):
+def test_a_dry_run_reports_the_size_and_writes_nothing(brief, brief_store, tmp_path):
     store = tmp_path / "dry.zarr"
     answer = program("run-mission", brief, *WHOLE, "--store", store, "--dry-run")
     assert answer.status == 0
@@ -841,7 +841,7 @@ def test_batches_fill_the_lanes_while_there_is_enough_to_do():
     assert batch_sizes(MissionSettings(), 0, 4) == []
 
 
-def test_the_plan_fits_what_comes(brief, archive):
+def test_the_planned_sizes_match_the_archive(brief, archive):
     with open_observations(brief) as observations:
         plan = plan_mission(observations, MissionSettings(), (1, 2, 3))
     assert plan.sizes["sample"] == archive["series"].sizes["sample"] == plan.longest + 1

@@ -123,7 +123,7 @@ def test_the_adjoint_s_deviations_contain_the_smoother_s_and_the_difference(brie
         assert np.isnan(stored[len(expected) :]).all()
 
 
-def test_the_adjoint_s_intervals_hold_what_they_promise(prepared, brief, brief_store):
+def test_intervals_of_the_adjoint_cover_the_truth_at_their_nominal_rate(prepared, brief, brief_store):
     """Windows of preset paper are far from the smoother: its own deviation is too small for them."""
     smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
     settings = SETTINGS.model_copy(update={"preset": "paper", "smoother": smoother})
@@ -175,8 +175,8 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
             record = observations.profile(number)
         variance = 0.0
         for end, fixes in (("entry", record.surface_fixes_before), ("exit", record.surface_fixes_after)):
-            drift, taken_out = surface_drift(fixes), float(row[f"{end}_surface_time"])
-            carried, rest = taken_out / drift.lasts, taken_out / drift.trust(options) - taken_out
+            drift, drift_removed = surface_drift(fixes), float(row[f"{end}_surface_time"])
+            carried, rest = drift_removed / drift.lasts, drift_removed / drift.trust(options) - drift_removed
             variance += options.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
             variance += (options.surface_shear * rest) ** 2
         own = np.array([[of_group["displacement_north_std"] ** 2, of_group["displacement_covariance"]],
@@ -242,12 +242,12 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
 def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(prepared, carried, monkeypatch):
     real = estimation.smoothed_dive_information
 
-    def spoilt(*given):
+    def corrupted(*given):
         found = real(*given)
         (score, matrix), *others = found.others
         return replace(found, others=((score, matrix - 10.0 * np.eye(len(score))), *others))
 
-    monkeypatch.setattr(estimation, "smoothed_dive_information", spoilt)
+    monkeypatch.setattr(estimation, "smoothed_dive_information", corrupted)
     found = estimate_profile(prepared, SETTINGS, smooth=True)
     np.testing.assert_array_equal(found.smoothed.states_std, carried.smoothed.states_std)
     assert np.isnan(hull_row(found.hull)["score"]).all()
@@ -265,7 +265,7 @@ def test_the_published_budget_of_the_current_stays_available(brief, brief_store,
         assert float(usual[f"{name}_std"]) < 0.04
 
 
-def test_a_hull_that_is_believed_adds_nothing(prepared, smoothed):
+def test_a_hull_assumed_exact_adds_no_uncertainty(prepared, smoothed):
     smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
     found = estimate_profile(prepared, SETTINGS.model_copy(update={"smoother": smoother}), smooth=True)
     assert found.hull is None
@@ -311,13 +311,13 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
         np.testing.assert_array_equal(tree["series"].ds["B_cr"].values, before["series"].ds["B_cr"].values)
 
 
-def test_a_smoother_that_gives_up_says_so(prepared, filtered, monkeypatch):
+def test_a_diverged_smoother_is_reported_in_the_message(prepared, filtered, monkeypatch):
     monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
     hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
     hasty = hasty.model_copy(update={"start": "smoothed"})
-    spoilt = replace(filtered, disturbances=filtered.disturbances + 0.5)
+    corrupted = replace(filtered, disturbances=filtered.disturbances + 0.5)
     starts = []
-    monkeypatch.setattr(estimation, "run_filter", lambda *_: spoilt)
+    monkeypatch.setattr(estimation, "run_filter", lambda *_: corrupted)
     invert = estimation.invert_windows
     monkeypatch.setattr(estimation, "invert_windows", lambda *given: starts.append(given[-1]) or invert(*given))
     records = estimate_profile(prepared, hasty).smoothed
@@ -499,7 +499,7 @@ def test_studies_of_both_estimates_do_not_mix(own_copy, brief):
     assert "held the study of the smoothed estimate" in again.out
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_the_adjoint_of_an_earlier_archive_has_no_deviations(own_copy):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     for name in CHANNELS:
@@ -509,7 +509,7 @@ def test_the_adjoint_of_an_earlier_archive_has_no_deviations(own_copy):
         assert np.isnan(read_profile_data(archive, 1).disturbances_std).all()
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_an_archive_without_a_smoothed_estimate_is_refused(own_copy):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     del root["smoothed"]

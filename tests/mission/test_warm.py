@@ -33,7 +33,7 @@ def signatures(function: str) -> set[tuple[str, str, str]]:
 
 
 @pytest.mark.long
-def test_what_is_compiled_aside_is_what_the_smoother_of_a_run_uses() -> None:
+def test_the_background_process_compiles_all_smoother_kernels_of_a_run() -> None:
     whole, aside = signatures("warm_kernels"), signatures("warm_smoother")
     assert aside <= whole
     smoothers = {one for one in whole if "smoother" in one[0] or "sensitivity" in one[0]}
@@ -65,7 +65,7 @@ def kernels_called() -> set[tuple[str, str]]:
 
 
 @pytest.mark.long
-def test_what_is_compiled_beforehand_is_all_that_the_program_calls() -> None:
+def test_all_kernels_that_the_program_calls_are_precompiled() -> None:
     """From a wheel nothing need be compiled, whatever the water, the engine or the study."""
     called = kernels_called()
     assert {("gliderhpc.kernels.smoother", "run_path"), ("gliderhpc.kernels.points", "rhs")} <= called
@@ -74,7 +74,7 @@ def test_what_is_compiled_beforehand_is_all_that_the_program_calls() -> None:
     assert called - compiled == {("gliderhpc.kernels.quasi_newton", "proceed")}
 
 
-def test_what_has_been_warmed_counts_as_compiled() -> None:
+def test_warmed_kernels_count_as_compiled() -> None:
     """If it were not, every run would start another process."""
     warm.warm_kernels()
     assert warm.is_compiled()

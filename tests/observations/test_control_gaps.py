@@ -56,7 +56,7 @@ def test_the_largest_of_several_changes_is_reported():
     ],
     ids=["every sample", "no movement", "small", "every minute", "begin and end"],
 )
-def test_what_is_recorded_well_enough_is_not(ballast):
+def test_ballast_recorded_often_enough_gets_no_remark(ballast):
     assert remark(ballast) == ""
 
 

@@ -21,10 +21,10 @@ def test_nothing_is_found_in_a_clean_record(interval):
 @pytest.mark.parametrize(("share", "offset"), [(0.003, None), (0.01, None), (0.01, 100.0), (0.05, None)])
 def test_dropouts_and_spikes_are_found_and_nothing_else(interval, share, offset):
     time, depth = _record(interval)
-    spoiled, bad = depth.copy(), np.random.default_rng(3).random(len(depth)) < share
-    spoiled[bad] = 0.0 if offset is None else depth[bad] + offset
-    found = impossible_depths(time, spoiled)
-    far = bad & (np.abs(spoiled - depth) > 60.0)
+    corrupted, bad = depth.copy(), np.random.default_rng(3).random(len(depth)) < share
+    corrupted[bad] = 0.0 if offset is None else depth[bad] + offset
+    found = impossible_depths(time, corrupted)
+    far = bad & (np.abs(corrupted - depth) > 60.0)
     assert not (found & ~bad).any()
     # The first and the last sample, and one next to a run of others, may be missed.
     assert np.count_nonzero(far & ~found) <= 0.03 * np.count_nonzero(far)

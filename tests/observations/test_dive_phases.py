@@ -59,7 +59,7 @@ def test_an_hour_without_samples_is_not_stationary():
     assert not is_stationary(time[recorded], depth[recorded]).any()
 
 
-def test_afloat_is_not_stationary():
+def test_a_glider_at_the_surface_is_not_stationary():
     time = np.arange(0.0, 2000.0)
     assert not is_stationary(time, np.full(2000, 0.5)).any()
 

@@ -150,7 +150,7 @@ def test_a_pipe_named_like_a_record_is_not_waited_for(tmp_path, verb, name):
 # netCDF
 
 
-def spoil(path: Path, name: str, *, values=None, **attributes) -> None:
+def overwrite_variable(path: Path, name: str, *, values=None, **attributes) -> None:
     with netCDF4.Dataset(path, "a") as file:
         if values is not None:
             file[name][:] = values
@@ -169,12 +169,12 @@ def spoil(path: Path, name: str, *, values=None, **attributes) -> None:
     ],
     ids=["fixes", "short", "infinite", "huge", "flare", "heading"],
 )
-def test_one_odd_dive_does_not_cost_the_others(tmp_path, change, words):
+def test_a_dive_with_an_unusable_variable_does_not_exclude_the_others(tmp_path, change, words):
     folder = tmp_path / "m"
     along = {name: value for name, value in change.items() if isinstance(value, str)}
-    odd = made.write_dive(folder, 1, columns=True, **(dict.fromkeys(along) if along else change))
+    path = made.write_dive(folder, 1, columns=True, **(dict.fromkeys(along) if along else change))
     made.write_dive(folder, 2, columns=True)
-    with netCDF4.Dataset(odd, "a") as file:
+    with netCDF4.Dataset(path, "a") as file:
         for name, dimension in along.items():
             made.put(file, name, dimension, np.ones(file.dimensions[dimension].size), "degree")
     summary = import_seaglider([folder], tmp_path / "out.nc")
@@ -203,7 +203,7 @@ def test_fill_values_are_no_numbers_of_dives(tmp_path, fill):
 def test_a_zone_by_name_costs_the_dive(tmp_path):
     made.write_dive(tmp_path / "m", 2, columns=True)
     path = made.write_dive(tmp_path / "m", 1, columns=True)
-    spoil(path, "time", units="seconds since 1970-01-01 00:00:00 EST")
+    overwrite_variable(path, "time", units="seconds since 1970-01-01 00:00:00 EST")
     summary = import_seaglider([tmp_path / "m"], tmp_path / "out.nc")
     assert "'EST' is not a readable time zone" in summary.rejected["dive 1"]
 

@@ -267,7 +267,7 @@ def test_an_og1_file_without_gps_is_reported(tmp_path):
     assert remark.endswith("`gliderhpc currents` uses LATITUDE and LONGITUDE at the surface")
 
 
-def test_a_file_with_pressure_in_place_of_depth_is_told_the_remedy(tmp_path):
+def test_the_message_for_pressure_in_place_of_depth_names_the_remedy(tmp_path):
     path = og1_file(tmp_path, lambda variables: variables["DEPTH"].group().renameVariable("DEPTH", "PRES"))
     with pytest.raises(InputError, match=r"has no depth .*; compute DEPTH \(m, positive down\) from PRES"):
         import_og1([path], tmp_path / "out.nc")

@@ -44,7 +44,7 @@ def test_a_rate_that_changes_with_depth_makes_no_gap():
 
 
 @pytest.mark.parametrize(("begin", "hole"), [(1000.0, 60.0), (6000.0, 400.0), (14000.0, 30.0), (2970.0, 700.0)])
-def test_what_is_truly_missing_stays_a_gap(begin, hole):
+def test_real_gaps_stay_masked_where_the_sampling_rate_changes(begin, hole):
     """In the fast part after what is no gap in the slow one; at a change of the rate too."""
     time = times(*CHANGING)
     time = time[(time <= begin) | (time >= begin + hole)]

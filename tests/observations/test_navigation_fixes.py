@@ -13,7 +13,7 @@ def test_fixes_of_a_surfacing_may_lie_on_both_sides_of_the_date_line():
     assert kept.outliers == 0
 
 
-def test_a_profile_among_doubted_ones_is_doubted():
+def test_a_profile_with_mostly_doubtful_neighbours_is_doubtful():
     doubts = dict.fromkeys((1, 2, 4), "under water")
     found = with_neighbours(doubts, [1, 2, 3, 4, 5])
     assert set(found) == {1, 2, 3, 4, 5}
@@ -21,7 +21,7 @@ def test_a_profile_among_doubted_ones_is_doubted():
     assert "3 of the profiles" in found[3]
 
 
-def test_one_doubted_profile_and_distant_ones_leave_the_others_alone():
+def test_single_or_distant_doubtful_profiles_do_not_affect_others():
     numbers = list(range(1, 31))
     assert with_neighbours({7: "under water"}, numbers) == {7: "under water"}
     found = with_neighbours(dict.fromkeys((1, 2, 3, 4), "under water"), numbers)

@@ -173,7 +173,7 @@ def test_variables_that_have_another_name(tmp_path):
     assert "it has pitch as GLIDER_PITCH, depth as DEPTH" in text
 
 
-def test_what_only_the_gliders_own_files_have_is_named_first(tmp_path):
+def test_missing_variables_of_raw_files_only_are_named_first(tmp_path):
     text = refusal(edited(tmp_path, lambda dataset: dataset.drop_vars(["roll", "battery_position", "ballast_volume"])))
     assert "required variable ballast_volume is missing, and so are battery_position, roll" in text
     assert "import the glider's own files" in text

@@ -157,7 +157,7 @@ def test_a_temperature_in_an_unknown_unit_is_left_out_with_a_remark(tmp_path):
 
 
 @pytest.mark.parametrize("flag", [9.0, 4.0])
-def test_a_temperature_all_of_whose_values_are_flagged_is_none(tmp_path, flag):
+def test_a_temperature_with_every_value_flagged_is_left_out(tmp_path, flag):
     """It had been a temperature without any value, without a remark."""
     count = 2 * ROWS
     summary, found = imported(tmp_path, TEMP_QC=np.full(count, flag))
@@ -211,7 +211,7 @@ def test_a_counter_that_is_always_zero_is_not_used(tmp_path):
     assert "its dive counter is always 0: the dives are detected from depth" in summary.remarks[0]
 
 
-def test_zeros_over_several_dives_are_none(tmp_path):
+def test_dive_number_zero_over_several_dives_is_not_a_dive(tmp_path):
     summary, _ = imported(tmp_path, dives=(1, 2, 3, 4), divenum=np.repeat([1.0, 0.0, 0.0, 2.0], ROWS))
     assert [profile.number for profile in summary.complete] == [1, 2]
     assert summary.remarks == ()
@@ -224,7 +224,7 @@ def test_reasons_name_the_dive_of_the_file_where_dives_have_other_numbers(tmp_pa
     assert list(summary.without_profile) == ["sg099_delayed.nc, its dive 9"]
 
 
-def test_rows_numbered_zero_that_are_no_dive_of_their_own_divide_none(tmp_path):
+def test_rows_with_dive_number_zero_do_not_split_a_dive(tmp_path):
     numbers = np.repeat([1.0, 2.0], ROWS)
     numbers[ROWS // 2 - 4 : ROWS // 2 + 4] = 0.0
     numbers[ROWS - 2 : ROWS + 2] = 0.0
@@ -243,7 +243,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("corrupt", "words"),
     [
         (
             {"PITCH": None},
@@ -256,12 +256,12 @@ def test_the_producers_solution_is_carried_along(tmp_path):
         (None, "cannot be read as netCDF, it may have been truncated"),
     ],
 )
-def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, words):
+def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, corrupt, words):
     folder = tmp_path / "m"
     folder.mkdir()
     made.write_og1(folder / "a.nc", (1,))
-    bad = made.write_og1(folder / "b.nc", (2,), **(spoil or {}))
-    if spoil is None:
+    bad = made.write_og1(folder / "b.nc", (2,), **(corrupt or {}))
+    if corrupt is None:
         bad.write_bytes(bad.read_bytes()[:3000])
     made.write_og1(folder / "c.nc", (3,))
     summary = import_og1([folder], tmp_path / "out.nc")

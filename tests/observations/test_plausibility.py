@@ -222,7 +222,7 @@ def test_a_zone_by_name_is_refused(tmp_path):
         ("seconds since 1970-01-01 00:00 Europe/Berlin", "is not a readable time zone"),
     ],
 )
-def test_units_of_time_that_are_none(units, words):
+def test_invalid_units_of_time_are_refused(units, words):
     with pytest.raises(InputError, match=words):
         decode_times(np.array([1.6e9]), units, "", "m.nc: time")
 
@@ -241,7 +241,7 @@ def test_days_for_seconds_are_refused_before_anything_is_made(tmp_path):
         open_observations(edited(tmp_path, edit))
 
 
-def test_a_profile_of_weeks_is_none(tmp_path):
+def test_a_profile_that_lasts_weeks_is_a_fault(tmp_path):
     slow = START + 6000 * (mission()["time"] - START)
     with open_observations(write(tmp_path, time=slow)) as observations:
         assert list(observations.faults) == [1, 2, 3]
@@ -462,7 +462,7 @@ def test_a_dry_run_names_the_profiles_that_will_fail(tmp_path):
     ],
     ids=" ".join,
 )
-def test_numbers_on_the_command_line_that_are_none(words):
+def test_numbers_out_of_range_on_the_command_line_are_refused(words):
     answer = program(*words)
     assert answer.status == 2
     assert "Invalid value for" in answer.err

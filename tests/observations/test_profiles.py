@@ -93,7 +93,7 @@ def test_cycle_boundaries_skip_missing_samples():
     np.testing.assert_array_equal(cycle_boundaries(np.full(10, np.nan)), [0, 9])
 
 
-def test_the_level_afloat_may_be_known():
+def test_a_known_surface_level_separates_dives_of_a_drifting_depth_sensor():
     """A sensor that drifts by more than the margin joins two dives, unless its reading at the surface is given."""
     depth = np.concatenate(
         [np.zeros(200), yo(100.0)[: YO // 2], yo(100.0, 4.0)[YO // 2 :], np.full(300, 4.0), yo(80.0, 4.0)]

@@ -144,7 +144,7 @@ def test_a_position_kilometres_off_is_no_fix(tmp_path):
 def test_junk_rows_are_dropped_and_counted(tmp_path):
     folder = write_mission(tmp_path / "m")
 
-    def spoil(lines):
+    def corrupt(lines):
         reset = START - np.timedelta64(365, "D")
         lines[1:1] = [row(reset, 116, 1.0), row(reset + np.timedelta64(20, "s"), 116, 1.0)]
         lines[40] = lines[40].rsplit(";", 4)[0]
@@ -154,7 +154,7 @@ def test_junk_rows_are_dropped_and_counted(tmp_path):
         lines[50] = lines[49]
         lines[52] = lines[52].replace("05/07/2023", "05.07.2023")
 
-    edit(folder, 5, spoil)
+    edit(folder, 5, corrupt)
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
     assert summary.rows_dropped == {
         "clock not set": 2,
@@ -333,7 +333,7 @@ def test_a_payload_without_ctd_or_not_readable_is_a_remark(tmp_path):
     )
 
 
-def test_of_two_ctds_the_one_with_more_samples_is_taken(tmp_path):
+def test_the_ctd_with_more_samples_is_used(tmp_path):
     folder = write_mission(tmp_path / "m")
     both = f"{LEGATO};GPCTD_CONDUCTIVITY;GPCTD_TEMPERATURE;GPCTD_PRESSURE"
     write_payload(folder, "sea099.3.pld1.sub.5", both, {0: "20;9;35;9.5;20;3.5;9.6;20", 20: "20;9;35;9.5;20;;;"})

@@ -65,9 +65,9 @@ def test_a_missing_file_breaks_a_record(then, broken):
         ([(INFLECTING_DOWN, 2.0), (INFLECTING_DOWN, 2.9)], None),
         ([(CLIMBING, 2.0), (CLIMBING, 6.0)], None),
     ],
-    ids=["nearly", "a-metre", "afloat", "climb-before"],
+    ids=["nearly", "a-metre", "at_surface", "climb-before"],
 )
-def test_a_shallow_dive_is_reported_but_not_a_glider_afloat_nor_the_end_of_a_climb(states, reason):
+def test_shallow_dives_are_reported_unlike_surface_records_and_ends_of_climbs(states, reason):
     legs, without = find_legs(rows([(TRANSMITTING, 0.0), *states, (TRANSMITTING, 0.0)]))
     assert legs == []
     assert without == {5: reason or "only a surface record"}
@@ -125,8 +125,8 @@ def test_a_cycle_says_why_it_has_no_profile():
 
 
 def test_a_missing_depth_at_the_surface_trims_a_dive_all_the_same():
-    afloat = [(TRANSMITTING, 1.0)] * 4
+    at_surface = [(TRANSMITTING, 1.0)] * 4
     dive = [(DIVING, 1.5), (DIVING, 20.0), (CLIMBING, 12.0), (CLIMBING, 1.5)]
-    whole, _ = find_legs(rows([*afloat, *dive, *afloat]))
-    found, _ = find_legs(rows([*afloat[:-1], (TRANSMITTING, np.nan), *dive, *afloat]))
+    whole, _ = find_legs(rows([*at_surface, *dive, *at_surface]))
+    found, _ = find_legs(rows([*at_surface[:-1], (TRANSMITTING, np.nan), *dive, *at_surface]))
     assert [(leg.start, leg.stop) for leg in found] == [(leg.start, leg.stop) for leg in whole]

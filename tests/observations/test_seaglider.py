@@ -191,7 +191,7 @@ def changed(**changes):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("corrupt", "words"),
     [
         (truncated, "cannot be read as netCDF, it may have been truncated"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
@@ -201,9 +201,9 @@ def changed(**changes):
         (changed(depth=None), "has no depth"),
     ],
 )
-def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, words):
+def test_a_bad_dive_takes_one_line_and_the_rest_is_imported(tmp_path, corrupt, words):
     folder = write_mission(tmp_path / "m", columns=False)
-    spoil(folder)
+    corrupt(folder)
     summary = import_seaglider([folder], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3]
     assert list(summary.rejected) == ["dive 2"]

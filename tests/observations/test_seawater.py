@@ -153,7 +153,7 @@ def test_spikes_leave_no_trace():
     assert np.abs(difference[:, DENSITY]).max() < 0.02
 
 
-def test_what_a_leg_did_not_measure_comes_from_the_other():
+def test_seawater_missing_on_one_leg_is_taken_from_the_other():
     pressure = dive_and_climb()
     record = cast(pressure, thermocline(pressure), 35.0)
     silent = record.temperature.copy()
@@ -248,7 +248,7 @@ def test_lakes_and_brackish_water_are_measured(salinity, density):
     assert water_of(cast(pressure, 8.0, salinity))[0, DENSITY] == pytest.approx(density, abs=0.3)
 
 
-def test_water_far_from_the_platform_s_is_doubted():
+def test_a_density_far_from_that_of_the_platform_is_reported():
     """Only if the buoyancy uses it: then the hull is not the only suspect."""
     pressure = dive_and_climb()
     sea, half = (on_steps(cast(pressure, thermocline(pressure), s), EstimationSettings()) for s in (35.0, 17.5))

@@ -177,7 +177,7 @@ def test_the_declination_may_be_given(tmp_path):
 # Profiles
 
 
-def test_dives_are_counted_from_the_depth_read_afloat(tmp_path):
+def test_dives_are_counted_from_the_depth_measured_at_the_surface(tmp_path):
     """The pressure sensor is not zeroed: on one mission it reads 0 and 4 m at the surface."""
     segments = [flight(0, levels=(0.0, 4.0)), flight(1, levels=(4.0, 4.0)), flight(2, levels=(4.0, 0.0))]
     summary, dataset = imported(tmp_path, joined(segments))
@@ -294,7 +294,7 @@ def test_invalid_and_implausible_fixes_are_left_out(tmp_path):
 # Files that cannot be used
 
 
-def spoilt(change):
+def changed(change):
     """Columns after a change."""
     flown = flight()
     change(flown)
@@ -304,13 +304,13 @@ def spoilt(change):
 @pytest.mark.parametrize(
     ("flown", "units", "words"),
     [
-        (spoilt(lambda f: f.pop("m_pitch")), {}, r"glider\.nc: has no m_pitch \(attitude\); decode the mission again"),
-        (spoilt(lambda f: f.pop("m_present_time")), {}, r"glider\.nc: has no m_present_time"),
-        (spoilt(lambda f: (f.pop("m_ballast_pumped"), f.pop("m_de_oil_vol"))), {}, "without the ballast"),
+        (changed(lambda f: f.pop("m_pitch")), {}, r"glider\.nc: has no m_pitch \(attitude\); decode the mission again"),
+        (changed(lambda f: f.pop("m_present_time")), {}, r"glider\.nc: has no m_present_time"),
+        (changed(lambda f: (f.pop("m_ballast_pumped"), f.pop("m_de_oil_vol"))), {}, "without the ballast"),
         (flight(), {"m_battpos": None}, r"glider\.nc: m_battpos declares no unit; set its units .* one of m,"),
         (flight(), {"m_pitch": "m"}, r"glider\.nc: m_pitch is in 'm', which is not a unit of angle"),
         (flight(), {"m_present_time": "days"}, r"glider\.nc: m_present_time is in 'days'"),
-        (spoilt(lambda f: f["m_present_time"].fill(0.0)), {}, r"glider\.nc: no usable .* \(clock not set: 450\)"),
+        (changed(lambda f: f["m_present_time"].fill(0.0)), {}, r"glider\.nc: no usable .* \(clock not set: 450\)"),
     ],
     ids=["attitude", "clock", "ballast", "no unit", "wrong unit", "unit of time", "no time"],
 )  # fmt: skip
@@ -323,7 +323,7 @@ def test_a_fault_is_reported_in_one_line(tmp_path, flown, units, words):
 def test_a_bad_file_is_left_out_alone(tmp_path):
     """A file cut short and one without attitude next to a good one: the rest is imported, the exit status is 1."""
     good = write_netcdf(tmp_path / "good.nc", flight(0))
-    lame = write_netcdf(tmp_path / "lame.nc", spoilt(lambda f: f.pop("m_roll")))
+    lame = write_netcdf(tmp_path / "lame.nc", changed(lambda f: f.pop("m_roll")))
     short = tmp_path / "short.nc"
     short.write_bytes(good.read_bytes()[:3000])
     out = tmp_path / "out" / "mission.nc"
@@ -514,7 +514,7 @@ def test_a_broken_cache_file_is_named(card, tmp_path):
 
 def test_a_sparse_record_without_attitude_is_named(tmp_path, dbdreader):
     name = "ammonite-2015-175-0-0"
-    path = write_binary(tmp_path / f"{name}.sbd", spoilt(lambda f: f.pop("m_roll")), name=name)
+    path = write_binary(tmp_path / f"{name}.sbd", changed(lambda f: f.pop("m_roll")), name=name)
     with pytest.raises(InputError, match=r"0-0.sbd: has no m_roll \(attitude\); give the full record"):
         import_slocum([path], tmp_path / "out.nc")
 

@@ -239,7 +239,7 @@ def test_an_earlier_result_in_the_folder_is_not_read(tmp_path):
         assert done.status == 0, done.err
 
 
-def test_a_file_of_another_program_beside_an_instruments_is_named_and_left_out(tmp_path):
+def test_a_foreign_file_among_instrument_files_is_named_and_left_out(tmp_path):
     made.write_og1(tmp_path / "og1.nc")
     mission(GLIDE).to_netcdf(tmp_path / "other.nc")
     (tmp_path / "made").mkdir()

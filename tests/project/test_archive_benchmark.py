@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.archive import LAYOUTS, ask, measure_layouts, rewrite, rounding, write_share
 from benchmarks.archive_queries import QUERIES
-from benchmarks.faults import _spoil
+from benchmarks.faults import _damage
 from gliderhpc.store_schema import check_archive, damaged_chunks
 from gliderhpc.store_schema.compare import compare_archives
 
@@ -51,14 +51,14 @@ def test_single_precision_lies_below_the_noise(brief_store):
 
 
 @pytest.mark.long
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("seed", range(6))
-def test_what_the_fault_trials_spoil_is_found(brief_store, tmp_path, seed):
-    store = shutil.copytree(brief_store, tmp_path / "spoilt.zarr")
+def test_the_deep_check_finds_the_damage_of_the_fault_trials(brief_store, tmp_path, seed):
+    store = shutil.copytree(brief_store, tmp_path / "damaged.zarr")
     random = np.random.default_rng(seed)
     chunks = sorted(path for path in store.rglob("c.*") if path.is_file() and "sample" not in path.parts)
     chunk = chunks[random.integers(len(chunks))]
-    _spoil(chunk, random)
+    _damage(chunk, random)
     # As `check --deep` does; it names the variable, of a coordinate that of the group whose labels are wrong.
     lines = check_archive(store) or damaged_chunks(store)
     assert any(chunk.parent.name in line for line in lines), lines

@@ -402,7 +402,7 @@ def test_a_section_replaces_the_old_one():
 
 
 @pytest.mark.parametrize(("load", "busy"), [(0.4, False), (5.0, True)])
-def test_a_busy_machine_is_owned_up_to(load, busy):
+def test_the_performance_section_mentions_a_busy_machine(load, busy):
     results = read_results(RESULTS)
     results["machine"]["load"] = load
     assert ("busy with other work" in performance_section(results)) == busy

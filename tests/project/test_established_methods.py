@@ -86,7 +86,7 @@ def test_gliderflight_fitted_by_itself_finds_the_hull(mission):
         assert np.nanmean(np.abs(theirs.speed - one.found.speed)[one.known]) < 0.05
 
 
-def test_the_page_holds_what_there_is(mission, tmp_path):
+def test_the_page_omits_solutions_that_the_records_do_not_have(mission, tmp_path):
     pytest.importorskip("gliderflight", reason="extra bench")
 
     def measured(content):

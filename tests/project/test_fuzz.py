@@ -54,7 +54,7 @@ def _case(path):
 
 
 @pytest.mark.parametrize("path", [_case(path) for path in CORPUS])
-def test_what_once_broke(path, program, specimens, tmp_path):
+def test_recorded_fuzzing_faults_do_not_recur(path, program, specimens, tmp_path):
     recipe = json.loads(path.read_text("utf-8"))["recipe"]
     try:
         case = run_recipe(recipe, program, specimens, tmp_path / "case")

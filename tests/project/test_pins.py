@@ -18,7 +18,7 @@ def write(folder, speed=1.0, seconds=3.0, finding=0.5):
     return dict(pins._digests(folder))
 
 
-def test_what_differs_has_a_name(tmp_path):
+def test_differences_are_listed_by_name(tmp_path):
     before = write(tmp_path)
     assert write(tmp_path, seconds=4.0) == before
     assert pins.differences(before, write(tmp_path, speed=1.0 + 1e-16 * 8)) == [
@@ -28,7 +28,7 @@ def test_what_differs_has_a_name(tmp_path):
     assert pins.differences(before, write(tmp_path, finding=0.6)) == ["differs: found.json.slope.value"]
 
 
-def test_what_is_gone_or_new_is_reported(tmp_path):
+def test_removed_and_added_entries_are_listed(tmp_path):
     before = write(tmp_path)
     (tmp_path / "found.json").unlink()
     after = dict(pins._digests(tmp_path)) | {"more": "1"}

@@ -44,7 +44,7 @@ def test_only_channels_with_signal_have_a_coverage_target():
     assert not coverages["B_cr coverage of 95 % intervals"].met
 
 
-def test_no_figure_is_not_met():
+def test_a_missing_value_does_not_meet_its_target():
     assert not Target("calm", "x", float("nan"), 0.0, 1.0, "").met
 
 

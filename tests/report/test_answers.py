@@ -120,12 +120,12 @@ def test_remarks_that_many_profiles_share_are_listed_once(brief_store):
     with open_for_reading(brief_store) as archive:
         table = MissionTable.of(archive)
         assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (values of the first)"]
-        (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
-    assert "in 2 of 3 profiles" in " ".join(odd.texts)
+        (anomalies,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+    assert "in 2 of 3 profiles" in " ".join(anomalies.texts)
 
 
 @pytest.mark.compiled
-def test_a_changed_hull_and_a_dive_without_smoothed_estimate_are_odd(brief_store, monkeypatch):
+def test_a_changed_hull_and_an_unsmoothed_dive_are_listed_as_anomalies(brief_store, monkeypatch):
     summary = describe(brief_store)
     with open_for_reading(brief_store) as archive:
         message = surfacing_message(archive, 3)
@@ -136,8 +136,8 @@ def test_a_changed_hull_and_a_dive_without_smoothed_estimate_are_odd(brief_store
         changed = message.model_copy(update={"hull_changes": (change, change.model_copy(update={"probability": 0.9}))})
         monkeypatch.setattr(module, "surfacing_message", lambda *_: changed)
         monkeypatch.setattr(module, "filter_fallbacks", lambda *_: [2])
-        (odd,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
-    assert odd.texts[:2] == (
+        (anomalies,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+    assert anomalies.texts[:2] == (
         "lift: changed since profile 2, by −130 ± 20 kg/m (probability 0.97)",
         "the smoother has no estimate of profile 2",
     )

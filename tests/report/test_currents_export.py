@@ -116,7 +116,7 @@ def test_time_and_place_lie_midway_between_the_fixes(studied, exported):
     assert float(exported["latitude"][1]) == pytest.approx(80.0, abs=1e-4)
 
 
-def test_what_cannot_be_exported_gets_one_line(brief_store, studied, exported, tmp_path):
+def test_export_of_an_unusable_archive_is_refused_in_one_line(brief_store, studied, exported, tmp_path):
     bare = program("export", "currents", brief_store, tmp_path / "out.nc")
     assert (bare.status, "has no group currents" in bare.line) == (2, True)
     there = program("export", "currents", studied, studied.with_name("currents.nc"))
@@ -130,7 +130,7 @@ def test_what_cannot_be_exported_gets_one_line(brief_store, studied, exported, t
     assert not (tmp_path / "out.nc").exists()
 
 
-def test_a_profile_that_was_not_studied_is_said_to_be(studied, tmp_path):
+def test_profiles_that_were_not_studied_are_reported_by_the_export(studied, tmp_path):
     archive = shutil.copytree(studied, tmp_path / "brief.zarr")
     assert program("analyze", archive, "currents", "--profiles", "1,2", "--workers", 0).status == 0
     answer = program("export", "currents", archive, tmp_path / "currents.nc")

@@ -137,7 +137,7 @@ def test_page_needs_nothing_but_its_folder(fleet):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_damaged_archive_costs_itself_alone(archives, tmp_path):
+def test_a_damaged_archive_does_not_affect_the_rest_of_the_fleet(archives, tmp_path):
     damaged, broken = tmp_path / "damaged.zarr", tmp_path / "broken.zarr"
     for copy in (damaged, broken):
         shutil.copytree(archives[0], copy)
@@ -159,7 +159,7 @@ def test_a_damaged_archive_costs_itself_alone(archives, tmp_path):
     assert (tmp_path / "out" / "one" / "index.html").is_file()
 
 
-def test_what_makes_no_fleet_is_refused_in_one_line(archives, tmp_path):
+def test_invalid_fleet_arguments_are_refused_in_one_line(archives, tmp_path):
     one, other = archives
     out = tmp_path / "out"
     twice = program("report", one, one.parent / "." / one.name, "--out", out)
@@ -175,7 +175,7 @@ def test_what_makes_no_fleet_is_refused_in_one_line(archives, tmp_path):
     assert not out.exists()
 
 
-def test_failed_and_poor_profiles_are_odd(swift_store, tmp_path):
+def test_failed_and_poorly_converged_profiles_are_anomalies(swift_store, tmp_path):
     store = tmp_path / "m.zarr"
     shutil.copytree(swift_store, store)
     no_current = {f"dac_{axis}{by}": np.nan for axis in ("north", "east") for by in ("", "_smoothed")}
@@ -250,7 +250,7 @@ def test_python_takes_a_list_too(archives, tmp_path):
         (("/a/.zarr", "s3://bucket/m.zarr"), [".zarr", "m"]),
     ],
 )
-def test_archives_of_the_same_name_are_told_apart(places, names):
+def test_archives_with_equal_names_get_different_folders(places, names):
     found = folder_names([place if "://" in place else Path(place) for place in places])
     assert len({name.casefold() for name in found}) == len(places)
     assert found == names

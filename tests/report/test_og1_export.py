@@ -73,7 +73,7 @@ def fix_at(row, end):
 # The format
 
 
-def test_what_og1_prescribes_is_there(content):
+def test_variables_and_attributes_required_by_og1_are_present(content):
     assert dict(content.sizes) == {"N_MEASUREMENTS": content["TIME"].size}
     for name in ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS"):
         assert content[name].dims == ("N_MEASUREMENTS",)
@@ -366,7 +366,7 @@ def test_an_archive_without_results_takes_one_line(changed, tmp_path, status, wo
     assert not (tmp_path / "out.nc").exists()
 
 
-def test_what_cannot_be_written_or_read_takes_one_line(brief_store, tmp_path):
+def test_unreadable_archives_and_unwritable_files_are_refused_in_one_line(brief_store, tmp_path):
     (tmp_path / "there.nc").write_text("mine")
     for arguments, words in (
         ((tmp_path / "none.zarr", tmp_path / "out.nc"), "no such archive"),

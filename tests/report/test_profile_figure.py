@@ -222,7 +222,7 @@ def test_residuals_are_those_of_the_table(tmp_path):
         assert f"{value:.3f}" in notes(axes[name])
 
 
-def test_what_leaves_the_axis_is_noted(tmp_path):
+def test_values_outside_the_axis_are_noted(tmp_path):
     content = Content(1)
     content.adjoint[600:900, 4] = -40.0
     content.quality[600:900] |= 1
@@ -251,7 +251,7 @@ def test_axis_limits():
     assert outside_axis({"a": signal}, (-2.0, 2.0), "N") == ""
 
 
-def test_the_head_says_what_and_how_well(tmp_path, truth):
+def test_the_title_names_the_profile_and_its_accuracy(tmp_path, truth):
     content = Content(1, table={"message": "12 s of gaps in the record have no weight"})
     figure = drawn(tmp_path, content, truth)
     for part in (

@@ -36,7 +36,7 @@ def _news_at(swift_store, monkeypatch, number, course):
 
 
 @pytest.mark.compiled
-def test_drag_up_by_a_third_is_told_within_six_dives_and_not_before(swift_store, monkeypatch):
+def test_a_step_in_drag_of_a_third_is_detected_within_six_dives(swift_store, monkeypatch):
     """A step of the drag by 33 % at dive 13, seen as the dives come in."""
     course = np.where(np.arange(COUNT) >= 12, np.log(1.33) / 0.4, 0.0)
     before = _news_at(swift_store, monkeypatch, 12, course)["viscous.K_D0"]

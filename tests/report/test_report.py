@@ -149,7 +149,7 @@ def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_interrupted_and_outdated_studies_are_marked(own_copy, tmp_path):
     root = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
     root["vertical"].attrs["complete"] = False
@@ -234,7 +234,7 @@ def test_figures_draw_the_tables_numbers(studied):
 # What cannot be shown
 
 
-def test_archives_that_are_none_are_refused_in_one_line(tmp_path, own_copy):
+def test_unusable_archives_are_refused_in_one_line(tmp_path, own_copy):
     assert "no such archive" in program("report", tmp_path / "none.zarr", "--out", tmp_path / "out").line
     (tmp_path / "other.zarr").mkdir()
     (tmp_path / "other.zarr" / "zarr.json").write_text("{}")
@@ -473,7 +473,7 @@ def test_a_browser_shows_the_page_whole(tab, report, profile_report, page, size)
     assert (seen.dangling, seen.doubled) == ((), ())
 
 
-def test_the_browser_would_tell(tab, tmp_path):
+def test_the_browser_check_detects_each_fault(tab, tmp_path):
     """A page with each fault gives each of them, on which the test above relies."""
     wide = '<p style="width: 500px" id="a">wide</p><p id="a"><a href="#gone">x</a></p>'
     script = "<script>console.error('bad'); throw new Error('worse')</script>"

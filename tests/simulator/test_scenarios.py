@@ -398,7 +398,7 @@ def test_first_profiles_are_those_of_the_whole_mission(petrel, rough, tmp_path):
 
 
 @compiled
-def test_truth_file_tells_everything(petrel, rough, tmp_path):
+def test_truth_file_contains_every_quantity_with_a_name(petrel, rough, tmp_path):
     summary = simulate_mission(petrel, tmp_path / "rough.nc", scenario=rough.replaced({"profiles": 2}), seed=9)
     _, truth = simulate_profile(petrel, rough, 9, number=2)
     stored = read_profile_truth(summary.truth_path, 2)

@@ -362,7 +362,7 @@ def test_default_net_masses_fight_the_depth_slope(petrel):
         ({"disturbances": {"slow_rms": (0, 0, 0, 0, 1e9, 0)}}, "loses stable flight"),
     ],
 )
-def test_what_cannot_be_flown_is_refused(petrel, values, message):
+def test_scenarios_that_cannot_be_flown_are_refused(petrel, values, message):
     with pytest.raises(InputError, match=message):
         simulate_profile(petrel, read_scenario(values), 0)
 

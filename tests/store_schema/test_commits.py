@@ -22,7 +22,7 @@ pytestmark = pytest.mark.compiled
 
 @pytest.fixture
 def own_copy(swift_store, tmp_path):
-    """An archive of the swift mission to spoil."""
+    """An archive of the swift mission, to be damaged."""
     return shutil.copytree(swift_store, tmp_path / "copy.zarr")
 
 
@@ -104,18 +104,18 @@ SPOT = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("spoil", [truncate, empty, flip, delete])
-def test_check_names_what_was_spoilt_and_resume_mends_it(swift, swift_store, own_copy, spoil):
+@pytest.mark.parametrize("damage", [truncate, empty, flip, delete])
+def test_check_names_damaged_chunks_and_resume_restores_them(swift, swift_store, own_copy, damage):
     """Each chunk alone is named; all at once are mended, to the byte of what was written."""
     for chunk, fragment in SPOT.items():
-        spoil(own_copy / chunk)
+        damage(own_copy / chunk)
         answer = program("check", own_copy, "--deep")
         assert answer.status == 1
         assert fragment in answer.out, chunk
         shutil.copy(swift_store / chunk, own_copy / chunk)
     assert program("check", own_copy, "--deep").status == 0
     for chunk in SPOT:
-        spoil(own_copy / chunk)
+        damage(own_copy / chunk)
     answer = resume(swift, own_copy)
     assert answer.status == 0, answer.err
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
@@ -152,7 +152,7 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
 
 
-def test_what_a_killed_writer_left_is_cleared(swift, swift_store, own_copy):
+def test_partial_chunks_of_a_killed_writer_are_removed(swift, swift_store, own_copy):
     (own_copy / "series" / "B_cu" / "c.1.0123456789abcdef0123456789abcdef.partial").write_bytes(b"half a chunk")
     ArchiveRows(own_copy).begin(1)
     assert resume(swift, own_copy).status == 0
@@ -199,7 +199,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     assert np.isnan(table["run_seconds"].values[1])
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize(
     "place", ["series/B_cu", "series", "profile", "status", "commits/marker", "windows/start", "series/sample", ""]
 )
@@ -239,7 +239,7 @@ def test_a_flipped_bit_of_metadata_is_mended(own_copy, swift, swift_store, numbe
 # What readers see
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_a_chunk_that_is_missing_is_not_missing_values(own_copy, tmp_path):
     """Zarr alone reads it as fill; every command that reads it names it, and its remedy."""
     (own_copy / "series" / "B_cu" / "c.1.0").unlink()
@@ -338,7 +338,7 @@ ODD_LOCKS = {
 
 
 @pytest.mark.parametrize("name", ODD_LOCKS)
-def test_a_lock_of_odd_content_is_refused_and_once_old_taken_over(tmp_path, name):
+def test_a_lock_with_unknown_content_is_taken_over_only_when_stale(tmp_path, name):
     archive = tmp_path / "a.zarr"
     lock = archive.with_name("a.zarr" + SUFFIX)
     lock.write_bytes(ODD_LOCKS[name])
@@ -403,7 +403,7 @@ def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path):
         assert json.loads(lock.read_text())["host"] != "elsewhere"
 
 
-def test_what_a_run_asked_for_is_not_written_when_it_has_ended(tmp_path):
+def test_jobs_of_an_ended_run_write_nothing(tmp_path):
     archive = tmp_path / "a.zarr"
     with locked(archive) as token:
         check_held(archive, token)

@@ -31,14 +31,14 @@ def as_zarr_has_it(path):
     return json.loads((path / "zarr.json").read_text())
 
 
-def test_it_is_what_zarr_s_own_function_writes(archive):
+def test_consolidated_metadata_equals_that_written_by_zarr(archive):
     ours = json.loads((archive / "zarr.json").read_text())
     theirs = as_zarr_has_it(archive)
     assert ours == theirs
     assert list(ours["consolidated_metadata"]["metadata"]) == list(theirs["consolidated_metadata"]["metadata"])
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_groups_of_others_and_groups_within_groups_are_in_it(archive):
     root = zarr.open_group(archive, mode="r+", use_consolidated=False)
     inner = root.create_group("Notes").create_group("inner", attributes={"kind": "group"})
@@ -66,7 +66,7 @@ def _everything(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_damaged_metadata_is_not_copied(archive):
     before = (archive / "zarr.json").read_bytes()
     for damage in ("{", "[]", '{"node_type": "chunk"}'):
@@ -76,7 +76,7 @@ def test_damaged_metadata_is_not_copied(archive):
     assert (archive / "zarr.json").read_bytes() == before
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_a_pipe_in_place_of_metadata_keeps_nobody_waiting(archive):
     (archive / "series" / "depth" / "zarr.json").unlink()
     os.mkfifo(archive / "series" / "depth" / "zarr.json")

@@ -294,7 +294,7 @@ def test_an_existing_archive_is_refused_unless_overwritten(archive):
     assert [entry.name for entry in archive.parent.iterdir()] == ["mission.zarr"]
 
 
-def test_what_is_no_archive_is_never_removed(tmp_path):
+def test_overwrite_never_removes_a_folder_that_is_not_an_archive(tmp_path):
     folder = tmp_path / "papers"
     folder.mkdir()
     (folder / "thesis.tex").write_text("work")
@@ -325,7 +325,7 @@ def _damage(path, group: str):
     return zarr.open_group(path, mode="r+", use_consolidated=False)[group]
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_check_names_every_corruption(archive):
     series = _damage(archive, "series")
     del series["B_cu"]
@@ -351,7 +351,7 @@ def test_check_names_every_corruption(archive):
     assert [line for line in expected if line not in found] == []
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_check_names_wrong_shape_dims_and_fill(archive):
     state = _damage(archive, "state")
     for name in ("u", "v", "w"):
@@ -367,7 +367,7 @@ def test_check_names_wrong_shape_dims_and_fill(archive):
     assert "state/w: fill value is 0.0, not nan" in found
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 def test_an_archive_of_another_schema_is_reported_as_such_and_no_more(archive):
     zarr.open_group(archive, mode="r+", use_consolidated=False).attrs["schema_version"] = "0.1"
     (difference,) = check_archive(archive)
@@ -440,10 +440,10 @@ CORRUPTIONS = {
 }  # fmt: skip
 
 
-@pytest.mark.spoils
-@pytest.mark.parametrize(("spoil", "difference"), CORRUPTIONS.values(), ids=CORRUPTIONS)
-def test_check_names_each_corruption_of_the_schema(archive, spoil, difference):
-    spoil(archive)
+@pytest.mark.damages_archive
+@pytest.mark.parametrize(("damage", "difference"), CORRUPTIONS.values(), ids=CORRUPTIONS)
+def test_check_names_each_corruption_of_the_schema(archive, damage, difference):
+    damage(archive)
     found = check_archive(archive)
     assert any(line.startswith(difference) for line in found), found
     name = difference.partition(":")[0]

@@ -158,7 +158,7 @@ def test_the_operators_own_currents_come_with_their_error(archive, tmp_path):
     assert {share for share in ("0 of 1", "1 of 1") if share in answer.out} == shares
 
 
-def test_a_file_that_is_none_gets_one_line(archive, tmp_path):
+def test_an_unreadable_reference_file_is_refused_in_one_line(archive, tmp_path):
     absent = program("analyze", archive, "currents", "--reference", tmp_path / "none.nc")
     assert (absent.status, "none.nc: no such file" in absent.line) == (2, True)
     other = tmp_path / "other.nc"

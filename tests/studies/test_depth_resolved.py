@@ -87,7 +87,7 @@ def test_a_root_solves_equation_41_and_has_the_sign_of_its_first_order(motion):
 
 
 @pytest.mark.compiled
-def test_what_has_no_root_or_no_moment_is_missing_and_counted(motion):
+def test_samples_without_a_root_or_a_moment_are_nan_and_counted(motion):
     moment = np.full(200, 1e-3)
     moment[:10], moment[10:15] = np.nan, 1e3
     solved = solve_lateral_flow(PETREL, motion, STILL, moment, 0.5)
@@ -231,7 +231,7 @@ def test_the_study_leaves_group_table_and_figure(store, studied):
 
 
 @pytest.mark.compiled
-def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(store, studied, tmp_path):
     before = check_shown_as_left(store, "currents", studied[1], tmp_path / "out")
 
     def change(copy):
@@ -245,7 +245,7 @@ def test_it_is_shown_from_the_archive_alone(store, studied, tmp_path):
 
 
 @pytest.mark.compiled
-def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
+def test_an_empty_figure_states_why_nothing_was_retrieved(store, studied, tmp_path):
     """As of slow records; warnings are errors here."""
 
     def change(copy):
@@ -267,7 +267,7 @@ def test_a_figure_of_nothing_retrieved_says_so(store, studied, tmp_path):
 
 
 @pytest.mark.compiled
-def test_a_hull_whose_yaw_moment_tells_no_direction_is_refused(store, tmp_path):
+def test_a_hull_with_an_uncertain_sign_of_the_yaw_moment_gets_no_depth_resolved_current(store, tmp_path):
     """K_MY nearly cancels Munk's moment: within 15 % of the coefficients the bracket has either sign."""
     own = shutil.copytree(store, tmp_path / "own.zarr")
     hull = read_attributes(own)["platform"]

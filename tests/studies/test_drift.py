@@ -260,7 +260,7 @@ def medians(drag=0.0, weight=0.0, uneven=0.0, scatter=0.05, seed=0):
         ({"drag": 1.0, "uneven": 2.0}, "drag and more"),
     ],
 )
-def test_cause_is_named(planted, cause):
+def test_planted_drag_and_weight_give_the_expected_cause(planted, cause):
     found = find_drift(medians(**planted), HULL, SETTINGS)
     assert found.verdict.cause == cause
     text = " ".join(verdict_lines(found.verdict, found.trends, 0.5))
@@ -340,7 +340,7 @@ def test_onset_is_found():
     assert np.isnan(find_onset(DAYS[:2], DAYS[:2], EPOCH[:2], 300, 0).day)
 
 
-def test_coefficients_widen_the_interval_and_the_witness_speaks():
+def test_drawn_coefficients_widen_the_interval_and_the_forward_model_check_is_reported():
     table = medians(drag=2.0)
     table[FORWARD_ERROR_COLUMN] = 0.05 + 0.0005 * DAYS
     rng, drag = np.random.default_rng(10), list(UNITS).index("K_D0")
@@ -406,7 +406,7 @@ def test_an_episode_that_fades_fast_and_is_gone_at_once_is_one():
 
 
 @pytest.mark.long
-def test_what_an_episode_of_climbs_leaves_in_the_dives_is_no_episode():
+def test_the_trace_of_a_climb_episode_in_the_dives_is_not_a_second_episode():
     """A third of it, of the other sign and some dives later, as estimates may leave there: one episode, of climbs."""
     course = drift_series.planted_course(40, 12, 10, 0.9, remaining=0.3)
     for seed in range(3):
@@ -608,7 +608,7 @@ def test_a_mission_that_fouls(fouled, answer):
 
 
 @pytest.mark.compiled
-def test_it_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
     before = check_shown_as_left(fouled, "drift", fouled.with_name("fouled-studies") / "drift", tmp_path / "out")
     with open_mission(fouled) as archive:
         slopes = archive["drift"].to_dataset()["slope"].values.copy()
@@ -645,7 +645,7 @@ def test_segments_are_the_records(fouled):
 
 @pytest.mark.compiled
 @pytest.mark.usefixtures("undrawn_studies")
-def test_a_first_look_and_another_band(fouled, tmp_path):
+def test_a_quick_drift_study_with_another_depth_band(fouled, tmp_path):
     store = shutil.copytree(fouled, tmp_path / fouled.name)
     quick = program("analyze", store, "drift", "--workers", 0, "--quick", "--estimate", "smoothed", *SHORT,
                     "--profiles", "1:6", "--set", "drift.coefficients.draws=0", "--out", tmp_path)  # fmt: skip
@@ -659,7 +659,7 @@ def test_a_first_look_and_another_band(fouled, tmp_path):
 
 
 @pytest.mark.compiled
-def test_three_profiles_tell_no_drift(brief_store):
+def test_drift_requires_four_finished_profiles(brief_store):
     request = Request(brief_store, lambda: local_executor(0))
     missing = missing_input("drift", request)
     assert missing is not None

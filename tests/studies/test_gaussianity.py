@@ -126,13 +126,13 @@ def test_samples_that_do_not_count_have_no_part_in_it():
     values = correlated(1500, 0.3, rng)
     flags = np.zeros(1500, dtype=np.uint8)
     flags[500:520] = QUALITY.meanings["vibration"]
-    spoilt = values.copy()
-    spoilt[500:520] = 1e6
-    spoilt[700:705] = np.nan
+    corrupted = values.copy()
+    corrupted[500:520] = 1e6
+    corrupted[700:705] = np.nan
     known = np.full(1500, True)
     known[500:520] = known[700:705] = False
-    found = moments(spoilt, flags)
-    assert found == moments(np.where(known, spoilt, 7.0), np.where(known, 0, flags | QUALITY.meanings["vibration"]))
+    found = moments(corrupted, flags)
+    assert found == moments(np.where(known, corrupted, 7.0), np.where(known, 0, flags | QUALITY.meanings["vibration"]))
     assert found.score == pytest.approx(moments(values).score, abs=0.5)
     assert found.independent < 1475
 
@@ -337,7 +337,7 @@ def test_without_tested_nulls_nothing_is_settled():
         assert "actuators that move unrecorded" not in settle
 
 
-def test_gaussian_profiles_and_untested_ones_are_not_called_otherwise():
+def test_gaussian_and_untested_profiles_are_not_reported_as_non_gaussian():
     calm = conclusion(judged([0.3, -0.4, 0.9], np.linspace(-1.0, 1.0, 9)))
     assert "not Gaussian in 0 of the 3 profiles" in calm[0]
     assert "settled" not in calm[2]

@@ -239,7 +239,7 @@ def test_an_archive_of_an_earlier_version_has_fewer_parameters(studied):
 
 
 @pytest.mark.compiled
-def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(studied, tmp_path):
     store, _ = studied
     check_shown_as_left(store, NAME, store.with_name("mission-studies") / NAME, tmp_path / "out")
 

@@ -310,7 +310,7 @@ def refused(path):
 
 
 @pytest.mark.compiled
-def test_what_is_no_model_file_is_refused_in_one_line(tmp_path, brief):
+def test_a_file_that_is_not_an_ocean_model_is_refused_in_one_line(tmp_path, brief):
     assert "no such file" in refused(tmp_path / "nowhere.nc")
     (tmp_path / "text.nc").write_text("this is\nno netCDF\n")
     assert "cannot be opened" in refused(tmp_path / "text.nc")
@@ -620,7 +620,7 @@ def test_the_ellipse_is_that_of_the_study_of_the_currents_where_it_was_run(archi
 
 
 @pytest.mark.compiled
-def test_a_profile_without_fixes_says_so(archive, sources):
+def test_a_missing_fix_is_stated_in_the_message_of_the_profile(archive, sources):
     put_table_rows(archive, {1: {"exit_latitude": np.nan}})
     answer = program("analyze", archive, "reanalysis", *models_of(sources), "--workers", 0)
     assert answer.status == 0, answer.err

@@ -101,7 +101,7 @@ def test_a_delayed_and_weakened_copy_is_found():
     assert ahead.seconds == pytest.approx(-2.3)
 
 
-def test_no_lag_where_there_is_none_to_find():
+def test_series_without_a_lag_within_reach_have_no_correlation_peak():
     assert np.isnan(find_lag(TIME, np.zeros(STEPS + 1), ALL, STEP).gain)
     drift = find_lag(0.5 * TIME**2, TIME**2, ALL, STEP)
     assert drift.gain == pytest.approx(0.5, abs=1e-6)
@@ -146,9 +146,9 @@ def test_lag_and_gain_a_channel_against_the_truth(tmp_path):
     assert rows.loc[("B_cr", "prior"), "gain"] == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("times", [[100.0, 200.0], [100.0], []])
-def test_what_the_truth_tells_is_stored_and_read_back(tmp_path, times):
+def test_comparisons_with_the_truth_are_stored_and_read_back(tmp_path, times):
     content = Content(1)
     content.prior = 0.5 * np.roll(content.adjoint, 12, axis=0)
     store = write_archive(tmp_path / "a.zarr", content)
@@ -286,7 +286,7 @@ def test_the_verb_leaves_group_files_and_table(studied):
 
 
 @pytest.mark.compiled
-def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(studied, tmp_path):
     store, _, files = studied
     before = check_shown_as_left(store, "reconstruction", files, tmp_path / "out")
 

@@ -215,7 +215,7 @@ def test_a_figure_without_a_caption_is_refused():
 MADE = Provenance((2, 5), ("profile", "elapsed_days", "pitch_rmse", "message"), "none", False, {"step": 0.1}, ("so",))
 
 
-def test_an_archive_tells_its_studies_and_how_they_were_made(archive):
+def test_an_archive_lists_its_studies_and_outdated_ones(archive):
     put_table_rows(archive, {index: {"elapsed_days": 0.5 * index} for index in range(3)})
     create_study(archive, "validation")
     with open_for_reading(archive) as opened:
@@ -330,8 +330,8 @@ def test_a_study_run_again_replaces_its_group(archive):
     np.testing.assert_array_equal(values, [2.0, np.nan, np.nan])
 
 
-@pytest.mark.spoils
-def test_a_changed_study_is_found_out(archive):
+@pytest.mark.damages_archive
+def test_check_detects_changed_metadata_of_a_study(archive):
     create_study(archive, "validation")
     finish_study(archive, "validation", {})
     zarr.open_group(str(archive), mode="r+")["validation/pitch_rmse"].attrs["units"] = "radian"

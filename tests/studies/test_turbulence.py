@@ -320,7 +320,7 @@ def test_the_verdict_says_yes_only_where_every_profile_has_every_feature():
         assert "is not supported" in judged(changed).sentence
 
 
-def test_what_cannot_be_tested_does_not_pass():
+def test_features_that_cannot_be_tested_do_not_pass():
     without = judged(nulls=pd.DataFrame())
     assert [feature.outcome for feature in without.features] == [PASSED, NOT_TESTED, PASSED]
     assert not without.is_supported

@@ -82,7 +82,7 @@ def rows_of(archive, study, table, suffix=""):
 
 
 @pytest.mark.compiled
-def test_the_studies_end_well_and_the_archive_keeps_to_its_schema(studied):
+def test_the_turbulence_studies_finish_and_the_archive_conforms_to_its_schema(studied):
     archive, answers = studied
     for name, answer in answers.items():
         assert answer.status == 0, f"{name}: {answer.err}"
@@ -474,8 +474,8 @@ def test_a_null_follows_from_its_seed(own_copy):
     assert not np.array_equal(factors[0], factors[2])
 
 
-@pytest.mark.spoils
-def test_what_no_profile_owns_is_written_whole(own_copy, tmp_path):
+@pytest.mark.damages_archive
+def test_variables_without_a_profile_dimension_are_written_in_one_piece(own_copy, tmp_path):
     store = tmp_path / "twin.zarr"
     shutil.copytree(own_copy, store)
     create_study(store, "nulls", {"null": 2}, labels={"coefficient": ["K_D", "K_L"]})

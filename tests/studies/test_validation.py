@@ -70,7 +70,7 @@ def test_drag_that_the_model_does_not_know_shows_in_the_longitudinal_rmse(dive):
 
 
 @pytest.mark.compiled
-def test_the_measure_is_the_one_that_is_documented(dive):
+def test_vertical_errors_follow_the_documented_formula(dive):
     series, _ = dive
     flight = fly(Glider(PLATFORM), series)
     counted = compared_samples(flight, series, nothing_vibrating(series))
@@ -156,7 +156,7 @@ def test_the_verb_leaves_group_files_and_table(validated):
 
 
 @pytest.mark.compiled
-def test_it_is_shown_from_the_archive_alone(validated, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(validated, tmp_path):
     store, _, files = validated
     before = check_shown_as_left(store, "validation", files, tmp_path / "out")
     changed = {"longitudinal_rmse": 0.5}
@@ -201,11 +201,11 @@ def test_profiles_that_could_not_be_inverted_are_flown_and_drawn_without_records
     """All of them, as with a hull that is another's, or the first."""
     store, records = tmp_path / "failed.zarr", tmp_path / "failed.nc"
 
-    def spoil(content: xr.Dataset) -> xr.Dataset:
+    def corrupt(content: xr.Dataset) -> xr.Dataset:
         wrong = np.isin(content["profile"].values, failing) & (np.arange(content.sizes["time"]) % 3 == 0)
         return content.assign(pitch=content["pitch"] + 30.0 * wrong)
 
-    changed_observations(swift, records, spoil)
+    changed_observations(swift, records, corrupt)
     inverted = program("run-mission", records, "--platform", "petrel-l", "--store", store, "--workers", 0)
     assert inverted.status == 1
     answer = program("validate", records, "--platform", "petrel-l", "--store", store, "--workers", 0)
@@ -228,7 +228,7 @@ def test_workers_find_the_same(validated, brief, tmp_path):
 
 
 @pytest.mark.compiled
-def test_what_does_not_belong_together_is_refused(validated, brief, twin, tmp_path):
+def test_records_hull_and_archive_that_do_not_match_are_refused(validated, brief, twin, tmp_path):
     store = validated[0]
     wrong = program("validate", twin, "--platform", "petrel-l", "--store", store)
     assert wrong.status == 2

@@ -57,7 +57,7 @@ ALL = np.ones(len(TIME), dtype=bool)
 
 
 @pytest.mark.parametrize("cycles", [0.1, half_power(), 1.0])
-def test_the_filter_leaves_of_a_sinusoid_what_it_says(cycles):
+def test_the_filter_attenuates_a_sinusoid_by_its_transfer_function(cycles):
     frequency = 2.0 * math.pi * cycles / WINDOW
     found = depth_rate_filter(TIME, ALL).of(np.sin(frequency * TIME) / frequency)
     whole = np.isfinite(found)
@@ -65,7 +65,7 @@ def test_the_filter_leaves_of_a_sinusoid_what_it_says(cycles):
     assert whole.tolist() == ((TIME >= WINDOW / 2) & (TIME[-1] - WINDOW / 2 >= TIME)).tolist()
 
 
-def test_half_the_power_passes_where_it_says():
+def test_the_transfer_function_is_one_half_in_power_at_the_stated_frequency():
     assert transfer(half_power()) ** 2 == pytest.approx(0.5)
     assert depth_rate_filter(TIME, ALL).half_power == pytest.approx(half_power() / 60.0)
 
@@ -86,7 +86,7 @@ def test_noise_is_that_of_the_sensor():
     assert rate_filter.noise(0.03)[1000] == pytest.approx(0.03 * math.sqrt(12.0 / 61.0) / 61.0, rel=0.01)
 
 
-def test_what_is_not_usable_and_long_pauses_break_the_record():
+def test_unusable_samples_and_long_pauses_break_the_record():
     usable = ALL.copy()
     usable[700] = False
     rate_filter = depth_rate_filter(TIME, usable)
@@ -135,7 +135,7 @@ def test_straight_and_level_it_is_the_steady_glide(net_mass, degrees):
     assert found.speed[0] == pytest.approx(glide.speed, abs=1e-8)
 
 
-def test_rolled_and_turning_nothing_is_left_over():
+def test_the_still_water_glide_balances_when_rolled_and_turning():
     _, bodies = gliding(0.35, -23.0)
     measured = attitude(-23.0, roll=20.0, turn=0.8)
     found = still_water_glide(GLIDER, bodies, measured)
@@ -314,7 +314,7 @@ def test_the_platform_file_carries_the_calibrations_errors(waves):
     assert np.linalg.eigvalsh(stated.covariance / np.outer(*[list(deviation.values())] * 2)).min() > -1e-5
 
 
-def test_what_a_calibration_did_not_look_at_keeps_its_plausible_deviation():
+def test_uncalibrated_parameters_have_their_plausible_deviation():
     one = with_covariance(
         with_values(PETREL, {"buoyancy.neutral_volume": 10.0}),
         CalibrationErrors(
@@ -379,7 +379,7 @@ def test_the_verb_leaves_group_files_and_table(studied):
     assert any(row["quantity"].startswith("against the truth") for row in content["comparisons"])
 
 
-def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
+def test_the_study_is_shown_from_the_archive_alone(studied, tmp_path):
     store, _, files = studied
     before = check_shown_as_left(store, "vertical", files, tmp_path / "out")
     after = shown_after(
@@ -390,8 +390,8 @@ def test_it_is_shown_from_the_archive_alone(studied, tmp_path):
     check_figure_follows(before, after, "vertical")
 
 
-@pytest.mark.spoils
-def test_an_archive_that_does_not_tell_its_samples_is_refused(studied, tmp_path):
+@pytest.mark.damages_archive
+def test_an_archive_without_the_mask_of_samples_is_refused(studied, tmp_path):
     store = tmp_path / "old.zarr"
     shutil.copytree(studied[0], store)
     root = zarr.open_group(str(store), mode="r+", use_consolidated=False)

@@ -31,7 +31,7 @@ def clock(dive: int) -> np.ndarray:
 
 
 def depths(maximum: float) -> np.ndarray:
-    """Depth (m): afloat at 1 m, down to the greatest depth and up again, afloat."""
+    """Depth (m): 1 m at the surface, down to the greatest depth and up again to the surface."""
     half = np.linspace(5.0, maximum, HALF)
     return np.concatenate([np.ones(AFLOAT), half, half[::-1], np.ones(AFLOAT)])
 

@@ -29,16 +29,16 @@ UNITS = {
 
 
 def flight(segment: int = 0, *, levels: tuple[float, float] = (1.5, 1.5)) -> Columns:
-    """Record one segment of the flight computer: afloat with fixes, a dive to 60 m and a climb, afloat with fixes.
+    """Record one segment of the flight computer: surface fixes, a dive to 60 m and a climb, surface fixes.
 
-    The pressure sensor reads `levels` (m) afloat, before and after.
+    The pressure sensor reads `levels` (m) at the surface, before and after.
     """
     before, after = levels
     down, up = np.linspace(before, 60.0, DIVE), np.linspace(60.0, after, DIVE)
     depth = np.concatenate([np.full(AFLOAT, before), down, up, np.full(AFLOAT, after)])
     n = len(depth)
     sense = np.concatenate([np.zeros(AFLOAT), -np.ones(DIVE), np.ones(DIVE), np.zeros(AFLOAT)])
-    afloat = sense == 0.0
+    at_surface = sense == 0.0
     drift = 0.002 * np.arange(n)
     return {
         "m_present_time": START + INTERVAL * (segment * n + np.arange(n)),
@@ -50,10 +50,10 @@ def flight(segment: int = 0, *, levels: tuple[float, float] = (1.5, 1.5)) -> Col
         "m_ballast_pumped": np.where(sense < 0.0, -230.0, 230.0),
         "m_de_oil_vol": np.full(n, np.nan),
         "m_fin": np.full(n, 0.05),
-        "m_gps_lat": np.where(afloat, 2730.0 + drift, np.nan),
-        "m_gps_lon": np.where(afloat, -9030.0, np.nan),
-        "m_gps_status": np.where(afloat, 0.0, np.nan),
-        "m_gps_mag_var": np.where(afloat, np.radians(-2.0), np.nan),
+        "m_gps_lat": np.where(at_surface, 2730.0 + drift, np.nan),
+        "m_gps_lon": np.where(at_surface, -9030.0, np.nan),
+        "m_gps_status": np.where(at_surface, 0.0, np.nan),
+        "m_gps_mag_var": np.where(at_surface, np.radians(-2.0), np.nan),
     }
 
 

@@ -70,7 +70,7 @@ def test_independent_errors_give_the_usual_covariance():
     np.testing.assert_allclose(np.diag(found), np.diag(usual), rtol=0.5)
 
 
-def test_what_a_cluster_shares_counts_once():
+def test_errors_shared_within_a_cluster_count_once():
     """Forty clusters of 25 samples that share almost all their error tell no more than forty samples."""
     design, residuals, cluster = regression(shared=3.0)
     found = jackknife_covariance(design, residuals, cluster)
@@ -115,7 +115,7 @@ def test_errors_that_a_leg_shares_have_a_larger_scale():
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=KEYS)
-def test_a_number_is_moved_and_put_where_it_belongs(parameter):
+def test_parameters_are_moved_by_plausible_deviations_and_back(parameter):
     moved = parameter.moved(PETREL, 0.5)
     hull = with_values(PETREL, {parameter.key: moved})
     assert parameter.value(hull) == moved != parameter.value(PETREL)
@@ -196,7 +196,7 @@ def test_the_path_not_the_pitch_is_steeper_than_the_least_glide_angle():
     assert len(segments_of(gliding(hull=dull, dive=dive), dull, STEADY)) == 6
 
 
-def test_what_the_actuators_shake_is_left_out_and_what_follows_settles():
+def test_segments_exclude_the_vibration_set_and_the_settling_after_it():
     """The oil moves from 200 to 205 s: nothing counts from a guard before until a guard and the settling after."""
 
     def pumped(controls, time):
@@ -262,7 +262,7 @@ def test_steady_flight_is_found_for_a_hull_that_cannot_glide_as_flat(twin, caplo
 
 
 @pytest.mark.parametrize("flatter", [True, False], ids=["a flatter hull does", "no hull does"])
-def test_steady_flight_is_looked_for_on_climbs_where_the_hull_finds_none(twin, caplog, monkeypatch, flatter):
+def test_steady_climbs_are_sought_with_a_flatter_hull_if_there_are_none(twin, caplog, monkeypatch, flatter):
     """A hull fitted to dives alone could not follow a single climb of a simulated mission."""
     found_by = segments_module._segments_of_all
 
@@ -300,7 +300,7 @@ def test_the_true_hull_is_found_again(twins):
         np.testing.assert_array_less(t.found.held_out.after[:3], 0.5 * t.found.held_out.before[:3])
 
 
-def test_what_the_glides_do_not_tell_is_held_and_named(twins):
+def test_parameters_that_the_glides_do_not_determine_are_held_and_named(twins):
     """Petrel-L has no rudder; induced drag hardly shows in depth rate and pitch."""
     for t in twins:
         for key in ("viscous.K_delta", "viscous.K_D"):
@@ -312,7 +312,7 @@ def test_what_the_glides_do_not_tell_is_held_and_named(twins):
 
 
 @pytest.mark.long
-def test_one_pitch_tells_less():
+def test_glides_at_a_single_pitch_determine_fewer_parameters():
     """Without a range of pitch the moments that go with the angle of attack cannot be separated."""
     one, several = twin(0, ONE_PITCH), twin(0)
     estimated = [sum(found.verdict(key) is CalibrationVerdict.ESTIMATED for key in KEYS) for found in (one, several)]
@@ -369,7 +369,7 @@ def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
     assert stated.covariance[volume, pitch] / stated.deviation[pitch] == pytest.approx(-moved, rel=0.1)
 
 
-def test_the_page_counts_what_it_says(twins):
+def test_the_coverage_page_counts_the_twins_inside_the_interval(twins):
     line = next(row for row in coverage(twins).splitlines() if "neutral_volume" in row)
     inside = sum(t.covered("buoyancy.neutral_volume") for t in twins)
     assert f"| {len(twins)} | {inside} ({inside / len(twins):.0%}) |" in line
@@ -402,7 +402,7 @@ def test_exact_glides_give_the_exact_hull():
     assert np.isnan(found.held_out.before).all()
 
 
-def test_the_trim_alone_is_fitted_where_the_rounds_start():
+def test_the_start_of_the_rounds_fits_only_the_trim():
     """Exact glides of a hull whose lift is off as well: the trim comes near, and the lift stays as it was."""
     truth = with_values(TRUTH, {"viscous.K_L": 480.0})
     found = fit_trim(PETREL, glides(truth, PETREL), CalibrationSettings())
@@ -450,7 +450,7 @@ def test_a_false_segment_in_twenty_does_not_move_the_fit():
 
 
 @pytest.mark.long
-def test_what_runs_to_the_bound_is_held_at_the_bound():
+def test_a_parameter_that_reaches_its_bound_is_held_there():
     """A battery zero 12.5 cm off: back at the platform's, the worst value known, it would spoil every other number."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.125})
     segments = glides(truth, PETREL)
@@ -493,7 +493,7 @@ def test_a_hull_three_plausible_deviations_off_is_fitted(key, steps):
     np.testing.assert_array_less(found.fitted.after[1:3], math.radians(0.5))
 
 
-def test_what_the_glides_refute_is_not_put_back():
+def test_parameters_whose_platform_value_is_refuted_are_held_elsewhere():
     """At one pitch reservoir and neutral volume trim alike, and neither can be where the platform has it."""
     reservoir = next(p for p in PARAMETERS if p.key == "position.reservoir.0")
     truth = with_values(PETREL, {reservoir.key: reservoir.moved(PETREL, 3.0)})
@@ -529,7 +529,7 @@ def test_the_best_of_several_starts_is_taken(monkeypatch):
     assert np.count_nonzero(found) == 2
 
 
-def spoiled(monkeypatch, key, steps):
+def shift_result(monkeypatch, key, steps):
     """Make every fit end at so many plausible deviations of one number."""
     fit = CalibrationSearch.run
 
@@ -546,7 +546,7 @@ EASY = CalibrationSettings(hold=tuple(key for key in KEYS if key not in FOUR))
 
 def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
     segments = glides(TRUTH, PETREL)
-    spoiled(monkeypatch, "position.battery", 4.0)
+    shift_result(monkeypatch, "position.battery", 4.0)
     with pytest.raises(CalibrationError, match=r"no fit is better than the platform \(cost"):
         calibrate(PETREL, segments, segments.none(), EASY)
 
@@ -749,12 +749,12 @@ def test_wrong_usage_is_reported_in_one_line(mission, tmp_path, arguments, fragm
 
 
 def test_a_mission_without_steady_flight_is_refused(mission, tmp_path):
-    def afloat(content):
+    def stay_at_surface(content):
         for number in range(1, 5):
             rows = samples_of(content, number)
             content["depth"][rows] = 3.0 + 0.01 * (np.arange(content["depth"][rows].size) % 2)
 
-    still = changed_observations(mission, tmp_path / "still.nc", afloat)
+    still = changed_observations(mission, tmp_path / "still.nc", stay_at_surface)
     answer = program("calibrate", still, "--platform", "petrel-l", "--out", tmp_path / "one.yaml")
     assert answer.status == 2
     assert "still.nc: no steady flight to calibrate on; 4 of 4: profile 1: no undisturbed stretch" in answer.err
@@ -762,10 +762,10 @@ def test_a_mission_without_steady_flight_is_refused(mission, tmp_path):
 
 
 def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(mission, tmp_path):
-    def afloat(content):
+    def stay_at_surface(content):
         content["depth"][samples_of(content, 2)] = 3.0
 
-    still = changed_observations(mission, tmp_path / "still.nc", afloat)
+    still = changed_observations(mission, tmp_path / "still.nc", stay_at_surface)
     hold = ("--set", f"calibration.hold=[{','.join(KEYS[3:])}]")
     answer = program(
         "calibrate",
@@ -795,8 +795,8 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
 def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, fragment):
     """Exit status 0 with a file that the next verb refuses is the worst of answers."""
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
-    spoilt = replace(found, platform=with_values(found.platform, values))
-    monkeypatch.setattr(hulls, "fit", lambda *_: spoilt)
+    corrupted = replace(found, platform=with_values(found.platform, values))
+    monkeypatch.setattr(hulls, "fit", lambda *_: corrupted)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]

@@ -242,7 +242,7 @@ def test_currents_too_unlike_each_other_determine_nothing():
     assert {one.remark for one in found} == {"the currents differ too much from profile to profile"}
 
 
-def test_turns_open_what_the_legs_leave_closed():
+def test_turns_determine_harmonics_that_opposite_legs_do_not():
     """Two opposite legs and turns on all headings give every error; the remark counts the turns."""
     turns = some_turns()
     drawn = legs(4, OPPOSITE, (6.0, 9.0, -6.0, 3.0, 2.0))

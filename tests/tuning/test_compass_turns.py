@@ -57,12 +57,12 @@ def test_a_stretch_takes_three_samples_at_least():
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "excluded"),
+    ("changes", "excluded"),
     [({"moved": 205}, [(203, 209)]), ({"weightless": ((200, 210), (400, 500))}, [(200, 210), (400, 500)])],
     ids=["battery moves", "no weight"],
 )
-def test_stretches_keep_off_what_shakes_and_what_counts_for_nothing(spoilt, excluded):
-    begin = turn_stretches(PETREL, turning(**spoilt)).heading / 0.01 - 10.0
+def test_turn_stretches_exclude_vibration_and_samples_without_weight(changes, excluded):
+    begin = turn_stretches(PETREL, turning(**changes)).heading / 0.01 - 10.0
     assert 20 < len(begin) < 30
     for start, end in excluded:
         assert not np.any((begin + 19.0 > start) & (begin + 1.0 < end))
@@ -98,7 +98,7 @@ def test_turns_without_noise_give_the_deviation_itself():
 
 
 @pytest.mark.parametrize("profiles", [10, 24])
-def test_turns_err_by_what_they_say(profiles):
+def test_errors_of_the_turn_estimate_agree_with_its_covariance(profiles):
     """Over 60 draws the error squared over what is stated, four harmonics together: one each, within a half."""
     distances = []
     for seed in range(60):
@@ -108,7 +108,7 @@ def test_turns_err_by_what_they_say(profiles):
     assert 2.0 / 3.0 < np.mean(distances) < 1.5
 
 
-def test_the_count_is_of_stretches_that_turn():
+def test_only_turning_stretches_are_counted():
     parts = banked_turns(np.zeros(4), 1e-6)
     fast = sum(int(np.sum(np.abs(part.rate) > np.radians(0.3))) for part in parts)
     assert 40 < fast < 320
@@ -121,7 +121,7 @@ def test_turns_of_too_few_profiles_say_nothing():
     assert turn_information(banked_turns(DEVIATION, 1e-6, profiles=8), np.radians(20.0)).count > 0
 
 
-def test_what_is_believed_of_compasses_is_no_information_of_the_turns():
+def test_the_prior_of_the_compass_is_not_counted_as_information_of_the_turns():
     """A belief that is a tenth as good as the turns draws the estimate towards zero, and is taken out again."""
     parts = banked_turns(DEVIATION, 1e-3, profiles=24)
     wide, narrow = (turn_information(parts, np.radians(size)) for size in (20.0, 1.0))
@@ -138,7 +138,7 @@ def test_the_inverse_of_a_covariance_by_few_profiles_is_information_in_part(prof
     np.testing.assert_allclose(_hartlap_factor(profiles) * inverses.mean(axis=0), np.eye(4), atol=0.02)
 
 
-def test_what_is_believed_is_subtracted_where_the_turns_say_more():
+def test_the_prior_is_subtracted_in_directions_that_the_turns_determine():
     turned = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
     known, plausible = np.array([900.0, 400.0, 9.0, 1.0]), 0.5
     found = _without_prior(np.linalg.inv(turned * known @ turned.T), plausible)

@@ -52,7 +52,7 @@ def test_the_steps_tried_are_those_of_the_dampings_and_no_longer_than_allowed():
     assert np.abs(far.tried[0]).max() == LONGEST_STEP
 
 
-def test_a_climb_that_is_not_done_says_so():
+def test_a_maximisation_that_ends_early_is_not_settled():
     found = climb(Parabola([40.0, 0.0], CURVATURE), [0.0, 0.0], max_rounds=3)
     assert (found.rounds, found.settled) == (3, False)
     np.testing.assert_allclose(found.point[0], 3 * LONGEST_STEP)

@@ -88,7 +88,7 @@ def test_implausible_terms_are_kept_only_where_the_glides_prove_them(monkeypatch
     assert is_better_held(CalibrationVerdict.IMPLAUSIBLE_TURNS, fit([4.0]), fit([0.0], sizes)) is held
 
 
-def test_a_hull_that_cannot_glide_as_flat_as_flown_is_found_out():
+def test_flatness_is_positive_for_a_hull_that_cannot_glide_as_flat_as_flown():
     """The margin of the flattest pitch is for the fit; without it, the true hull has no excess."""
     segments = glides(TRUTH, TRUTH)
     errors = SegmentErrors(TRUTH, PARAMETERS, segments)

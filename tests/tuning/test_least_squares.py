@@ -46,7 +46,7 @@ def test_the_jackknife_is_the_scatter_of_estimates_that_leave_one_cluster_out():
     np.testing.assert_allclose(jackknife_covariance(JACOBIAN, left, CLUSTER), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_what_one_cluster_alone_determines_adds_nothing():
+def test_a_parameter_determined_by_one_cluster_keeps_the_covariance_finite():
     jacobian = np.column_stack([JACOBIAN[:, 0], np.where(CLUSTER == 0, 1.0, 0.0)])
     covariance = jackknife_covariance(jacobian, RESIDUALS, CLUSTER)
     assert np.isfinite(covariance).all()
@@ -83,7 +83,7 @@ def test_the_stiffness_is_the_losses_curvature_over_its_weight():
     assert biweight_stiffness(residuals, 0.0) == pytest.approx(0.83, abs=0.03)
 
 
-def test_a_robust_estimate_errs_by_what_its_covariance_says():
+def test_errors_of_a_robust_mean_agree_with_its_covariance():
     """Of a mean of 40 profiles, 500 draws: scatter over the stated error within a tenth, with the stiffness."""
     rng, profile = np.random.default_rng(4), np.repeat(np.arange(40), 5)
     design, found, stated = np.ones((200, 1)), [], []
@@ -138,7 +138,7 @@ def test_residuals_that_cancel_within_clusters_do_not_deflate():
     assert cluster_inflation(np.zeros(4), np.arange(4)) == 1.0
 
 
-def test_a_direction_that_nothing_tells_stays_where_it_is():
+def test_undetermined_directions_of_the_solution_are_zero():
     normal = np.array([[4.0, 2.0], [2.0, 1.0]])
     found = solve_normal_equations(normal, normal @ np.array([1.0, 1.0]))
     np.testing.assert_allclose(normal @ found, normal @ np.array([1.0, 1.0]))

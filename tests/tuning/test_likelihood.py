@@ -95,7 +95,7 @@ def dense_covariance(platform, series, prior, initial_deviation, variance):
     return total
 
 
-def test_it_is_the_density_of_all_samples_together(monkeypatch):
+def test_the_likelihood_is_the_joint_density_of_all_samples(monkeypatch):
     """Prediction-error decomposition: with a linear model, the log density of the whole record to six digits."""
     initial = filter_module.INITIAL_DEVIATION * TINY
     monkeypatch.setattr(filter_module, "INITIAL_DEVIATION", initial)
@@ -179,7 +179,7 @@ def test_an_interpolated_record_counts_as_often_as_it_was_sampled(record):
     np.testing.assert_allclose(likelihood.weights, 1.0 / 20.0)
 
 
-def test_side_by_side_is_alone(record):
+def test_evaluations_side_by_side_equal_single_ones(record):
     """Two profiles with ten priors: each evaluation as it comes out alone, and as the platform's own filter run."""
     requests = [request(record), request(noisy(glide_record(1200), 1))]
     priors = [

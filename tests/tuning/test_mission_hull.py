@@ -125,7 +125,7 @@ def test_a_walk_is_followed():
 
 
 @pytest.mark.parametrize("factor", [1.0, 4.0, 25.0])
-def test_dives_that_differ_more_than_they_state_are_believed_less(factor):
+def test_scatter_between_dives_inflates_their_covariance(factor):
     """Scores of a wider scatter than the information states: the inflation is that factor on the variance."""
     found = []
     for seed in range(6):
@@ -215,7 +215,7 @@ def test_the_currents_likelihood_is_the_dense_one():
     assert evidence == pytest.approx(scipy.stats.multivariate_normal(cov=spread).logpdf(observed), rel=1e-9)
 
 
-def test_what_depends_on_the_assumed_noise_is_not_known():
+def test_dependence_on_the_assumed_noise_widens_the_covariance():
     """Under a wide prior the covariance grows by the square of how far the sum moves, along that direction alone."""
     rng, truth = np.random.default_rng(21), np.full(P, 0.2)
     dives = [dive(rng, truth, n) for n in range(8)]
@@ -235,7 +235,7 @@ def test_what_depends_on_the_assumed_noise_is_not_known():
     np.testing.assert_allclose(after.change_std, before.change_std, atol=1e-6)
 
 
-def test_the_doubt_is_that_of_an_error_that_all_dives_share():
+def test_widening_equals_that_of_an_error_common_to_all_dives():
     """Against dense algebra: h = L eta + U c + e, with c among the unknowns, and eta's prior N(0, 1)."""
     rng = np.random.default_rng(23)
     root = rng.standard_normal((P, P))
@@ -253,7 +253,7 @@ def test_the_doubt_is_that_of_an_error_that_all_dives_share():
     np.testing.assert_allclose(found.covariance, after.covariance + moved.T @ moved, rtol=1e-12)
 
 
-def test_where_assumptions_contradict_each_other_the_estimate_stays_at_the_prior():
+def test_the_estimate_stays_at_the_prior_if_the_assumptions_contradict_each_other():
     """By far: the dives say nothing there, and everything elsewhere."""
     direction = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     before = Gaussian(np.zeros(P), np.eye(P))

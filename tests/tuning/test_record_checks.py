@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 from support.missions import program
 
-from benchmarks.record_checks import SETTINGS, expected, inspect_open, spoilt, twin_records, twin_scenario
+from benchmarks.record_checks import SETTINGS, expected, inspect_open, twin_records, twin_scenario, with_errors
 from gliderhpc.api.missions import warn_of_records
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import vibration_set
@@ -111,7 +111,7 @@ def test_errors_of_the_compass_are_found_within_their_errors():
     assert "heading_deviation=[" in deviations[0].suggestion
 
 
-def test_on_two_opposite_legs_the_constant_is_found_and_the_first_harmonic_is_a_current():
+def test_two_opposite_legs_determine_the_constant_but_not_the_first_harmonic():
     """Both legs are set to the same side by a first harmonic, and to opposite sides by a constant."""
     found = [
         compass_findings(legs(seed, (9.0, 12.0, 0.0, 0.0, 0.0), (90.0, 270.0)), NO_TURNS, CHECKS) for seed in SEEDS
@@ -121,12 +121,12 @@ def test_on_two_opposite_legs_the_constant_is_found_and_the_first_harmonic_is_a_
     assert all(findings[1].verdict is CheckVerdict.UNDETERMINED for findings in found)
 
 
-def test_one_heading_says_nothing_of_the_deviation():
+def test_one_heading_does_not_determine_the_deviation():
     finding = compass_findings(legs(1, headings=(40.0,)), NO_TURNS, CHECKS)[1]
     assert finding.verdict is CheckVerdict.UNDETERMINED
 
 
-def test_few_legs_say_nothing():
+def test_too_few_legs_leave_the_compass_undetermined():
     found = compass_findings(legs(1, count=5), NO_TURNS, CHECKS)
     assert [finding.verdict for finding in found] == [CheckVerdict.UNDETERMINED] * 2
     assert "at least 6 are needed" in found[0].remark
@@ -173,7 +173,7 @@ def stretches(seed, deviation=(0.0,) * 4, profiles=24):
     return parts
 
 
-def test_turns_tell_the_deviation():
+def test_turns_determine_the_deviation_of_the_compass():
     deviation = np.array([6.0, -4.0, 2.0, 1.0])
     inside = []
     for seed in SEEDS:
@@ -190,7 +190,7 @@ def test_straight_flight_has_no_turns():
     assert turn_information(parts, np.radians(20.0)).count == 0
 
 
-def test_turns_that_the_roll_does_not_explain_say_nothing():
+def test_turns_not_explained_by_roll_are_not_counted():
     rng = np.random.default_rng(0)
     parts = [replace(part, rate=part.rate + rng.normal(0.0, 0.01, 60)) for part in stretches(0)]
     assert turn_information(parts, np.radians(20.0)).count == 0
@@ -315,7 +315,7 @@ def test_few_glides_rule_nothing_out_unless_a_plausible_error_would_have_been_fo
     assert any("would not be found; more glides" in f.remark for f in found)
 
 
-def test_dives_alone_say_nothing_of_the_pitch():
+def test_dives_without_climbs_leave_the_pitch_undetermined():
     whole = segments(0)
     finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
     assert finding.verdict is CheckVerdict.UNDETERMINED
@@ -346,13 +346,13 @@ def clean_twin(flown):
 
 
 @pytest.fixture(scope="module")
-def spoilt_errors():
+def added_errors():
     return RecordSettings(depth_lag=3.0, pitch_offset=2.0)
 
 
 @pytest.fixture(scope="module")
-def spoilt_twin(flown, spoilt_errors):
-    return inspect_open(flown, spoilt_errors)
+def twin_with_errors(flown, added_errors):
+    return inspect_open(flown, added_errors)
 
 
 def test_a_clean_twin_raises_no_alarm(clean_twin):
@@ -361,12 +361,12 @@ def test_a_clean_twin_raises_no_alarm(clean_twin):
     assert len(clean_twin.profiles) == 10
 
 
-def test_a_spoilt_twin_tells_what_is_wrong(spoilt_twin, spoilt_errors):
-    found = {finding.quantity: finding for finding in spoilt_twin.findings}
+def test_errors_added_to_a_twin_are_found(twin_with_errors, added_errors):
+    found = {finding.quantity: finding for finding in twin_with_errors.findings}
     for quantity in (LAG, PITCH):
         finding = found[quantity]
         assert finding.verdict is CheckVerdict.FOUND
-        assert abs(finding.size - expected(finding, spoilt_errors)) < 2.5 * finding.error
+        assert abs(finding.size - expected(finding, added_errors)) < 2.5 * finding.error
         assert f"{finding.size:.3g}" in finding.line.replace("+", "")
     assert found[VOLUME].verdict is CheckVerdict.NOTHING
 
@@ -388,18 +388,18 @@ def record(brief):
         return opened.profile(2)
 
 
-def test_what_was_put_in_is_taken_out(record):
+def test_corrections_invert_the_errors_of_a_record(record):
     errors = RecordSettings(
         pitch_offset=1.5, pitch_scale=0.86, heading_offset=-3.0, heading_deviation=(5.0, -4.0, 2.0, 1.0), depth_lag=2.0
     )  # fmt: skip
-    back = corrected(spoilt(record, errors), errors)
+    back = corrected(with_errors(record, errors), errors)
     np.testing.assert_allclose(back.pitch, record.pitch, atol=1e-12)
     np.testing.assert_allclose(np.exp(1j * back.heading), np.exp(1j * record.heading), atol=1e-9)
     assert np.isnan(back.depth[-2:]).all()
     np.testing.assert_allclose(back.depth[:-2], record.depth[:-2], atol=1e-9)
 
 
-def test_nothing_is_corrected_unasked(record):
+def test_nothing_is_corrected_by_default(record):
     assert corrected(record, RecordSettings()) is record
 
 
@@ -423,7 +423,7 @@ def test_a_lag_corrected_leaves_the_noise_of_the_depth(record, lag):
     assert np.std((noisy - clean)[inside]) == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_correction_asked_for_is_stored_and_made(record):
+def test_requested_corrections_are_stored_and_applied(record):
     settings = build_settings(
         {}, {"records.pitch_offset": "2.0", "records.pitch_scale": "0.86", "records.heading_deviation": "[1, 0, 0, 0]"}
     )
@@ -433,18 +433,18 @@ def test_a_correction_asked_for_is_stored_and_made(record):
     assert better.measurements[:, 1] == pytest.approx(0.86 * (plain.measurements[:, 1] - np.radians(2.0)))
 
 
-def test_a_leg_errs_as_its_derivatives_say(record):
+def test_derivatives_of_a_leg_by_compass_errors_agree_with_differences(record):
     """The current of a record whose compass is turned, against the leg's own derivative."""
     settings = EstimationSettings()
     errors = RecordSettings(heading_offset=0.1, heading_deviation=(0.2, -0.1, 0.1, 0.3))
     leg = leg_of(PETREL, record, on_steps(record, settings), SETTINGS.current.errors(PETREL))
-    turned = spoilt(record, errors)
+    turned = with_errors(record, errors)
     other = leg_of(PETREL, turned, on_steps(turned, settings), SETTINGS.current.errors(PETREL))
     predicted = leg.by_error @ np.radians([0.1, 0.2, -0.1, 0.1, 0.3])
     assert other.current - leg.current == pytest.approx(predicted, abs=0.02 * np.linalg.norm(predicted))
 
 
-def test_a_leg_errs_with_its_speed_as_it_says(record):
+def test_the_derivative_of_a_leg_by_the_speed_agrees_with_a_difference(record):
     """By a track that is a hundredth too short: the current is what the fixes say less the way through the water."""
     settings = EstimationSettings()
     series, errors = on_steps(record, settings), SETTINGS.current.errors(PETREL)
@@ -499,7 +499,7 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
     with caplog.at_level(logging.WARNING, "gliderhpc.run"):
         for errors, lines in ((RecordSettings(), 0), (RecordSettings(pitch_offset=2.5), 1)):
             caplog.clear()
-            records = {record.number: spoilt(record, errors) for record in flown}
+            records = {record.number: with_errors(record, errors) for record in flown}
             opened = SimpleNamespace(faults={}, profile=records.__getitem__)
             warn_of_records(opened, PETREL, settings, list(records))
             assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
@@ -514,7 +514,7 @@ def test_a_finding_lies_beyond_its_threshold_either_way():
     ]  # fmt: skip
 
 
-def test_nothing_found_says_that_a_plausible_error_would_have_been():
+def test_an_insensitive_check_is_undetermined_rather_than_clear():
     def finding(size, threshold):
         return Finding("check", "quantity", "1", size, 0.5, threshold, judge_size(size, threshold))
 

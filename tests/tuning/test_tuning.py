@@ -49,19 +49,19 @@ def climbed(start, free=(True, True, True), low=(-5.0,) * 3, high=(5.0,) * 3, **
     )
 
 
-def test_it_climbs_to_the_maximum():
+def test_fisher_scoring_reaches_the_maximum():
     found = climbed([0.0, 4.0, 0.0])
     np.testing.assert_allclose(found.point, np.log([2.0, 7.0, 40.0]), atol=1e-4)
     assert found.settled
 
 
-def test_it_stays_inside_the_bounds_and_holds_what_is_held():
+def test_fisher_scoring_respects_bounds_and_held_parameters():
     found = climbed([0.0, 1.0, 0.0], free=[True, False, True], high=[5.0, 5.0, 3.0])
     np.testing.assert_allclose(found.point, [np.log(2.0), 1.0, 3.0], atol=1e-4)
     assert found.settled
 
 
-def test_it_says_when_the_rounds_ran_out():
+def test_fisher_scoring_is_not_settled_after_too_few_rounds():
     reported = []
     found = climbed([0.0, 4.0, -4.0], max_rounds=1, report=reported.append)
     assert not found.settled
@@ -123,14 +123,14 @@ def test_the_prior_is_found_again(tuned, requests):
     assert tuned.settled
 
 
-def test_what_the_records_do_not_determine_is_held(tuned):
+def test_prior_numbers_that_the_records_do_not_determine_are_held(tuned):
     held = np.array([verdict is TuningVerdict.HELD for verdict in tuned.verdicts])
     assert 0 < held.sum() < 9
     np.testing.assert_array_equal(np.isnan(tuned.errors), held)
     np.testing.assert_array_equal(numbers(tuned.after)[held], numbers(default_prior(PETREL))[held])
 
 
-def test_its_innovations_are_white(tuned):
+def test_innovations_under_the_tuned_prior_are_white(tuned):
     """Under the platform's prior they are not, in heading; under the tuned one they are."""
     assert tuned.whiteness_before["heading"].portmanteau > 10.0
     for found in tuned.whiteness_after.values():
@@ -183,7 +183,7 @@ def test_the_file_is_the_platform_with_the_prior(written):
         assert fragment in platform.source
 
 
-def test_the_program_says_what_changed(written):
+def test_tune_prints_the_changed_prior_and_the_output_file(written):
     answer, out = written
     for fragment in ("B_cu", "correlation time", "portmanteau", "heading", "gain +", f"written to {out}"):
         assert fragment in answer.out
@@ -236,7 +236,7 @@ def test_wrong_usage_is_reported_in_one_line(drawn, tmp_path, arguments, fragmen
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_is_none_is_reported_in_one_line(tmp_path):
+def test_a_missing_observation_file_is_reported_in_one_line(tmp_path):
     answer = program("tune", tmp_path / "no.nc", "--platform", "petrel-l", "--out", tmp_path / "tuned.yaml")
     assert answer.status == 2
     assert "no.nc" in answer.line

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from gliderhpc.tuning.likelihood import whiteness
 
 
-def test_white_noise_passes():
+def test_white_noise_passes_the_whiteness_test():
     parts = np.split(np.random.default_rng(1).standard_normal(6000), 3)
     found = whiteness(parts, 20)
     assert found.count == 6000
@@ -25,7 +25,7 @@ def test_the_portmanteau_keeps_its_level():
     assert 0.025 < np.mean(small) < 0.085
 
 
-def test_coloured_noise_does_not():
+def test_coloured_noise_fails_the_whiteness_test():
     rng = np.random.default_rng(3)
     values = np.zeros(4000)
     for k in range(1, 4000):

@@ -106,7 +106,7 @@ def median(scored, score):
     return float(np.median([score(profile) for profile in scored]))
 
 
-def test_the_twin_is_worth_scoring(by_recommended):
+def test_the_scored_twin_has_long_glides_and_strong_impulses(by_recommended):
     """Four profiles of at least 40 minutes, most of it steady glide, with impulses of the size the missions show."""
     assert len(by_recommended) >= 4
     for profile in by_recommended:

@@ -249,7 +249,7 @@ def test_a_hull_whose_records_show_no_impulse_still_has_a_budget(tmp_path):
         ("3", "the budget"),
     ],
 )
-def test_a_budget_that_is_none_is_refused(tmp_path, text, fault):
+def test_an_invalid_budget_file_is_refused(tmp_path, text, fault):
     path = tmp_path / "budget.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=fault):

@@ -108,7 +108,7 @@ def test_the_course_s_error_holds_errors_across_the_track_at_any_current():
         assert verdicts[names]["over 0.3 m/s"] == COVERS
 
 
-def test_a_mean_error_along_the_track_is_found_and_taken_out():
+def test_a_mean_error_along_the_track_is_estimated_and_removed():
     rows = _rows(300, offset=-0.03)
     along, across = track_offset(rows)
     assert along == pytest.approx(-0.03, abs=0.006)
@@ -151,7 +151,7 @@ def test_the_transfer_function_of_a_known_one_is_found():
         assert line["coherence"] > 0.9
 
 
-def test_noise_takes_coherence_and_not_gain():
+def test_noise_reduces_coherence_but_not_gain():
     clean, noisy = _lines(_series(2.0)), _lines(_series(2.0, noise=8.0))
     assert np.mean([line["coherence"] for line in noisy]) < 0.7 * np.mean([line["coherence"] for line in clean])
     assert np.median([line["gain_rate"] for line in noisy]) == pytest.approx(2.0, rel=0.15)
@@ -279,7 +279,7 @@ def findings():
 
 
 @pytest.mark.compiled
-def test_the_study_tells_coverage_scales_and_a_budget(findings, tmp_path):
+def test_the_study_writes_coverage_transfer_functions_and_a_budget(findings, tmp_path):
     content = findings.content
     sets = {line["constants"] for line in content["coverage"]}
     assert sets == set(content["constants"])
@@ -305,7 +305,7 @@ def test_the_study_tells_coverage_scales_and_a_budget(findings, tmp_path):
 
 
 @pytest.mark.compiled
-def test_the_retrieval_follows_what_pushes_the_hull(findings):
+def test_the_retrieval_follows_strong_fine_shear(findings):
     """Fine shear of a strength that stands out of the noise; dU/dZ changes its sign against it from dive to climb."""
     (strong,) = (
         line

@@ -35,7 +35,7 @@ ONES = np.ones(6)
 
 
 @pytest.mark.parametrize(("label", "share"), [("68", 0.68), ("95", 0.95)])
-def test_intervals_hold_what_their_name_says(label, share):
+def test_coverage_of_normal_errors_is_the_nominal_one(label, share):
     error = np.random.default_rng(1).standard_normal(200_000)
     assert coverage(3.0 * error, np.full(error.shape, 3.0), INTERVALS[label]) == pytest.approx(share, abs=0.005)
     assert np.isnan(coverage(error[:0], error[:0], INTERVALS[label]))
@@ -45,7 +45,7 @@ def test_a_length_in_standard_deviations():
     assert mahalanobis(np.array([3.0, 8.0]), np.diag([9.0, 16.0])) == pytest.approx(np.sqrt(5.0))
 
 
-def test_drawn_from_the_prior_means_nothing_else():
+def test_twins_drawn_from_the_prior_have_no_other_disturbance():
     prior = default_prior(HULL)
     drawn = drawn_from(prior)
     assert drawn.gauss_markov.deviation == prior.deviation
@@ -86,13 +86,13 @@ def test_a_constant_error_is_bias_and_nothing_else(twin):
 
 
 @pytest.mark.compiled
-def test_no_interval_no_coverage(twin):
+def test_estimates_without_deviations_have_no_coverage(twin):
     scores = result_scores(twin, replace(result_with(twin, 0.5, 0.4), deviations=None), ONES)
     assert not any(name.startswith(("coverage", "width")) for name in scores)
 
 
 @pytest.mark.compiled
-def test_inside_and_outside_the_events(twin):
+def test_scores_are_separate_inside_and_outside_the_events(twin):
     inside = in_events(twin)
     error = np.where(inside, 1.0, 0.1)[:, None] * np.ones(6)
     scores = result_scores(twin, result_with(twin, error, 0.1), ONES)
@@ -133,7 +133,7 @@ def test_intervals_include_the_errors_of_a_hull_that_is_not_the_true_one():
 
 
 @pytest.mark.compiled
-def test_a_refused_record_is_a_row_a_piece_that_says_why():
+def test_a_refused_record_gives_one_row_per_estimator_with_the_reason():
     case = standard_cases(HULL, SIZE, 1)["calm"]
     refused = estimator_rows(replace(case, changes=replace(case.changes, dropout=1.0)))
     assert [one["arm"] for one in refused] == [estimator.name for estimator in ESTIMATORS]
@@ -180,12 +180,12 @@ def test_the_best_is_named_with_those_not_distinguishable():
     assert describe_tally([found]).split(": ")[1].startswith("smoother for 1, adjoint from prior for 1, filter for 0")
 
 
-def test_a_hair_s_breadth_decides_nothing():
+def test_estimators_within_five_percent_are_recommended_alike():
     found = recommend(rows_of({"smoother": [1.0] * 4, "adjoint": [1.04] * 4, "paper": [1.06] * 4}), PURPOSE)
     assert found["as_good"] == ["adjoint"]
 
 
-def test_no_advice_without_a_twin():
+def test_without_twins_no_estimator_is_recommended():
     found = recommend([], PURPOSE)
     assert found["best"] is None
     assert "no twin" in describe_recommendation(found)

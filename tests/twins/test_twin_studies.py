@@ -37,7 +37,7 @@ def _timeless(row):
     return {name: value for name, value in row.items() if name != "seconds"}
 
 
-def test_the_seed_is_all(usual):
+def test_scores_depend_only_on_the_seed(usual):
     again = score(invert_twin(_case()))
     assert _timeless(again) == _timeless(usual)
     other = score(invert_twin(_case(seed=6)))
@@ -105,7 +105,7 @@ def test_impulses_are_found_where_they_are():
         assert abs(finding.delay) < 0.6
 
 
-def test_a_refused_record_is_a_row_that_says_why():
+def test_a_refused_record_gives_a_row_with_the_reason():
     case = _case(changes=RecordChanges(dropout=1.0))
     row = scored_row(labelled(case, sweep="dropout"))
     assert row["sweep"] == "dropout"
@@ -209,7 +209,7 @@ def test_estimators(estimators, out):
     assert (out / "estimators.md").read_text("utf-8").startswith("# Which estimator for what")
 
 
-def test_the_pages_are_made_of_what_is_there(windows, sensitivity, recoverability, estimators, out, tmp_path):
+def test_twin_pages_have_a_section_for_every_study(windows, sensitivity, recoverability, estimators, out, tmp_path):
     readme = tmp_path / "README.md"
     readme.write_text("before\n<!-- estimators -->\nold\n<!-- /estimators -->\nafter\n", "utf-8")
     twins_page.main(out, tmp_path, readme)
@@ -227,7 +227,7 @@ def test_the_pages_are_made_of_what_is_there(windows, sensitivity, recoverabilit
     assert "figures that are asked" not in section
 
 
-def test_pages_are_made_of_something(tmp_path):
+def test_twin_pages_without_any_study_are_refused(tmp_path):
     with pytest.raises(SystemExit, match="gliderhpc twin STUDY"):
         twins_page.main(tmp_path, tmp_path, tmp_path / "README.md")
 
