@@ -147,7 +147,7 @@ def _row_of(one: MissionDrift) -> dict[str, Any]:
             "change": drag.change,
             "interval": drag.change_interval,
             "scatter": (drag.shared.trend.low * drag.shared.span, drag.shared.trend.high * drag.shared.span),
-            "weight": drag.apart.drift,
+            "weight": drag.phase_difference.drift,
             "shown": shown[drag.estimate],
         }
         for drag in verdict.drags

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import gliderhpc as gh
 from gliderhpc import Glider
-from gliderhpc.api.found_hulls import CalibratedHull
+from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
 from gliderhpc.estimation.settings import default_prior
 from gliderhpc.findings.findings import markdown

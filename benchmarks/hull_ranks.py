@@ -70,7 +70,7 @@ class MissionRanks:
         Whether the hull of the rounds was refused, so that the hull is that of the steady glides.
     failed : int
         Profiles that failed.
-    trouble : str
+    failure : str
         Why the mission has no values; empty if it has.
     dives, version : int, str
         Dives of the mission, and version of the package.
@@ -81,7 +81,7 @@ class MissionRanks:
     distance: float = float("nan")
     refused: bool = False
     failed: int = 0
-    trouble: str = ""
+    failure: str = ""
     dives: int = 0
     version: str = ""
 
@@ -97,10 +97,10 @@ def fly_mission(kind: str, seed: int, dives: int, folder: Path) -> MissionRanks:
         hull.write_text(platform_yaml(believed_hull(true, seed)), "utf-8")
         found, tree = run_commands(records, hull, folder, USUAL_ROUNDS, workers=0)
     except GliderhpcError as error:
-        return MissionRanks(seed, {}, trouble=str(error))
+        return MissionRanks(seed, {}, failure=str(error))
     errors, refused, done = parameter_errors(found.platform, true), found.dives is None, done_profiles(tree)
     if not done:
-        return MissionRanks(seed, errors, refused=refused, failed=dives, trouble="no profile was inverted")
+        return MissionRanks(seed, errors, refused=refused, failed=dives, failure="no profile was inverted")
     dive = dive_errors(tree, records, int(rng.choice(done)))
     if len(dive.smoothed):
         k = int(rng.integers(len(dive.smoothed)))
@@ -191,14 +191,14 @@ def kind_text(kind: str, missions: Sequence[MissionRanks]) -> str:
     """Section of the missions of a kind."""
     parameters = sorted({name for mission in missions for name in mission.errors} - {*QUANTITIES, *CURRENT})
     heads = ["quantity", "missions", "mean rank", "error over deviation, RMS", "in 68 / 95 %", "in the band"]
-    lost = [mission for mission in missions if mission.trouble]
+    lost = [mission for mission in missions if mission.failure]
     summary = (
         f"{len(missions)} missions: {len(lost)} without values, {sum(m.refused for m in missions)} with the hull of the "
         f"steady glides, {sum(m.failed for m in missions)} profiles failed. Currents in the ellipses of 39 and 86 %: "
         f"{ellipses(missions)}."
     )
     # A reason that names the file is given without it.
-    reasons = sorted({mission.trouble.rpartition("mission.nc: ")[2] for mission in lost})
+    reasons = sorted({mission.failure.rpartition("mission.nc: ")[2] for mission in lost})
     parts = [
         f"## {TITLES[kind]}", summary, "\n".join(f"- {reason}" for reason in reasons),
         markdown(heads, rank_rows(missions, (*QUANTITIES, *CURRENT, DISTANCE))),
@@ -225,7 +225,7 @@ def main(arguments: list[str] | None = None) -> None:
             found = []
             for mission in pool.imap(fly, range(1, number + 1)):
                 found.append(mission)
-                print(f"{kind} {mission.seed}: distance {mission.distance:.2f} {mission.trouble}", flush=True)
+                print(f"{kind} {mission.seed}: distance {mission.distance:.2f} {mission.failure}", flush=True)
             texts.append(kind_text(kind, found))
     PAGE.write_text(
         TEMPLATE.read_text("utf-8").format(dives=given.dives, depth=DEPTH, tables="\n\n".join(texts)),

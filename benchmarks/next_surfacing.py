@@ -28,7 +28,7 @@ from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import MOST_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
+from gliderhpc.report.next_surfacing import MAX_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def _table(rows: list[dict[str, object]]) -> xr.Dataset:
 
 def misses(flown: Mission, after: int, errors: CurrentSettings = ERRORS) -> tuple[dict[str, float], dict[str, float]]:
     """Miss (m) of the nowcasts, of persistence and of no current; and the squared distance in the nowcasts' ellipses."""
-    dives = flown.table.isel(profile=slice(max(after - MOST_DIVES, 0), after))
+    dives = flown.table.isel(profile=slice(max(after - MAX_DIVES, 0), after))
     here, there, last = flown.fix(after - 1), flown.fix(after), dives.isel(profile=-1)
     way = np.array(local_displacement(here, there))
     ways, distances = {}, {}

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import gliderhpc as gh
-from gliderhpc.api.found_hulls import CalibratedHull
+from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profiles import evenly_spaced

@@ -26,7 +26,7 @@ from benchmarks.real_calibration import (
     shares,
 )
 from gliderhpc import load_platform, open_mission
-from gliderhpc.api.found_hulls import CalibratedHull
+from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import run_mission

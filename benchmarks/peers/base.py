@@ -23,7 +23,7 @@ Value = tuple[float, Array]
 
 Evaluator = Callable[[Array], Value]
 
-LARGEST_DIFFERENCE = 1e-9
+MAX_DIFFERENCE = 1e-9
 """Relative difference of cost and gradient from the project's own beyond which a peer solves another problem."""
 
 
@@ -134,11 +134,11 @@ def verify(contender: Contender, windows: Sequence[Window]) -> float:
     Raises
     ------
     ValueError
-        It exceeds `LARGEST_DIFFERENCE`: what such a contender takes is no answer to the same question.
+        It exceeds `MAX_DIFFERENCE`: what such a contender takes is no answer to the same question.
     """
     difference = relative_difference(contender, windows)
     # NaN fails the comparison, as it must.
-    if not difference < LARGEST_DIFFERENCE:
+    if not difference < MAX_DIFFERENCE:
         raise ValueError(f"{contender.name} differs from the project's cost and gradient by {difference:.1e}")
     return difference
 

@@ -34,7 +34,7 @@ class Box(_Section):
     @model_validator(mode="after")
     def _check_order(self) -> "Box":
         if self.south > self.north:
-            raise ValueError(f"south, {self.south:g}, is north of north, {self.north:g}: exchange the two")
+            raise ValueError(f"south ({self.south:g}) is greater than north ({self.north:g}); swap them")
         return self
 
     def contains(self, latitude: float, longitude: float) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_doubt, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
-from gliderhpc.estimation.glide_pace import check_pace_of, check_speed
+from gliderhpc.estimation.glide_speed import check_depth_rate, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
@@ -124,7 +124,7 @@ def _track(record: ProfileRecord, faults: Mapping[int, str], polar: GlidePolar, 
     """Reconstruct the flight of a profile; `ProfileError` if its records cannot be used."""
     if record.number in faults:
         raise ProfileError(faults[record.number])
-    check_pace_of(record)
+    check_depth_rate(record)
     return glide_track(record, polar.hulls, errors)
 
 
@@ -155,8 +155,12 @@ def navigation_of(
         if declination is not None and kind_of(paths) in _WITH_DECLINATION:
             return read_navigation(import_records(paths, declination=declination), str(paths[0]))
         return read_navigation(import_records(paths), str(paths[0]), declination)
-    files = [file for path in paths for file in _plain_files(path, out)]
-    return with_dives(merge_navigation([_plain_navigation(file, declination) for file in files]))
+    parts = [
+        read_part(read_table(file), str(file), declination) if is_table(file) else open_part(file, declination)
+        for path in paths
+        for file in _plain_files(path, out)
+    ]
+    return with_dives(merge_navigation(parts))
 
 
 _NETCDF = (".nc", ".nc4")
@@ -164,13 +168,6 @@ _NETCDF = (".nc", ".nc4")
 
 _WITH_DECLINATION = ("slocum", "seaexplorer")
 """Kinds of records whose importers replace the declination in the files by a given one; OG1 is read directly."""
-
-
-def _plain_navigation(path: Path, declination: float | None) -> Navigation:
-    """Read the navigation from a text table, a netCDF file or a Zarr folder."""
-    if is_table(path):
-        return read_part(read_table(path), str(path), declination)
-    return open_part(path, declination)
 
 
 def _plain_files(path: Path, out: Path | None) -> list[Path]:

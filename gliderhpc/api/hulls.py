@@ -16,7 +16,7 @@ from gliderhpc.api.arguments import (
     profiles_text,
     settings_of,
 )
-from gliderhpc.api.found_hulls import CalibratedHull, TunedHull
+from gliderhpc.api.estimated_hulls import CalibratedHull, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
@@ -135,10 +135,10 @@ def calibrate_open(
     with threadpool_limits(limits=1):
         taken, named = chosen_profiles(observations, profiles, hold_out, settings)
         every = steady_segments(observations, platform, taken, settings, settings.steady, allow_flatter=True)
-        segments, apart = split_segments(every, named)
-        platform, segments, apart = choose_buoyancy(platform, segments, apart, settings.seawater, log.info)
-        log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(apart))
-    base, dives, trouble = platform, None, ""
+        segments, held_out = split_segments(every, named)
+        platform, segments, held_out = choose_buoyancy(platform, segments, held_out, settings.seawater, log.info)
+        log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(held_out))
+    base, dives, failure = platform, None, ""
     try:
         measured = bool(np.isfinite(segments.velocity).any())
         if observations.has_velocity and not measured:
@@ -148,17 +148,17 @@ def calibrate_open(
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
             dives = calibrate_on_dives(
-                observations, platform, base, start, segments, apart, settings, executor, progress, rounds=rounds
+                observations, platform, base, start, segments, held_out, settings, executor, progress, rounds=rounds
             )
     except CalibrationError as error:
-        trouble = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
-        log.warning(trouble)
+        failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
+        log.warning(failure)
     if dives is not None:
         found = CalibratedHull(dives.platform, None, dives)
     else:
         with threadpool_limits(limits=1):
-            steady = fit(base, segments, apart, settings.calibration, log.info)
-        found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, trouble=trouble)
+            steady = fit(base, segments, held_out, settings.calibration, log.info)
+        found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, failure=failure)
     if platform.calibration is not None:
         found = replace(found, caution=CALIBRATED_BEFORE)
     made = _provenance(found, observations.path.name, observations.digest(), assignments)
@@ -213,7 +213,7 @@ def _before_rounds(
 def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
     if found.dives is None:
         made = calibration_report.provenance(found.steady, observations, digest, assignments)
-        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in found.doubts)])
+        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in found.warnings)])
     scores = (("fitted", found.fitted), ("held out", found.held_out))
     return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
 
@@ -221,14 +221,14 @@ def _provenance(found: CalibratedHull, observations: str, digest: str, assignmen
 def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
-    """Return the profiles to use, and those to hold out for the score (None if none are named)."""
+    """Return the profiles to read, and those of them to hold out for the score (None if none are named)."""
     taken = _profiles_to_use(observations, profiles, settings.calibration.profiles)
     if hold_out is None:
         return taken, None
-    apart = list(select_profiles(observations.profile_numbers, hold_out, "--hold-out"))
-    if set(taken) <= set(apart):
+    held_out = list(select_profiles(observations.profile_numbers, hold_out, "--hold-out"))
+    if set(taken) <= set(held_out):
         raise InputError("--hold-out leaves no profile for the fit; name fewer profiles")
-    return sorted({*taken, *apart}), apart
+    return sorted({*taken, *held_out}), held_out
 
 
 def _profiles_to_use(observations: Observations, profiles: str | None, count: int) -> list[int]:
@@ -240,13 +240,13 @@ def _profiles_to_use(observations: Observations, profiles: str | None, count: in
     return evenly_spaced(usable or available, count)
 
 
-def split_segments(segments: SteadySegments, apart: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
+def split_segments(segments: SteadySegments, held_out: Sequence[int] | None) -> tuple[SteadySegments, SteadySegments]:
     """Split the segments into fitted and held-out ones, the latter from the named profiles or every fourth flown."""
-    if apart is None:
+    if held_out is None:
         flown = np.unique(segments.profile).tolist()
-        apart = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
-    held_out = np.isin(segments.profile, apart)
-    return segments.of(~held_out), segments.of(held_out)
+        held_out = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
+    mask = np.isin(segments.profile, held_out)
+    return segments.of(~mask), segments.of(mask)
 
 
 @speaks_python

@@ -76,7 +76,7 @@ def check_option_values(options: Mapping[str, Any]) -> None:
 
 
 def _broken_rule(name: str, value: Any) -> str | None:
-    """Describe what a value must be; None if it is that."""
+    """Describe what a value must be; None if it is valid."""
     if name in NUMBERS:
         number = NUMBERS[name]
         given = number.optional if value is None else _is_within(value, *number.limits)
@@ -89,7 +89,7 @@ def _broken_rule(name: str, value: Any) -> str | None:
 
 
 def _is_within(value: Any, low: float, high: float) -> bool:
-    """Return whether a value is a finite number in a range; true and false are none."""
+    """Return whether a value is a finite number in a range; booleans do not count as numbers."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     number = float(value)

@@ -156,7 +156,7 @@ def run_mission(
         text, shared = profiles_text(profiles), cluster is not None
         prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=log.warning)
         if not (resume or append):
-            warn_of_records(observations, platform, chosen, prepared.plan.profiles, python_words)
+            warn_about_records(observations, platform, chosen, prepared.plan.profiles, python_words)
         own, warm = None if shared else prepared.workers, partial(warm_kernels, chosen.engine)
         executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
@@ -271,7 +271,7 @@ def prepare_mission(
     return PreparedMission(observations, platform, settings, plan, count)
 
 
-def warn_of_records(
+def warn_about_records(
     observations: Observations,
     platform: Platform,
     settings: MissionSettings,

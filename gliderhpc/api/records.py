@@ -244,7 +244,7 @@ def kind_of_file(path: Path) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class RecordsInspected:
+class InspectedRecords:
     """Findings of the record checks.
 
     Attributes
@@ -276,7 +276,7 @@ class RecordsInspected:
 @speaks_python
 def inspect(
     records: Records, hull: Hull, *, profiles: Profiles = None, settings: MissionSettings | None = None, **named: Any
-) -> RecordsInspected:
+) -> InspectedRecords:
     """Check records before they are inverted: lag of depth behind attitude, offset and scale of the pitch, compass.
 
     Parameters
@@ -294,7 +294,7 @@ def inspect(
 
     Returns
     -------
-    RecordsInspected
+    InspectedRecords
         Findings, with ``.table``, ``.suggestions`` and ``.left_out``. Nothing is corrected.
 
     Raises
@@ -304,7 +304,7 @@ def inspect(
     """
     chosen, platform = settings_of(MissionSettings, settings, named), platform_of(hull)
     with opened_records(records) as observations:
-        return RecordsInspected(inspect_open(observations, platform, chosen, profiles_text(profiles)))
+        return InspectedRecords(inspect_open(observations, platform, chosen, profiles_text(profiles)))
 
 
 def inspect_open(

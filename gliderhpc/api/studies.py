@@ -108,7 +108,7 @@ class StudyFindings:
 
 
 def analyze_archive(name: str, request: Request) -> Findings:
-    """Run one study; if it fails, the group of an earlier run in the archive is not changed.
+    """Run one study; if it fails, the group of an earlier run remains unchanged.
 
     Parameters
     ----------

@@ -12,10 +12,9 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_messages import changes_since, knew_current
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
-from gliderhpc.api.watch_state import ReportedDive, WatchState, read_state
-from gliderhpc.api.watch_versions import accept_or_restore, forget_earlier, keep_earlier
+from gliderhpc.api.watch_state import ReportedDive, WatchState, changes_since, knew_current, read_state
+from gliderhpc.api.watch_versions import accept_or_restore, back_up_version, remove_backups
 from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
@@ -192,7 +191,7 @@ class Watch:
             if known is not None and known.state == files[path]:
                 continue
             if path.name not in self.state.faults:
-                keep_earlier(folder / path.name)
+                back_up_version(folder / path.name)
             try:
                 copied = copy_file(path, files[path], folder)
             except InputError as error:
@@ -229,7 +228,7 @@ class Watch:
         refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state)
         if refused:
             self.state.save(self.watched.out)
-            forget_earlier(self.watched.out / COPIES, refused)
+            remove_backups(self.watched.out / COPIES, refused)
             faults = self._import_copies()
         for name, why in refused.items():
             self._fail(name, why)

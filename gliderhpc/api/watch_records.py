@@ -71,9 +71,11 @@ class FileImport:
     def _cache_files(self) -> list[Path]:
         return [] if self.folder is None else cache_files(self.folder)
 
-    def _options(self, kind: str) -> dict[str, Any]:
-        held = self._cache_files() if kind == "slocum" else []
-        return ({"cache": held[0].parent} if held else {}) | dict(self.options)
+    def _options(self, kind: str, reads: Reads) -> dict[str, Any]:
+        """Options of the user and of the watch; an importer without the option `reads` opens its files itself."""
+        cached = self._cache_files() if kind == "slocum" else []
+        options = ({"cache": cached[0].parent} if cached else {}) | dict(self.options) | {"overwrite": True}
+        return options | {"reads": reads} if "reads" in signature(IMPORTERS[kind]).parameters else options
 
     def import_files(self, paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
         """Turn files into one observation file, which replaces `out`; unusable ones are left out.
@@ -107,7 +109,7 @@ class FileImport:
         chosen.sort()
         while chosen:
             try:
-                summary = import_as(kind, chosen, out, {**self._options(kind), **_own_options(kind, reads)})
+                summary = import_as(kind, chosen, out, self._options(kind, reads))
             except InputError as error:
                 culprit = _named_file(error, chosen)
                 faults[culprit.name] = str(error)
@@ -115,12 +117,6 @@ class FileImport:
             else:
                 return faults | dict(summary.rejected)
         return faults
-
-
-def _own_options(kind: str, reads: Reads) -> dict[str, Any]:
-    """Options that a watch sets; an importer without the option `reads` opens its files itself."""
-    reading = {"reads": reads} if "reads" in signature(IMPORTERS[kind]).parameters else {}
-    return {"overwrite": True, **reading}
 
 
 def is_candidate(path: Path, kind: str | None, named: bool) -> bool:

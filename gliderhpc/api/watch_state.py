@@ -1,6 +1,10 @@
-"""State of a watch: files copied, faults and dives reported so far, in one file that is replaced as a whole."""
+"""State of a watch: files copied, and faults and dives reported so far, with their messages.
+
+The state is one file, which is replaced as a whole. Messages may be damaged, or of an earlier version of this program.
+"""
 
 import json
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from gliderhpc.errors import InputError
 from gliderhpc.observations.landing import CopiedFile, FileState
 from gliderhpc.output_files import write_text
+from gliderhpc.report.surfacing_message import SurfacingMessage
+
+log = logging.getLogger("gliderhpc.watch")
 
 STATE_FILE = "state.json"
 
@@ -141,3 +148,25 @@ def read_state(folder: Path) -> WatchState:
         raise InputError(
             f"{path}: damaged ({what}); remove it (every dive is then reported again), or give another --out"
         ) from None
+
+
+def knew_current(dive: ReportedDive, folder: Path) -> bool:
+    """Return whether a dive was reported with its current; one whose message cannot be read counts as such."""
+    if dive.current_known is not None:
+        return dive.current_known
+    try:
+        message = SurfacingMessage.model_validate_json((folder / dive.file).read_text("utf-8"))
+    except (OSError, ValueError):
+        return True
+    return message.current is not None
+
+
+def changes_since(message: SurfacingMessage, path: Path) -> tuple[str, ...]:
+    """List the differences from the earlier message in a file; none, with a warning, if that cannot be read."""
+    if not path.exists():
+        return ()
+    try:
+        return message.changes_since(path.read_text("utf-8"))
+    except ValueError:  # Not UTF-8, not JSON, or not such a message.
+        log.warning("%s: is not a readable message, so the changes since then are not reported; it is replaced", path)
+        return ()

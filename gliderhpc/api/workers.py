@@ -17,7 +17,7 @@ def executor_of(
     workers: int | None,
     cluster: ClusterAddress | None = None,
     needed: tuple[Path, ...] = (),
-    most: int | None = None,
+    max_workers: int | None = None,
     warm: Callable[[], None] = warm_estimation,
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Return the function that opens an executor.
@@ -30,7 +30,7 @@ def executor_of(
         Running cluster.
     needed : tuple of Path
         Files and folders that the cluster's workers must see.
-    most : int, optional
+    max_workers : int, optional
         Largest useful number of local processes.
     warm : callable
         Function called before the first job, once on every host.
@@ -49,7 +49,7 @@ def executor_of(
             )
         return lambda: cluster_executor(cluster, needed, warm)
     count = default_workers() if workers is None else workers
-    return lambda: local_executor(count if most is None else min(count, most), warm)
+    return lambda: local_executor(count if max_workers is None else min(count, max_workers), warm)
 
 
 def cluster_of(scheduler: Scheduler) -> ClusterAddress | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from gliderhpc.api.found_hulls import CalibratedHull, write_history, write_platform
+from gliderhpc.api.estimated_hulls import CalibratedHull, write_history, write_platform
 from gliderhpc.api.hulls import calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table

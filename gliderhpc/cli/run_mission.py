@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.api.missions import prepare_mission, warn_of_records
+from gliderhpc.api.missions import prepare_mission, warn_about_records
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
@@ -108,7 +108,7 @@ def run_mission(
             _print_faults(opened, chosen)
             return 0
         if not (resume or append):
-            warn_of_records(opened, platform, settings, chosen)
+            warn_about_records(opened, platform, settings, chosen)
         executor = executor_for(
             prepared.workers if cluster is None else workers,
             cluster,

@@ -26,6 +26,7 @@ from gliderhpc.simulator import (
     shipped_scenarios,
     simulate_mission,
 )
+from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.simulate")
 
@@ -83,7 +84,8 @@ def simulate(
         _note_ocean(platform, scenario)
 
         def report(profile: ProfileSummary) -> None:
-            _log(profile)
+            minutes = profile.duration / 60.0
+            log.info("profile %d: %.0f minutes to %.0f m simulated", profile.number, minutes, profile.max_depth)
             advance()
 
         with local_executor(count, warm_simulator) as executor:
@@ -114,12 +116,10 @@ def _note_ocean(platform: Platform, scenario: Scenario) -> None:
     )
 
 
-def _log(profile: ProfileSummary) -> None:
-    log.info("profile %d: %.0f minutes to %.0f m simulated", profile.number, profile.duration / 60.0, profile.max_depth)
-
-
 def _print(summary: MissionSummary, console: Console) -> None:
-    table = Table(title=_title(summary), title_justify="left")
+    days = summary.elapsed / 86_400.0
+    title = f"{counted(len(summary.profiles), 'profile')}, {int(days)} d {24.0 * (days % 1.0):.1f} h"
+    table = Table(title=title, title_justify="left")
     for heading in ("profile", "start", "minutes", "depth\nm", "impulses", "north\nm/s", "east\nm/s"):
         table.add_column(heading, justify="right", no_wrap=True)
     every = math.ceil(len(summary.profiles) / MAX_TABLE_ROWS)
@@ -136,9 +136,3 @@ def _print(summary: MissionSummary, console: Console) -> None:
     console.print(table)
     for path in (summary.path, summary.truth_path):
         console.print(f"written to {path}", highlight=False, soft_wrap=True)
-
-
-def _title(summary: MissionSummary) -> str:
-    days = summary.elapsed / 86_400.0
-    count = len(summary.profiles)
-    return f"{count} profile{'s' if count > 1 else ''}, {int(days)} d {24.0 * (days % 1.0):.1f} h"

@@ -40,7 +40,7 @@ class SurfaceInterval:
 
     Attributes
     ----------
-    lasts : float
+    duration : float
         Duration, s, not negative.
     drift_removed : float
         Part of that time (s) covered by the drift measured at the surface; over the rest the current below acts.
@@ -52,7 +52,7 @@ class SurfaceInterval:
         the current below, and from the way between the surface and a record that begins or ends under water.
     """
 
-    lasts: float
+    duration: float
     drift_removed: float
     displacement: Array
     variance: float
@@ -123,18 +123,18 @@ class SurfaceDrift:
     ----------
     velocity : (2,)
         Velocity, north and east, m/s.
-    lasts : float
+    duration : float
         Time between the two fixes (s).
     """
 
     velocity: Array
-    lasts: float
+    duration: float
 
-    def trust(self, errors: CurrentErrors) -> float:
+    def weight(self, errors: CurrentErrors) -> float:
         """Weight (0 to 1) of this drift in its weighted mean with the current below, from the errors of both."""
         if errors.surface_shear == 0.0:
             return 0.0
-        error = np.sqrt(2.0) * errors.fix_error / self.lasts
+        error = np.sqrt(2.0) * errors.fix_error / self.duration
         return float(1.0 / (1.0 + (error / errors.surface_shear) ** 2))
 
 
@@ -166,7 +166,7 @@ def depth_averaged_current(
     Between a fix and the dive the glider drifts at the surface with the water and the wind. This drift differs from the
     current that the dive averages. If consecutive fixes determine it, its time and displacement are removed. If they do
     not, the time of the first or last cycle extends to the fix, as if the current below acted there too. In general the
-    drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / lasts``) and the current below (error
+    drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / duration``) and the current below (error
     ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
     The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded way
     (`gliderhpc.observations.dive_phases.unrecorded_variance`) is an error of the position there. The segments close:
@@ -320,57 +320,59 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
     if record.entry_fix is None or record.exit_fix is None:
         return None
     begin, end = float(clock[0]), float(clock[-1])
-    lasts = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
+    duration = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
     rows = (record.time >= begin) & (record.time <= end)
-    unrecorded = unrecorded_variance(record.time[rows], record.depth[rows], record.pitch[rows], lasts)
-    before = _surface_interval(lasts[0], record.surface_fixes_before, unrecorded[0], errors)
-    after = _surface_interval(lasts[1], record.surface_fixes_after, unrecorded[1], errors)
+    unrecorded = unrecorded_variance(record.time[rows], record.depth[rows], record.pitch[rows], duration)
+    before = _surface_interval(duration[0], record.surface_fixes_before, unrecorded[0], errors)
+    after = _surface_interval(duration[1], record.surface_fixes_after, unrecorded[1], errors)
     return _FixToFixDrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
-        begin=begin - before.lasts + before.drift_removed,
-        end=end + after.lasts - after.drift_removed,
+        begin=begin - before.duration + before.drift_removed,
+        end=end + after.duration - after.drift_removed,
         entry=before,
         exit=after,
     )
 
 
 def _surface_interval(
-    lasts: float, fixes: tuple[Fix, ...], unrecorded: float, errors: CurrentErrors
+    duration: float, fixes: tuple[Fix, ...], unrecorded: float, errors: CurrentErrors
 ) -> SurfaceInterval:
-    drift, lasts = surface_drift(fixes), max(lasts, 0.0)
+    drift, duration = surface_drift(fixes), max(duration, 0.0)
     if drift is None:
-        variance = _position_variance(lasts, 0.0, 0.0, errors) + unrecorded
-        return SurfaceInterval(lasts, 0.0, np.zeros(2), variance)
-    drift_removed = drift.trust(errors) * lasts
-    variance = _position_variance(lasts, drift_removed, drift_removed / drift.lasts, errors) + unrecorded
-    return SurfaceInterval(lasts, drift_removed, drift_removed * drift.velocity, variance)
+        variance = _position_variance(duration, 0.0, 0.0, errors) + unrecorded
+        return SurfaceInterval(duration, 0.0, np.zeros(2), variance)
+    drift_removed = drift.weight(errors) * duration
+    variance = _position_variance(duration, drift_removed, drift_removed / drift.duration, errors) + unrecorded
+    return SurfaceInterval(duration, drift_removed, drift_removed * drift.velocity, variance)
 
 
-def surface_variance(lasts: float, drift_removed: float, errors: CurrentErrors) -> float:
+def surface_variance(duration: float, drift_removed: float, errors: CurrentErrors) -> float:
     """Variance (m2) of the position where the drift of a dive begins or ends, from surface times in an archive.
 
     Parameters
     ----------
-    lasts, drift_removed : float
+    duration, drift_removed : float
         Time between fix and dive, and the part that the drift measured at the surface covers, s. Their ratio gives the
-        weight of that drift (`SurfaceDrift.trust`), from which the time between its fixes follows.
+        weight of that drift (`SurfaceDrift.weight`), from which the time between its fixes follows.
     errors : CurrentErrors
         Terms with which the run was made.
     """
-    if not 0.0 < drift_removed < lasts or errors.fix_error == 0.0:
-        return _position_variance(lasts, drift_removed, 0.0, errors)
-    error = errors.surface_shear * np.sqrt(lasts / drift_removed - 1.0)
-    return _position_variance(lasts, drift_removed, drift_removed * error / (np.sqrt(2.0) * errors.fix_error), errors)
+    if not 0.0 < drift_removed < duration or errors.fix_error == 0.0:
+        return _position_variance(duration, drift_removed, 0.0, errors)
+    error = errors.surface_shear * np.sqrt(duration / drift_removed - 1.0)
+    return _position_variance(
+        duration, drift_removed, drift_removed * error / (np.sqrt(2.0) * errors.fix_error), errors
+    )
 
 
-def _position_variance(lasts: float, drift_removed: float, carried: float, errors: CurrentErrors) -> float:
+def _position_variance(duration: float, drift_removed: float, carried: float, errors: CurrentErrors) -> float:
     """Variance (m2) from the fixes, and from the difference between drift and current below over the remaining time.
 
     The fix next to the dive is one of the two from which the drift is measured. Its error therefore enters the removed
     drift as well, times the ratio of the time removed to the time between the two fixes (`carried`).
     """
     measured = errors.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
-    return float(measured + ((lasts - drift_removed) * errors.surface_shear) ** 2)
+    return float(measured + ((duration - drift_removed) * errors.surface_shear) ** 2)
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:

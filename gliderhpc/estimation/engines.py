@@ -209,14 +209,10 @@ class FortranRun:
 
     def __call__(self, problem: Problem, descent: Descent, progress: Progress) -> None:
         """Evaluate and decide until a lane is done or no lane is active."""
-        evaluate = self._evaluation(problem)
-        done = False
-        while not done:
-            evaluate()
-            done = proceed(problem, descent, progress)
-
-    def _evaluation(self, problem: Problem) -> Callable[[], None]:
-        """Return the library's call for this memory, which changes only when it grows."""
+        # The library's call is for one memory, which changes only when it grows.
         if self._evaluate is None or problem is not self._problem:
             self._problem, self._evaluate = problem, self._library.evaluation(problem)
-        return self._evaluate
+        done = False
+        while not done:
+            self._evaluate()
+            done = proceed(problem, descent, progress)

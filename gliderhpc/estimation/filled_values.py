@@ -197,5 +197,5 @@ def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:
 
 
 def _happens_at(changed: Mask, known: Mask) -> bool:
-    """Return whether an instrument's changes, be they few, occur at the measured values of the other one."""
+    """Return whether an instrument's changes, even if few, occur at the measured values of the other one."""
     return int(np.count_nonzero(changed)) >= _FEW and float(np.mean(known[changed])) >= _REGULAR

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.density_check import describe_unexpected_density
 from gliderhpc.estimation.innovations import contradict_prior, departing_quantity, log_density
-from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, steps_in
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.sensor_noise import measurement_variance
@@ -127,7 +127,7 @@ def run_filters(
 
     def tasks() -> Iterator[_Task]:
         for i, profile in enumerate(profiles):
-            doubts[i] = doubt_of_water(profile.glider.platform, profile.series)
+            doubts[i] = describe_unexpected_density(profile.glider.platform, profile.series)
             try:
                 yield _Task(
                     i,
@@ -245,7 +245,7 @@ class _Task:
     contradicted: FilterEstimate | None = None
 
     def following(self, estimate: FilterEstimate, settings: EstimationSettings) -> "_Task | None":
-        """Return the task of the next prior, or None if the estimate needs no other beside it."""
+        """Return the task with the next prior, or None if no further prior has to be tried."""
         if not self.priors[1:]:
             return None
         if _is_refused(estimate, settings):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
-from gliderhpc.estimation.joint_samples import jointly_sampled
+from gliderhpc.estimation.record_screening import jointly_sampled
 from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
 from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
@@ -175,7 +175,7 @@ def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
         missing = np.full(len(track.series.time), np.nan)
         return missing, missing.copy()
     way = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
-    adrift = current.entry.lasts - current.entry.drift_removed
+    adrift = current.entry.duration - current.entry.drift_removed
     elapsed = track.series.time - track.series.time[0] + adrift
     return _on_the_globe(entry, current.entry.displacement + way + elapsed[:, None] * current.velocity)
 

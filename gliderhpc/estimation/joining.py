@@ -1,4 +1,4 @@
-"""Joining of the windows of a dive to one path.
+"""Joining of the windows of a dive into one trajectory.
 
 If each window starts from the state at which the previous one ends, the windows form one trajectory of the flight
 model. Their corrections, however, jump from window to window: a correction is largest at the start of its window and

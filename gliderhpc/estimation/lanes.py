@@ -125,7 +125,7 @@ class LaneBatch:
 
 
 @dataclass(eq=False)
-class _DiveUnderWay(Generic[Key]):
+class _DiveInProgress(Generic[Key]):
     """A dive whose windows are being solved.
 
     Attributes
@@ -192,7 +192,7 @@ class _DiveUnderWay(Generic[Key]):
         return self.problem.path is None and len(self.wanted) == 1
 
 
-_Lanes = dict[int, tuple[_DiveUnderWay[Key], PosedWindow]]
+_Lanes = dict[int, tuple[_DiveInProgress[Key], PosedWindow]]
 
 
 def solve_in_lanes(
@@ -200,11 +200,11 @@ def solve_in_lanes(
 ) -> Iterator[tuple[Key, DiveSolution]]:
     """Solve dives side by side with the kernels of ``run``; yield each solution when it is complete."""
     batch, waiting = LaneBatch(settings, run), iter(dives)
-    active: list[_DiveUnderWay[Key]] = []
+    active: list[_DiveInProgress[Key]] = []
     lanes: _Lanes[Key] = {}
     while True:
         _take_dives(active, waiting)
-        if run is run_until_done and _are_few(active):
+        if run is run_until_done and _are_too_few_for_lanes(active):
             _finish_alone(active[0], settings)
         else:
             _occupy(batch, lanes, active)
@@ -219,17 +219,17 @@ def solve_in_lanes(
             return
 
 
-def _are_few(dives: list[_DiveUnderWay[Key]]) -> bool:
+def _are_too_few_for_lanes(dives: list[_DiveInProgress[Key]]) -> bool:
     """Return whether dives, of which only the next window is known, are too few (at least one) to gain by lanes."""
     longest = max((dive.problem.plan.length for dive in dives), default=0)
     most = max(1, LANES * longest // _STEPS_ALONE)
     return 0 < len(dives) <= most and all(dive.is_alone for dive in dives)
 
 
-def _take_dives(active: list[_DiveUnderWay[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
+def _take_dives(active: list[_DiveInProgress[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
     """Take dives until their windows fill the lanes; each of them occupies memory."""
     while sum(len(dive.wanted) for dive in active) < LANES and (posed := next(waiting, None)) is not None:
-        active.append(_DiveUnderWay(*posed))
+        active.append(_DiveInProgress(*posed))
 
 
 def _release(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
@@ -240,7 +240,7 @@ def _release(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
             del lanes[lane]
 
 
-def _finish_alone(dive: _DiveUnderWay[Key], settings: EstimationSettings) -> None:
+def _finish_alone(dive: _DiveInProgress[Key], settings: EstimationSettings) -> None:
     """Solve the windows of one of the last dives one after the other, each without lanes."""
     batch = LaneBatch(settings, alone=True)
     while dive.wanted:
@@ -263,7 +263,7 @@ def _run(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
         dive.add(window, solution)
 
 
-def _occupy(batch: LaneBatch, lanes: _Lanes[Key], dives: list[_DiveUnderWay[Key]]) -> None:
+def _occupy(batch: LaneBatch, lanes: _Lanes[Key], dives: list[_DiveInProgress[Key]]) -> None:
     """Put every dive's next window into a lane, then the windows ahead of the dives in turn; drop all others."""
     first = [(dive, window) for dive in dives for window in dive.wanted[:1]]
     ahead = [(dive, window) for dive in dives for window in dive.wanted[1:]]

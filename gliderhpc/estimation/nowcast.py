@@ -308,13 +308,9 @@ def nowcasts(
     deviation, hours, tidal = (axis.ravel() for axis in axes)
     periods = tuple(3600.0 * TIDAL_PERIODS[name] for name in tides)
     process = CurrentProcess(deviation, 3600.0 * hours, tidal_deviation=tidal, periods=periods)
-    prior = _log_prior(deviation, hours, tidal)
+    steps = np.log(deviation / _USUAL_DEVIATION) ** 2 + np.log(hours / _USUAL_HOURS) ** 2
+    log_prior = -0.5 * steps / _SPREAD**2 + np.log([TIDAL_DEVIATIONS[value] for value in tidal.tolist()])
     for state in filtered_states(observations, process):
-        logarithm = state.log_likelihood + prior
+        logarithm = state.log_likelihood + log_prior
         weights = np.exp(logarithm - np.max(logarithm))
         yield Nowcast(state, weights / np.sum(weights))
-
-
-def _log_prior(deviation: Array, hours: Array, tidal: Array) -> Array:
-    steps = np.log(deviation / _USUAL_DEVIATION) ** 2 + np.log(hours / _USUAL_HOURS) ** 2
-    return np.asarray(-0.5 * steps / _SPREAD**2 + np.log([TIDAL_DEVIATIONS[value] for value in tidal.tolist()]))

@@ -6,10 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.other_water import doubt_of_water
+from gliderhpc.estimation.density_check import describe_unexpected_density
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
-from gliderhpc.estimation.sensor_noise import louder_than_stated
+from gliderhpc.estimation.sensor_noise import noisier_than_stated
 from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
@@ -121,7 +121,11 @@ def _why_unconverged(window: WindowRecord, platform: Platform, estimate: Profile
         return "where the actuators move between samples"
     if (estimate.series.weights[rows] == 0.0).mean() > _PREVAILS:
         return "in gaps of the record"
-    return "at the iteration limit" if window.outcome == Outcome.ITERATION_LIMIT else "where the record is not followed"
+    return (
+        "at the iteration limit"
+        if window.outcome == Outcome.ITERATION_LIMIT
+        else "where the model does not follow the record"
+    )
 
 
 def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
@@ -140,8 +144,9 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if series.false_samples:
         samples = counted(series.false_samples, "isolated false sample is", "isolated false samples are")
         lines.append(f"{samples} left out")
-    if louder := louder_than_stated(platform, series):
-        found = ", ".join(f"{name} {value:.2g} {_unit(name)}" for name, value in louder.items())
+    if louder := noisier_than_stated(platform, series):
+        units = {"depth": "m"}
+        found = ", ".join(f"{name} {value:.2g} {units.get(name, 'degree')}" for name, value in louder.items())
         lines.append(f"noise taken from the record, since it is larger than the platform file states: {found}")
     gliding = ~estimate.vibrating & ~stationary_points(series)
     run = longest_run(implausible_motion(estimate) & gliding, series.step)
@@ -150,7 +155,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
             f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
         )
-        lines += filter(None, [doubt_of_water(platform, series)])
+        lines += filter(None, [describe_unexpected_density(platform, series)])
     for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
         count = sum(window.outcome == outcome for window in estimate.solution.windows)
         if count:
@@ -165,15 +170,11 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.smoothed is not None and estimate.smoothed.simplified:
         lines.append(f"the smoother found no estimate as set and was simplified: {estimate.smoothed.simplified}")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
-        reason = f" ({estimate.smoothed.trouble})" if estimate.smoothed.trouble else ""
+        reason = f" ({estimate.smoothed.failure})" if estimate.smoothed.failure else ""
         lines.append(
             f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
         )
     return lines
-
-
-def _unit(name: str) -> str:
-    return "m" if name == "depth" else "degree"
 
 
 def first_stretch(usable: NDArray[np.bool_], steps: int) -> tuple[int, int] | None:

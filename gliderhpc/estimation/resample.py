@@ -11,11 +11,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.filled_values import without_filled_values
-from gliderhpc.estimation.joint_samples import jointly_sampled
+from gliderhpc.estimation.record_screening import check_sensors, jointly_sampled, without_false_samples
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
-from gliderhpc.estimation.stuck_sensors import check_sensors
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, ProfileRecord

@@ -56,7 +56,7 @@ def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
 
 
 def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
-    """Variance ``(4,)`` of the white noise in a record; zero where it cannot be told from motion.
+    """Variance ``(4,)`` of the white noise in a record; zero where it cannot be distinguished from motion.
 
     Notes
     -----
@@ -108,7 +108,7 @@ def measurement_variance(platform: Platform, series: ProfileSeries, settings: Es
     return variance
 
 
-def louder_than_stated(platform: Platform, series: ProfileSeries) -> dict[str, float]:
+def noisier_than_stated(platform: Platform, series: ProfileSeries) -> dict[str, float]:
     """Standard deviation (degree, m) of the measurements whose noise is the record's own, not that stated."""
     used, stated = sample_variance(platform, series), stated_variance(platform)
     deviations = np.sqrt(used) * np.array([*np.degrees(np.ones(3)), 1.0])

@@ -17,7 +17,7 @@ SLOW_SENSORS = 5.0
 USUAL_WINDOW = 30.0
 """Window length of fast sensors (s), and the shortest length to which a window of slow ones is halved."""
 
-LARGEST_SETTING = 1e12
+MAX_SETTING = 1e12
 """Largest value of a setting in any unit; a larger one is a typing error."""
 
 SLOW_SENSORS_PRIOR = 2.0
@@ -39,8 +39,8 @@ class Settings(BaseModel):
         for name in type(self).model_fields:
             value = getattr(self, name)
             for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, int | float) and abs(number) > LARGEST_SETTING:
-                    raise ValueError(f"{name} is {shown(number)}, but no setting may exceed {LARGEST_SETTING:g}")
+                if isinstance(number, int | float) and abs(number) > MAX_SETTING:
+                    raise ValueError(f"{name} is {shown(number)}, but no setting may exceed {MAX_SETTING:g}")
         return self
 
 

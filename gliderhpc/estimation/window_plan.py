@@ -49,7 +49,7 @@ class WindowPlan:
     shorter: "WindowPlan | None" = None
     halves_early: bool = False
 
-    def most_windows(self, steps: int) -> int:
+    def max_windows(self, steps: int) -> int:
         """Count the windows of a profile in which every one is retracted."""
         return -(-steps // (self.length - self.margin)) + 1
 

@@ -278,17 +278,14 @@ def write_findings(findings: Findings, study: str, folder: str | Path) -> list[P
         written = [write_csv(aside / f"{stem}.csv", rows) for stem, rows in findings.tables.items()]
         written += [_write_png(aside / f"{stem}.png", figure) for stem, figure in findings.figures.items()]
         written.append(write_json(aside / f"{study}.json", findings.content))
-        written += [_write_text(aside / name, text) for name, text in findings.documents.items()]
+        for name, text in findings.documents.items():
+            written.append(aside / name)
+            written[-1].write_text(text, "utf-8")
     return [Path(folder) / path.name for path in written]
 
 
 def _write_png(path: Path, figure: Figure) -> Path:
     path.write_bytes(render_image(figure, "png"))
-    return path
-
-
-def _write_text(path: Path, text: str) -> Path:
-    path.write_text(text, "utf-8")
     return path
 
 

@@ -78,7 +78,7 @@ def calibrate_on_dives(
     base: Platform,
     start: Platform,
     segments: SteadySegments,
-    apart: SteadySegments,
+    held_out_segments: SteadySegments,
     settings: CalibrateSettings,
     executor: OpenExecutor,
     progress: Progress = no_progress,
@@ -94,7 +94,7 @@ def calibrate_on_dives(
     platform, base, start : Platform
         Hull that the result is compared with, hull from which plausible deviations are measured (the same, or with drag
         and lift of a measured velocity), and hull found from the steady glides.
-    segments, apart : SteadySegments
+    segments, held_out_segments : SteadySegments
         Steady segments of the fitted and of the held-out profiles.
     settings : CalibrateSettings
         Settings of the calibration.
@@ -110,12 +110,12 @@ def calibrate_on_dives(
         deviations allow, or is worse than the platform.
     """
     # If the rudder moved, its coefficient is marked as stated, which makes it one of the hull's parameters.
-    if segments.actuators[:, 3].any() or apart.actuators[:, 3].any():
+    if segments.actuators[:, 3].any() or held_out_segments.actuators[:, 3].any():
         base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
     known = hull_parameters(base)
     held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
     parameters = tuple(p for p in known if p.key not in held)
-    fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, apart))
+    fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, held_out_segments))
     with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
         found = DiveRounds(
             observations,
@@ -140,7 +140,9 @@ def calibrate_on_dives(
     hull = with_deviations_of(platform, with_covariance(found.platform, errors))
     with threadpool_limits(limits=1):
         try:
-            ours, others = (_score(observations, platform, hull, part, settings) for part in (segments, apart))
+            ours, others = (
+                _score(observations, platform, hull, part, settings) for part in (segments, held_out_segments)
+            )
         except InputError as error:
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"

@@ -125,7 +125,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
         smoothed = smooth_dive(profile, filtered, job.settings, job.noise_factor)
     time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
     if smoothed.last_pass is None or not smoothed.outcome.usable:
-        why = smoothed.trouble or f"the smoother ended as {smoothed.outcome.label}"
+        why = smoothed.failure or f"the smoother ended as {smoothed.outcome.label}"
         return SmoothedDive(job.number, time, message=why)
     found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, job.settings)
     if not found.is_sound:

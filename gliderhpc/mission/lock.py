@@ -235,7 +235,8 @@ def locked(archive: Place) -> Iterator[str]:
         Another run holds the lock, or it cannot be written.
     """
     place = lock_place_of(lock_name(archive))
-    holder = Holder(socket.gethostname(), os.getpid(), _now(), secrets.token_hex(8), _namespace())
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    holder = Holder(socket.gethostname(), os.getpid(), now, secrets.token_hex(8), _namespace())
     try:
         _acquire(place, holder, archive)
     except OSError as error:
@@ -348,7 +349,3 @@ def _keep_refreshing(place: LockPlace, holder: Holder, stop: threading.Event) ->
             place.refresh(content)
         except (OSError, InputError) as error:
             log.warning("the lock %s cannot be refreshed now: %s", place, error)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

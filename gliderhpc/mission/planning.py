@@ -197,7 +197,7 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
         "sample": longest + 1,
         "record": longest // settings.steps_per_record + 1,
         # The default window is shortest for a fast sensor, which gives the largest number of windows.
-        "window": plan_windows(settings, 0.0).most_windows(longest),
+        "window": plan_windows(settings, 0.0).max_windows(longest),
         "segment": int(longest * settings.step / MIN_CYCLE) + 1,
     }
     return MissionPlan(profiles, sizes, sum(steps), longest, max(samples))

@@ -46,7 +46,7 @@ _FOR_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
 """Settings of the smoother that act from its second pass on."""
 
 _FEWEST_TO_TUNE = 3
-"""Number of profiles below which nothing is said of their usual disturbances."""
+"""Minimum number of profiles for advice on the disturbance prior."""
 
 
 @dataclass
@@ -123,7 +123,7 @@ def run_mission(
     check_engine(settings)
     check_seawater(platform, settings)
     _log_use_of_optional_variables(observations, platform, settings)
-    _warn_of_idle_settings(platform, settings)
+    _warn_about_unused_settings(platform, settings)
     began = time.monotonic()
     plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
@@ -151,7 +151,7 @@ def run_mission(
                 # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
-    _warn_of_slope(platform, result)
+    _warn_about_depth_slope(platform, result)
     _advise_to_tune(platform, result)
     result.seconds = time.monotonic() - began
     return result
@@ -168,7 +168,7 @@ def _log_use_of_optional_variables(observations: Observations, platform: Platfor
         log.info("the smoother uses the measured velocity relative to the water where it agrees with the depth rate")
 
 
-def _warn_of_idle_settings(platform: Platform, settings: MissionSettings) -> None:
+def _warn_about_unused_settings(platform: Platform, settings: MissionSettings) -> None:
     """Warn of settings of the smoother that were given and have no effect, because it makes a single pass."""
     given = [name for name in _FOR_SEVERAL_PASSES if name in settings.smoother.model_fields_set]
     if given and smoother_passes(platform, settings.smoother, platform.sensors.sample_interval) == 1:
@@ -179,7 +179,7 @@ def _warn_of_idle_settings(platform: Platform, settings: MissionSettings) -> Non
         )
 
 
-def _warn_of_slope(platform: Platform, result: MissionResult) -> None:
+def _warn_about_depth_slope(platform: Platform, result: MissionResult) -> None:
     """Warn of profiles whose buoyancy uses the depth slope although the hull is calibrated for density."""
     if platform.buoyancy.compressibility is None:
         return

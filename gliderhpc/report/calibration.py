@@ -168,7 +168,7 @@ def remark_of(parameter: CalibratedParameter) -> str:
     """Return the remark on a parameter, empty if it was estimated."""
     if parameter.verdict is CalibrationVerdict.ESTIMATED:
         return ""
-    alike = f" (correlated with {', '.join(parameter.alike)})" if parameter.alike else ""
+    alike = f" (correlated with {', '.join(parameter.confounded_with)})" if parameter.confounded_with else ""
     return f"{parameter.verdict.value}{alike}"
 
 

@@ -18,9 +18,10 @@ from gliderhpc.wording import counted
 def facts(summary: Summary) -> dict[str, str]:
     """Return mission, platform, versions, profiles, times, current and computing time; omit unknown ones."""
     attributes = summary.attributes
+    platform = attributes.get("platform")
     values = {
         "mission": attributes.get("mission"),
-        "platform": _platform_name(attributes.get("platform")),
+        "platform": platform.get("name") if isinstance(platform, Mapping) else platform,
         "engine": attributes.get("engine"),
         "preset": attributes.get("preset"),
         "software version": attributes.get("software_version"),
@@ -45,10 +46,6 @@ def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> Iterator[
             yield f"{prefix}{key}", value
 
 
-def _platform_name(platform: object) -> object:
-    return platform.get("name") if isinstance(platform, Mapping) else platform
-
-
 def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
     """Format a time in ISO 8601 to the second, UTC; None if it is not known."""
     return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
@@ -63,7 +60,7 @@ def _describe_median_current(current: MedianCurrent) -> str:
 
 _TITLE_WIDTH, _MESSAGE_WIDTH = 80, 115
 
-_LEAST_DEVIATION = 1e-3
+_MIN_DEVIATION = 1e-3
 """Standard deviation below which numbers have exponents."""
 
 
@@ -127,7 +124,7 @@ def signed(value: float, form: str = ".3f") -> str:
 
 def with_deviation(value: float, deviation: float) -> str:
     """Format a value with its sign and its standard deviation, both to the second digit of the latter."""
-    if not (math.isfinite(value) and deviation >= _LEAST_DEVIATION and math.isfinite(deviation)):
+    if not (math.isfinite(value) and deviation >= _MIN_DEVIATION and math.isfinite(deviation)):
         return f"{signed(value, '.3g')} ± {deviation:.2g}"
     decimals = max(0, 1 - math.floor(math.log10(deviation)))
     return f"{signed(value, f'.{decimals}f')} ± {deviation:.{decimals}f}"

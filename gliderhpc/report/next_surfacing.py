@@ -16,7 +16,7 @@ from gliderhpc.observations.records import Fix
 
 Array = NDArray[np.float64]
 
-MOST_DIVES = 60
+MAX_DIVES = 60
 """Maximum number of past dives used by the nowcast."""
 
 _COMPARED, _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 20, 3, 0.1
@@ -236,7 +236,7 @@ def ellipse_scale(distances: Sequence[float]) -> float:
     return float(np.clip(ratio, *_SCALES) ** (count / (count + _PRIOR_PREDICTIONS)))
 
 
-def dives_until(archive: Archive, number: int, most: int | None = MOST_DIVES) -> xr.Dataset:
+def dives_until(archive: Archive, number: int, most: int | None = MAX_DIVES) -> xr.Dataset:
     """Return the rows of the latest dives, up to a given one, that have a smoothed current; `most` of them."""
     table = archive.to_dataset().load()
     smoothed = archive["smoothed"].to_dataset()

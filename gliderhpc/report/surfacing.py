@@ -12,7 +12,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
-from gliderhpc.report.recent_hull import hull_changes, recent_hull
+from gliderhpc.report.recent_hull import hull_changes, recent_hull, trim_of
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
     Current,
@@ -24,7 +24,6 @@ from gliderhpc.report.surfacing_message import (
     SurfacingMessage,
     Water,
 )
-from gliderhpc.report.trim import trim_of
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
@@ -235,7 +234,7 @@ def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
 def _has_hull_information(archive: Archive) -> bool:
     """Return whether the archive has the dives' information on a hull that this program can read.
 
-    Archives of former versions have none of it, or only a part.
+    Archives of earlier versions have only a part of this information, or none.
     """
     if "hull" not in archive.children or platform_or_none(archive) is None:
         return False

@@ -161,7 +161,7 @@ class SurfacingMessage(_Part):
 
     @property
     def only_current_changed(self) -> bool:
-        """Whether nothing but the current is new since the previous revision."""
+        """Whether only the current has changed since the previous revision."""
         return bool(self.changes) and all(change.startswith("current ") for change in self.changes)
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:

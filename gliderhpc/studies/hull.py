@@ -92,7 +92,7 @@ class MissionDives:
         Keys along the archive's dimension ``parameter``; an archive of an earlier version has fewer.
     divisor : float
         Number by which the sum divides the information of every dive (`gliderhpc.studies.library.depth_rate_check`).
-    whole : MissionHull, optional
+    undivided : MissionHull, optional
         Sum of the undivided information, if it was computed to find the divisor.
     """
 
@@ -102,7 +102,7 @@ class MissionDives:
     without: tuple[int, ...]
     labels: tuple[str, ...] = HULL_PARAMETERS
     divisor: float = 1.0
-    whole: MissionHull | None = None
+    undivided: MissionHull | None = None
 
     @property
     def prior(self) -> HullPrior:
@@ -168,9 +168,9 @@ def agreeing_dives(
     glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
     if glides is None:
         return mission, None
-    whole = _sum_of_dives(mission, robust=robust)
-    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, whole, robust=robust)
-    return replace(mission, divisor=1.0 if check is None else check.divisor, whole=whole), check
+    undivided = _sum_of_dives(mission, robust=robust)
+    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, undivided, robust=robust)
+    return replace(mission, divisor=1.0 if check is None else check.divisor, undivided=undivided), check
 
 
 def _sum_of_dives(mission: MissionDives, *, robust: bool) -> MissionHull:
@@ -231,7 +231,7 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
     hulls before and after. The search for changes uses the undivided information of the dives: the error for which it
     is otherwise divided is the same in every dive, and cancels in the differences between dives.
     """
-    found = mission.whole or _sum_of_dives(mission, robust=settings.robust)
+    found = mission.undivided or _sum_of_dives(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
         changes = find_changes(
             mission.dives, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust

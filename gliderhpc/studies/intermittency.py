@@ -28,7 +28,6 @@ from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_row
 from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
-    GappySeries,
     IntermittencySettings,
     averaged_over,
     channel_of,
@@ -76,7 +75,9 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         return {**row, "message": part.message}
     fast = averaged_over(part.series, settings.interval)
     found = resolved_structure_functions(fast, settings, channel.sample_interval)
-    drawn = _bootstrap(fast, settings, channel.sample_interval, np.random.default_rng([settings.seed, data.number, 0]))
+    lags, rng = lag_samples(settings.every_lag, fast.step), np.random.default_rng([settings.seed, data.number, 0])
+    drawn = bootstrap_structure_functions(fast, lags, settings.block, settings.block_draws, rng)
+    drawn = without_unresolved_lags(drawn, channel.sample_interval)
     rng = np.random.default_rng([settings.seed, data.number, 1])
     tested = surrogate_test(fast, settings, channel.sample_interval, rng)
     ranges = _by_range(found, drawn, settings)
@@ -99,14 +100,6 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         **_curve(FLATNESS_BY_LAG, found.flatness, drawn.flatness, tested.structures.flatness),
         **_curve(ZETA, exponents, drawn_exponents, surrogate_exponents),
     }
-
-
-def _bootstrap(
-    fast: GappySeries, settings: IntermittencySettings, sample_interval: float, rng: np.random.Generator
-) -> StructureFunctions:
-    lags = lag_samples(settings.every_lag, fast.step)
-    drawn = bootstrap_structure_functions(fast, lags, settings.block, settings.block_draws, rng)
-    return without_unresolved_lags(drawn, sample_interval)
 
 
 def _interval_row(name: str, draws: Array) -> Row:

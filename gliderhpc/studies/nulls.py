@@ -28,7 +28,6 @@ from gliderhpc.flight.coefficients import coefficients_of, with_errors
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.planning import batch_size
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.simulator.replay import Actuation, record_of, replay
@@ -139,7 +138,8 @@ def fly_null(
         disturbances = gaussian_disturbances(data, platform, settings, times, rng)
     flight = replay(hull, actuation, bodies, disturbances)
     record = record_of(flight, actuation, platform, rng)
-    series = _with_seawater(on_steps(record, without_corrections(mission)), data)
+    series = on_steps(record, without_corrections(mission))
+    series = replace(series, seawater=_seawater(data, series.time[:-1] + 0.5 * series.step))
     row = null.row | {"duration": flight.duration, "max_depth": float(flight.states[:, 5].max())}
     return prepare_profile(Glider(platform), series), row, factors_of(hull, platform)
 
@@ -205,10 +205,6 @@ def _seawater(data: ProfileData, times: Array) -> Array | None:
         return None
     columns = np.column_stack([bridged_depth(data), data.seawater])
     return np.column_stack([np.interp(times, data.record_time, column) for column in columns.T])
-
-
-def _with_seawater(series: ProfileSeries, data: ProfileData) -> ProfileSeries:
-    return replace(series, seawater=_seawater(data, series.time[:-1] + 0.5 * series.step))
 
 
 # A batch of nulls

@@ -235,7 +235,7 @@ class Study:
         if self.mission is not None:
             found = self.mission(plan, rows)
             begun = _begin(request, self.name, found)
-            rows = _of_table(self.name, _joined_rows(rows, found.rows))
+            rows = _table_rows(self.name, rows, found.rows)
         write_table_rows(request.archive, {plan.positions[number]: row for number, row in rows.items()}, self.name)
         write_manifests(request.archive, self.name, digests)
         write_whole(request.archive, self.name, {**plan.prepared.variables, **found.variables})
@@ -316,14 +316,11 @@ def run_profile_job(
     return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
 
 
-def _joined_rows(rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:
-    return {number: {**rows.get(number, {}), **further.get(number, {})} for number in (*rows, *further)}
-
-
-def _of_table(name: str, rows: Mapping[int, Row]) -> dict[int, Row]:
-    """Rows without the values that only the mission's function uses."""
+def _table_rows(name: str, rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:
+    """Join the rows of each profile, and remove the values that only the mission's function uses."""
     names = {variable.name for variable in study_called(name).variables}
-    return {number: {key: row[key] for key in row if key in names} for number, row in rows.items()}
+    joined = {number: {**rows.get(number, {}), **further.get(number, {})} for number in (*rows, *further)}
+    return {number: {key: row[key] for key in row if key in names} for number, row in joined.items()}
 
 
 def _begin(request: Request, name: str, content: GroupContent) -> tuple[str, ...]:

@@ -98,7 +98,7 @@ class CalibratedParameter:
         parameters, of the measured attitude, and of its rounding.
     verdict : CalibrationVerdict
         Outcome.
-    alike : tuple of str
+    confounded_with : tuple of str
         Keys of the other parameters in the weak direction, for a parameter that is not determined.
     """
 
@@ -109,7 +109,7 @@ class CalibratedParameter:
     interval: tuple[float, float]
     scatter_share: float
     verdict: CalibrationVerdict
-    alike: tuple[str, ...]
+    confounded_with: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,12 +191,12 @@ def calibrate(
     why = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if why is not None:
         report(f"fitting again with the lateral terms held ({WHY_HELD[why]})")
-        apart = errors.with_turns_apart()
-        held = Fit(apart, _search_from_best_start(apart, free & ~lateral, settings, report))
+        separate = errors.with_separate_turns()
+        held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
         if is_better_held(why, fit, held):
-            fit, errors = held, apart
+            fit, errors = held, separate
         else:
-            report("with the lateral terms held the turns do not fit, or less is known: the first fit is kept")
+            report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")
             why = None
     search, covariance = fit.search, fit.covariance
     reasons = _reasons(search, free, free & lateral, why)
@@ -224,7 +224,9 @@ def start_subset(errors: SegmentErrors) -> SegmentErrors:
     """Errors over a subset of the segments, spread over all, for the search of a starting point."""
     every = -(-len(errors.segments) // MAX_START_SEGMENTS)
     part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
-    return SegmentErrors(errors.platform, errors.parameters, part, errors.reference, turns_apart=errors.turns_apart)
+    return SegmentErrors(
+        errors.platform, errors.parameters, part, errors.reference, separate_turns=errors.separate_turns
+    )
 
 
 def _search_from_best_start(
@@ -274,7 +276,7 @@ def check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
+            f"calibration: steady flight in {counted(count, 'profile')} besides those held out, but at least "
             f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
         )
 
@@ -310,7 +312,7 @@ def _reasons(
     }
     if why is not None:
         reasons |= {int(i): (why, ()) for i in np.flatnonzero(refused)}
-    return reasons | {held.index: (held.verdict, held.alike) for held in search.held}
+    return reasons | {held.index: (held.verdict, held.confounded_with) for held in search.held}
 
 
 def _judge_parameters(
@@ -328,19 +330,19 @@ def _judge_parameters(
     parameters = []
     for i, parameter in enumerate(errors.parameters):
         step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
-        verdict, alike = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
+        after = parameter.moved(errors.platform, step)
+        ends = [parameter.moved(errors.platform, step + side * reach) for side in (-1.0, 1.0)]
+        verdict, confounded_with = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
         parameters.append(
             CalibratedParameter(
                 parameter,
                 parameter.value(errors.platform),
-                _round_value(parameter.moved(errors.platform, step), step),
+                after if step == 0.0 else round_number(after),
                 step,
-                _in_order(
-                    parameter.moved(errors.platform, step - reach), parameter.moved(errors.platform, step + reach)
-                ),
+                (min(ends), max(ends)),
                 float(scatter[i] / variance[i]),
                 verdict,
-                tuple(errors.parameters[j].key for j in alike),
+                tuple(errors.parameters[j].key for j in confounded_with),
             )
         )
     return tuple(parameters), directions(jacobian)
@@ -354,11 +356,3 @@ def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> Calibrati
     return errors_in_units(
         errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]
     )
-
-
-def _round_value(value: float, step: float) -> float:
-    return value if step == 0.0 else round_number(value)
-
-
-def _in_order(a: float, b: float) -> tuple[float, float]:
-    return (a, b) if a <= b or math.isnan(a) else (b, a)

@@ -73,13 +73,13 @@ class Held:
         Index of the parameter.
     verdict : CalibrationVerdict
         Reason, and value at which it was held.
-    alike : tuple of int
+    confounded_with : tuple of int
         Other parameters that move by more than `_INVOLVED` along the undetermined direction.
     """
 
     index: int
     verdict: CalibrationVerdict
-    alike: tuple[int, ...] = ()
+    confounded_with: tuple[int, ...] = ()
 
 
 class CalibrationSearch:
@@ -200,8 +200,8 @@ class CalibrationSearch:
                 break
             parts = np.abs(weakest.vector)
             index = int(chosen[np.argmax(parts)])
-            alike = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
-            self._hold(Held(index, CalibrationVerdict.UNDETERMINED, alike))
+            confounded_with = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
+            self._hold(Held(index, CalibrationVerdict.UNDETERMINED, confounded_with))
         return len(self.held) > before
 
     def _at_bound(self) -> Held | None:

@@ -26,7 +26,7 @@ _UNCHANGED = 0.5
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
-_LEAST_SCATTER = 0.3
+_MIN_SCATTER = 0.3
 """Smallest ratio of the variance between dives to the one that they state; a few dives can agree by chance."""
 _MIN_FREEDOM = 60
 """Degrees of freedom of all dives from which a smaller scatter than stated counts."""
@@ -99,7 +99,7 @@ def find_changes(
 
     A change shows in the differences between dives, in which errors that all dives have in common cancel. The dives'
     covariances include such errors. They are therefore scaled by the scatter between dives, also where this is smaller
-    than they state, down to `_LEAST_SCATTER`.
+    than they state, down to `_MIN_SCATTER`.
 
     Probabilities, sizes and onsets are means over the assumptions of the noise under which the dives were smoothed,
     which are equally plausible: a change that only some of them show is not certain.
@@ -144,7 +144,7 @@ def _parts(assumptions: Sequence[Sequence[DiveTerm]], prior: HullPrior) -> Array
         return WeightedSum.plain(SumProblem(prior.eta, changes_of(assumptions[0], walk), terms))
 
     # A random walk that is too large would pass for dives that agree, so that smaller scatter is judged without it.
-    constant = total(np.zeros(len(prior.walk))).agreeing(_LEAST_SCATTER)
+    constant = total(np.zeros(len(prior.walk))).agreeing(_MIN_SCATTER)
     walks = (constant.inflation >= 1.0) | (constant.disagreements[1].sum(axis=-1) < _MIN_FREEDOM)
     return np.where(walks[:, None], total(prior.walk).agreeing().part, constant.part) if walks.any() else constant.part
 

@@ -1,8 +1,8 @@
-"""Whether steady glides determine a hull's lateral terms, or a second fit that holds them is the better one.
+"""Test of whether steady glides determine a hull's lateral terms, or a second fit should hold them.
 
 Water that rolls and yaws the glider acts on the equations of roll and rate of turn like other lateral terms, and
 through these equations it moves drag, lift and neutral volume as well. A second fit therefore holds the lateral terms,
-and fits depth rate and pitch apart from roll and rate of turn (`SegmentErrors.with_turns_apart`).
+and fits depth rate and pitch apart from roll and rate of turn (`SegmentErrors.with_separate_turns`).
 """
 
 import numpy as np

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.other_water import is_other_water, surface_density
+from gliderhpc.estimation.density_check import is_unexpected_density, surface_density
 from gliderhpc.estimation.preparation import model_controls
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
@@ -87,7 +87,7 @@ class SegmentErrors:
         Mask of the errors used: depth rate and pitch in straight flight only, roll and rate of turn always.
     kind, profile, leg : (m,) int arrays
         Index of the quantity, number of the profile, and number of the dive or climb, for every error used.
-    turns_apart : bool
+    separate_turns : bool
         Whether parameters `TURNING` are fitted to roll and rate of turn alone, and all others to depth rate and pitch.
     """
 
@@ -98,9 +98,9 @@ class SegmentErrors:
         segments: SteadySegments,
         reference: np.datetime64 | None = None,
         *,
-        turns_apart: bool = False,
+        separate_turns: bool = False,
     ) -> None:
-        self.turns_apart = turns_apart
+        self.separate_turns = separate_turns
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
         # A Jacobian and the slope of the flatness use the same hulls.
         self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._made_hull)
@@ -152,16 +152,17 @@ class SegmentErrors:
 
     def trend(self, steps: Array) -> float:
         """Trend of the neutral volume, cm3/day."""
-        return sum(p.moved(self.platform, s) for p, s in self._moves(steps) if p is TREND)
+        moves = zip(self.parameters, steps.tolist(), strict=True)
+        return sum(p.moved(self.platform, s) for p, s in moves if p is TREND)
 
-    def with_turns_apart(self) -> "SegmentErrors":
+    def with_separate_turns(self) -> "SegmentErrors":
         """Return the same errors, of which those of turns do not inform the parameters of straight flight."""
-        return SegmentErrors(self.platform, self.parameters, self.segments, self.reference, turns_apart=True)
+        return SegmentErrors(self.platform, self.parameters, self.segments, self.reference, separate_turns=True)
 
     def parts(self) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
         """Masks of the errors (m,), and of the parameters (p,) that are fitted to them, for each separate fit."""
         turns, turning = self.kind >= _ROLL, np.isin([p.key for p in self.parameters], TURNING)
-        if not self.turns_apart:
+        if not self.separate_turns:
             return [(np.ones_like(turns), np.ones_like(turning))]
         return [(~turns, ~turning), (turns, turning)]
 
@@ -211,9 +212,6 @@ class SegmentErrors:
         both = SegmentErrors(self.platform, (*self.parameters, *self.attitude), self.segments, self.reference)
         count, others = len(self.parameters), len(self.attitude)
         return both.jacobian(np.concatenate([steps, np.zeros(others)]), range(count, count + others))
-
-    def _moves(self, steps: Array) -> list[tuple[HullParameter, float]]:
-        return list(zip(self.parameters, steps.tolist(), strict=True))
 
 
 def _with_sensors(segments: SteadySegments, before: Sensors, after: Sensors) -> SteadySegments:
@@ -317,7 +315,7 @@ def _in_its_water(platform: Platform, segments: SteadySegments, report: Callable
     if platform.buoyancy.compressibility is not None:
         return hull
     surface = surface_density(segments.seawater)
-    if not is_other_water(hull, surface):
+    if not is_unexpected_density(hull, surface):
         return hull
     report(
         f"the water has {surface:.1f} kg/m3 (median of the steady flight, at surface pressure), and the platform file "

@@ -153,7 +153,9 @@ def steady_segments(
     """
     found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
     if allow_flatter and (missing := _phases_without(found)):
-        flatter, other_reasons = _segments_of_all(observations, _flatter_hull(platform), numbers, settings, steady)
+        parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
+        hull = moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
+        flatter, other_reasons = _segments_of_all(observations, hull, numbers, settings, steady)
         if len(_phases_without(flatter)) < len(missing):
             found, reasons = flatter, other_reasons
             where = "" if len(missing) > 1 else f" on {missing[0]}"
@@ -195,11 +197,6 @@ def _segments_of_all(
 
 _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
 """Changes of a hull, in plausible deviations, that make its glide about as flat as is plausible."""
-
-
-def _flatter_hull(platform: Platform) -> Platform:
-    parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
-    return moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
 
 
 def join_segments(parts: Sequence[SteadySegments]) -> SteadySegments:

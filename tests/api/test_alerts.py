@@ -145,7 +145,7 @@ def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_with
         ("rules:", "rules is None: give the rules as `key: value` pairs, such as {current_above: 0.5}"),
         (
             "rules: {next_surfacing_outside: {south: 20, north: 10, west: 0, east: 5}}",
-            "rules.next_surfacing_outside: south, 20, is north of north, 10: exchange the two",
+            "rules.next_surfacing_outside: south (20) is greater than north (10); swap them",
         ),
         ("rules: {}\nwebhook: ftp://x", "webhook is 'ftp://x': give an address"),
         ("rules: {}\ncommand: echo x; rm y", "command is 'echo x; rm y': give a list of program and arguments"),
@@ -160,5 +160,5 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path
 
 
 def test_a_box_that_contains_nothing_is_refused():
-    with pytest.raises(ValidationError, match="south, 19, is north of north, 17"):
+    with pytest.raises(ValidationError, match=r"south \(19\) is greater than north \(17\)"):
         Box(south=19.0, north=17.0, west=0.0, east=1.0)

@@ -23,8 +23,8 @@ from support.repository import REPOSITORY
 import gliderhpc as gh
 from gliderhpc.api import hulls, missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
-from gliderhpc.api.found_hulls import CalibratedHull
-from gliderhpc.api.records import RecordsInspected
+from gliderhpc.api.estimated_hulls import CalibratedHull
+from gliderhpc.api.records import InspectedRecords
 from gliderhpc.api.studies import StudyFindings
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
@@ -485,7 +485,7 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
     found = hulls.calibrate_and_tune(None, hull, hulls.CalibrateSettings(), None, None, (), None)
     assert found.platform.prior == hull.prior
-    assert found.doubts[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
+    assert found.warnings[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
     assert "the prior was tuned but is not used" in caplog.text
 
 
@@ -523,7 +523,7 @@ def test_suggestions_of_inspect_are_python_settings():
         Finding("check", name, "degree", 2.5, 0.1, 0.5, CheckVerdict.FOUND, text)
         for name, text in zip(("pitch", "heading"), suggestions, strict=True)
     ]
-    found = RecordsInspected(Inspection(tuple(findings), (1,), {}))
+    found = InspectedRecords(Inspection(tuple(findings), (1,), {}))
     words = ["records.pitch_offset=2.50", "records.heading_deviation=[1.0, 0.5] (times sin, cos)"]
     assert list(found.suggestions.values()) == words
     assert found.table["suggestion"].tolist() == words

@@ -359,7 +359,7 @@ def test_surface_drift():
     track = (first, moved_fix(first, 100.0, 5.0, 90.0), moved_fix(first, 300.0, 30.0, -60.0))
     found = surface_drift(track)
     np.testing.assert_allclose(found.velocity, [0.1, -0.2], atol=1e-6)
-    assert found.lasts == pytest.approx(300.0)
+    assert found.duration == pytest.approx(300.0)
     assert surface_drift(()) is None
     assert surface_drift(track[:1]) is None
     assert surface_drift((first, moved_fix(first, 20.0, 5.0, 5.0))) is None
@@ -536,7 +536,7 @@ def test_the_surface_s_variance_follows_from_what_the_archive_holds():
     errors = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     current = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), errors)
     for end in (current.entry, current.exit):
-        assert surface_variance(end.lasts, end.drift_removed, errors) == pytest.approx(end.variance, rel=1e-9)
+        assert surface_variance(end.duration, end.drift_removed, errors) == pytest.approx(end.variance, rel=1e-9)
 
 
 # The glide angle (eq. 15)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.false_samples import without_false_samples
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.record_screening import without_false_samples
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider

@@ -6,7 +6,7 @@ import numpy as np
 from support.records import record
 
 from gliderhpc.estimation.glide_currents import on_points
-from gliderhpc.estimation.joint_samples import jointly_sampled
+from gliderhpc.estimation.record_screening import jointly_sampled
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 

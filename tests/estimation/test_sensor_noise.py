@@ -10,7 +10,7 @@ from gliderhpc.estimation.preparation import prepare_profile, stated_variance
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.estimation.sensor_noise import louder_than_stated, noise_of_record, sample_variance
+from gliderhpc.estimation.sensor_noise import noise_of_record, noisier_than_stated, sample_variance
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.flight.glider import Glider
@@ -49,7 +49,7 @@ def test_sensors_as_stated_have_the_noise_stated(name):
 @pytest.mark.parametrize("degrees", [0.1, 0.4])
 def test_louder_noise_is_found(name, degrees):
     record, _ = twin(name)
-    found = louder_than_stated(PETREL, series(with_noise(record, degrees, 0.2)))
+    found = noisier_than_stated(PETREL, series(with_noise(record, degrees, 0.2)))
     assert [found[name] for name in ANGLES] == pytest.approx([degrees] * 3, rel=0.15)
     assert found["depth"] == pytest.approx(0.2, rel=0.15)
 
@@ -65,7 +65,7 @@ def test_coarser_angles_have_the_variance_of_their_rounding(name):
     record, _ = twin(name)
     quantum = np.radians(0.5)
     coarse = replace(record, **{name: quantum * np.round(getattr(record, name) / quantum) for name in ANGLES})
-    found = louder_than_stated(PETREL, series(coarse))
+    found = noisier_than_stated(PETREL, series(coarse))
     assert found["pitch"] == pytest.approx(0.5 / np.sqrt(12.0), rel=0.05)
     assert "depth" not in found
 
@@ -103,5 +103,5 @@ def test_a_few_values_between_two_levels_are_no_resolution():
     count = len(record.time)
     pitch = np.where(np.arange(count) < count // 2, -23.0, 23.0)
     pitch[count // 2 : count // 2 + 4] = [-9.7, 1.3, 12.9, 20.1]
-    found = louder_than_stated(PETREL, series(replace(record, pitch=np.radians(pitch))))
+    found = noisier_than_stated(PETREL, series(replace(record, pitch=np.radians(pitch))))
     assert "pitch" not in found

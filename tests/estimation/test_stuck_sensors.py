@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from gliderhpc.errors import ProfileError
+from gliderhpc.estimation.record_screening import check_sensors
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.stuck_sensors import check_sensors
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_profile
 

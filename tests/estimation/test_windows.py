@@ -156,7 +156,7 @@ def test_every_good_window_is_retracted_and_the_last_may_be_shorter():
     assert spans(solution) == [
         (0, 300, True), (200, 500, True), (400, 700, True), (600, 900, True), (800, 1000, False),
     ]  # fmt: skip
-    assert len(solution.windows) <= PLAN.most_windows(1000)
+    assert len(solution.windows) <= PLAN.max_windows(1000)
 
 
 def test_the_next_solution_replaces_the_overlap():

@@ -194,7 +194,7 @@ def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypa
     monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, full_step=np.zeros_like(eta)))
     refused = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
     assert refused.dives is None
-    assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.trouble
+    assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.failure
 
 
 def test_a_long_step_is_shortened_as_a_whole():

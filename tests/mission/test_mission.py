@@ -37,7 +37,7 @@ from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
-from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_of_idle_settings, run_mission
+from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_about_unused_settings, run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
@@ -208,7 +208,7 @@ def test_currents_and_fixes_of_the_table(archive, brief):
             surfaces = {"entry": record.surface_fixes_before, "exit": record.surface_fixes_after}
             for end, fixes in surfaces.items():
                 drifted = surface_drift(fixes)
-                share = 30.0 * drifted.trust(CurrentErrors())
+                share = 30.0 * drifted.weight(CurrentErrors())
                 assert float(row[f"{end}_surface_time"]) == pytest.approx(share, abs=1.0)
                 found = [float(row[f"{end}_surface_{along}"]) for along in ("north", "east")]
                 np.testing.assert_allclose(found, share * drifted.velocity, atol=0.5)
@@ -915,8 +915,8 @@ def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, c
 def test_settings_of_passes_that_are_not_made_are_warned_of(caplog):
     """Slow records of a hull without its own prior are smoothed in one pass."""
     settings = build_settings({}, {"smoother.tolerance": "0.01"})
-    _warn_of_idle_settings(read_platform("petrel-l"), settings)
-    _warn_of_idle_settings(read_platform("seaglider"), build_settings({}, {}))
+    _warn_about_unused_settings(read_platform("petrel-l"), settings)
+    _warn_about_unused_settings(read_platform("seaglider"), build_settings({}, {}))
     assert not caplog.messages
-    _warn_of_idle_settings(read_platform("seaglider"), settings)
+    _warn_about_unused_settings(read_platform("seaglider"), settings)
     assert caplog.messages[0].startswith("smoother.tolerance: no effect, because the smoother makes one pass")

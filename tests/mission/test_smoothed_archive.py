@@ -176,7 +176,7 @@ def test_the_current_by_the_smoother(brief_store, brief, group):
         variance = 0.0
         for end, fixes in (("entry", record.surface_fixes_before), ("exit", record.surface_fixes_after)):
             drift, drift_removed = surface_drift(fixes), float(row[f"{end}_surface_time"])
-            carried, rest = drift_removed / drift.lasts, drift_removed / drift.trust(options) - drift_removed
+            carried, rest = drift_removed / drift.duration, drift_removed / drift.weight(options) - drift_removed
             variance += options.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
             variance += (options.surface_shear * rest) ** 2
         own = np.array([[of_group["displacement_north_std"] ** 2, of_group["displacement_covariance"]],

@@ -11,8 +11,8 @@ from support.missions import changed_observations, estimate, profile_series, pro
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.density_check import describe_unexpected_density
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.other_water import doubt_of_water
 from gliderhpc.estimation.preparation import check_seawater, controls_of, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.resample import on_steps, resample
@@ -20,7 +20,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
-from gliderhpc.mission.run import MissionResult, _warn_of_slope
+from gliderhpc.mission.run import MissionResult, _warn_about_depth_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seawater import with_seawater
@@ -252,12 +252,12 @@ def test_a_density_far_from_that_of_the_platform_is_reported():
     """Only if the buoyancy uses it: then the hull is not the only suspect."""
     pressure = dive_and_climb()
     sea, half = (on_steps(cast(pressure, thermocline(pressure), s), EstimationSettings()) for s in (35.0, 17.5))
-    doubt = doubt_of_water(SOFT, half)
+    doubt = describe_unexpected_density(SOFT, half)
     assert "kg/m3 (median, at surface pressure) and the platform file 1025" in doubt
     assert doubt.endswith("check the record's practical_salinity and temperature")
-    assert doubt_of_water(SOFT, sea) is None
-    assert doubt_of_water(PETREL, half) is None
-    assert doubt_of_water(with_overrides(SOFT, {"buoyancy.water_density": "1012.5"}), half) is None
+    assert describe_unexpected_density(SOFT, sea) is None
+    assert describe_unexpected_density(PETREL, half) is None
+    assert describe_unexpected_density(with_overrides(SOFT, {"buoyancy.water_density": "1012.5"}), half) is None
 
 
 def test_a_filter_that_cannot_follow_names_the_water_too():
@@ -414,12 +414,12 @@ def ocean_store(ocean_mission):
 
 def test_a_profile_that_fell_back_to_the_depth_slope_is_warned_of(ocean_mission, caplog):
     rows = {number: {"status": "done", "buoyancy": number % 2} for number in (1, 2, 3, 4)}
-    _warn_of_slope(SOFT, MissionResult(rows=rows | {5: {"status": "failed"}}))
+    _warn_about_depth_slope(SOFT, MissionResult(rows=rows | {5: {"status": "failed"}}))
     (warning,) = caplog.messages
     assert warning.startswith("profile 2, 4: buoyancy from the depth slope, not from density")
     assert SLOPE_BIAS in warning
     caplog.clear()
-    _warn_of_slope(read_platform("petrel-l"), MissionResult(rows=rows))
+    _warn_about_depth_slope(read_platform("petrel-l"), MissionResult(rows=rows))
     assert caplog.messages == []
     series = profile_series(ocean_mission / "twin.nc", 1, EstimationSettings(seawater="depth_slope"))
     assert buoyancy_remarks(SOFT, series) == [

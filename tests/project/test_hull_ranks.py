@@ -47,7 +47,7 @@ def test_right_deviations_stay_in_it(band):
 
 
 def test_a_mission_without_values_is_counted_with_its_reason():
-    lost = MissionRanks(NUMBER + 1, {}, trouble="no steady flight to calibrate on")
+    lost = MissionRanks(NUMBER + 1, {}, failure="no steady flight to calibrate on")
     text = kind_text("calm", [*drawn(1.0), lost])
     assert f"{NUMBER + 1} missions: 1 without values" in text
     assert "- no steady flight to calibrate on" in text

@@ -169,6 +169,6 @@ def test_the_sum_of_the_dives_is_computed_once(monkeypatch):
     mission, _ = agreeing_dives(None, MissionDives(HULL, PARAMETERS, HONEST, ()), robust=True)
     found, again = study.combine_dives(mission, study.HullSettings())
     assert sums == [found]
-    assert mission.whole is found
+    assert mission.undivided is found
     np.testing.assert_array_equal(found.eta, alone.eta)
     assert {i: vars(each) for i, each in again.items()} == {i: vars(each) for i, each in changes.items()}

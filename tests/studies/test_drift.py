@@ -275,7 +275,7 @@ def test_planted_drag_and_weight_give_the_expected_cause(planted, cause):
     assert low <= wanted <= high
     assert found.verdict.change == pytest.approx(wanted, abs=0.15)
     for drag in found.drags:
-        assert drag.apart.drift == pytest.approx(
+        assert drag.phase_difference.drift == pytest.approx(
             planted.get("weight", 0.0) + planted.get("uneven", 0.0) / 5.0, abs=0.06
         )
 

@@ -31,7 +31,7 @@ def turned(segments, seed=5):
 def test_errors_of_turns_apart_do_not_inform_the_other_parameters():
     """Within each part the derivatives are those of all errors together."""
     together = SegmentErrors(PETREL, PARAMETERS, turned(glides(TRUTH, PETREL)))
-    apart, steps = together.with_turns_apart(), np.full(len(KEYS), 0.1)
+    apart, steps = together.with_separate_turns(), np.full(len(KEYS), 0.1)
     every = range(len(KEYS))
     whole, parted = together.jacobian(steps, every), apart.jacobian(steps, every)
     turning = np.isin(KEYS, TURNING)

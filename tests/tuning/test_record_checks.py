@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from support.missions import program
 
 from benchmarks.record_checks import SETTINGS, expected, inspect_open, twin_records, twin_scenario, with_errors
-from gliderhpc.api.missions import warn_of_records
+from gliderhpc.api.missions import warn_about_records
 from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
 from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.resample import corrected, harmonics, on_steps
@@ -501,7 +501,7 @@ def test_a_run_logs_what_it_finds_and_only_that(flown, caplog):
             caplog.clear()
             records = {record.number: with_errors(record, errors) for record in flown}
             opened = SimpleNamespace(faults={}, profile=records.__getitem__)
-            warn_of_records(opened, PETREL, settings, list(records))
+            warn_about_records(opened, PETREL, settings, list(records))
             assert len([r for r in caplog.records if PITCH in r.getMessage()]) == lines
 
 

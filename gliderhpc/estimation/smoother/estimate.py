@@ -44,7 +44,7 @@ class SmoothedEstimate:
         Number of values used, and of those with a widened variance.
     outcome : Outcome
         Outcome of the smoother; if it is not usable, the values are the filter's and the standard deviations NaN.
-    trouble : str
+    failure : str
         Error that ended the smoother early; usually empty.
     simplified : str
         What was simplified because no estimate was found otherwise (`smooth_dive`); usually empty.
@@ -69,7 +69,7 @@ class SmoothedEstimate:
     used: int
     widened: int
     outcome: Outcome
-    trouble: str = ""
+    failure: str = ""
     simplified: str = ""
     unscaled: tuple[int, ...] = ()
     last_pass: "LastPass | None" = None

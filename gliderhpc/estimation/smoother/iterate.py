@@ -37,7 +37,6 @@ from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, Dive
 from gliderhpc.observations.dive_phases import stationary_points
-from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.outcomes import Outcome
 from gliderhpc.vocabulary import CHANNELS
 
@@ -107,7 +106,7 @@ def _smoothed_or_filtered(
     try:
         smoothed = _smoothed(profile, filtered, settings, noise_factor)
     except _KNOWN as error:
-        return replace(filter_fallback(filtered), trouble=str(error))
+        return replace(filter_fallback(filtered), failure=str(error))
     if smoothed.outcome.usable:
         return smoothed
     fallback = filter_fallback(filtered)
@@ -129,17 +128,13 @@ def _smoothed(
     dive, scale = pose_dive(profile, filtered, settings, noise_factor, gusts=gusts)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:
-        models.append(_heavy_tails(dive, profile.series, options.degrees_of_freedom, options))
+        channels = tuple(list(CHANNELS).index(name) for name in options.heavy_tailed)
+        steps = max(1, round(profile.series.sample_interval / profile.series.step))
+        models.append(HeavyTails(dive.noise.copy(), options.degrees_of_freedom, channels, steps))
     if options.adaptive and options.max_passes != 1:
         dive.noise[:] = noise_from_segment(hull, dive, start, scale, options, gate)
     smoothed = iterate_passes(hull, dive, start, options, gate=gate, noise_models=models, usual=scale.usual)
     return replace(smoothed, noise_factor=scale.factors(dive.noise), unscaled=unscaled_channels(gusts))
-
-
-def _heavy_tails(dive: Dive, series: ProfileSeries, freedom: float, settings: SmootherSettings) -> HeavyTails:
-    channels = tuple(list(CHANNELS).index(name) for name in settings.heavy_tailed)
-    steps = max(1, round(series.sample_interval / series.step))
-    return HeavyTails(dive.noise.copy(), freedom, channels, steps)
 
 
 def noise_from_segment(

@@ -24,7 +24,7 @@ WINDOW = 5.0
 """Number of sample intervals over which the local scale is computed."""
 _DIVE_WEIGHT = 1.0
 """Weight of the smoother's scale, in resolved values, in the scale of a whole dive that may have been quieter."""
-_LEAST_DISPERSION = 1e-3
+_MIN_DISPERSION = 1e-3
 """Lower bound of the relative variance of the local scale."""
 _FEWEST = 1e-9
 """Lower bound of the number of resolved values, to prevent division by zero."""
@@ -55,7 +55,7 @@ def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.
     width = max(1, round(WINDOW * sample_interval / dive.step))
     noise, resolved = dive.noise.copy(), last.noise_resolved[:, channels]
     spent = last.noise_mean[:, channels] ** 2 / noise[:, channels]
-    weight = 2.0 / np.maximum(dispersion(spent[steady], resolved[steady], width), _LEAST_DISPERSION)
+    weight = 2.0 / np.maximum(dispersion(spent[steady], resolved[steady], width), _MIN_DISPERSION)
     factor = (_sums(spent, width) + weight) / (_sums(resolved, width) + weight)
     noise[:, channels] *= np.clip(factor, *_RANGE)
     return dive._replace(noise=noise)

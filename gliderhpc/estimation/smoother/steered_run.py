@@ -50,7 +50,7 @@ On twins in gusts it was at most 1.5 without and at least 1.8 with impulses."""
 _STRETCH = 20.0
 """Length of the stretches whose median difference is the typical one, s."""
 
-_LEAST_DEPTH = 5.0
+_MIN_DEPTH = 5.0
 """Depth above which waves roll the glider, m."""
 
 
@@ -102,7 +102,7 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
     as they turn it. Yaw impulses last for seconds. The median over short stretches shows the gusts between them.
     """
     sensors = profile.glider.platform.sensors
-    used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _LEAST_DEPTH)
+    used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _MIN_DEPTH)
     width = round(_STRETCH / profile.series.step)
     if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or used.sum() < width:
         return None

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -116,21 +115,16 @@ def _export(
             rows = profile_rows(data, smoothed, vertical, ground_track(tree, data, platform), counter)
             if not summary.rows:
                 summary.unknown = describe_file(file, tree, platform.name, rows, described, community=community)
-            file.append(_strict(rows) if community else _full(rows) | dives.dive_columns(data))
+            if community:
+                strict = community_rows(rows)
+                file.append({name: _column(term, strict) for name, term in COMMUNITY_TERMS.items()})
+            else:
+                file.append({name: _column(TERMS[name], rows) for name in names_of(rows)} | dives.dive_columns(data))
             extent.update(rows)
             summary.profiles.append(number)
             summary.rows += len(rows["TIME"])
             summary.fixes += int(np.isfinite(rows["LATITUDE_GPS"].astype(np.float64)).sum())
         file.describe(extent.attributes())
-
-
-def _strict(rows: Rows) -> dict[str, Column]:
-    strict = community_rows(rows)
-    return {name: _column(term, strict) for name, term in COMMUNITY_TERMS.items()}
-
-
-def _full(rows: Rows) -> dict[str, Column]:
-    return {name: _column(TERMS[name], rows) for name in names_of(rows)}
 
 
 def _row(tree: Archive, group: str, number: int) -> xr.Dataset | None:
@@ -141,22 +135,16 @@ def _column(term: Term, rows: Rows) -> Column:
     name, values = term.name, rows[term.name]
     if term.fill is not None:
         values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)
-    further = {"coverage_content_type": _content_type(name)}
+    measured = name in MEASURED_TERMS
+    further = {"coverage_content_type": MEASUREMENT if measured else content_type(name, coordinates=_COORDINATES)}
     if name in VOCABULARY:
         further["vocabulary"] = VOCABULARY[name]
     ancillary = [f"{name}{suffix}" for suffix in ("_QC", "_STD") if f"{name}{suffix}" in rows]
     if ancillary:
         further["ancillary_variables"] = " ".join(ancillary)
-    attributes = {key: _as_number_type(value, term.dtype) for key, value in {**term.attributes, **further}.items()}
+    # Flag values have the number type of their variable (CF 3.5).
+    attributes = {
+        key: np.array(value, dtype=term.dtype) if isinstance(value, list) else value
+        for key, value in {**term.attributes, **further}.items()
+    }
     return Column((AXIS,), values, attributes, fill=term.fill)
-
-
-def _content_type(name: str) -> str:
-    if name in MEASURED_TERMS:
-        return MEASUREMENT
-    return content_type(name, coordinates=_COORDINATES)
-
-
-def _as_number_type(value: Any, dtype: str) -> Any:
-    """Convert flag values to the number type of their variable (CF 3.5)."""
-    return np.array(value, dtype=dtype) if isinstance(value, list) else value

@@ -18,7 +18,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.report.exports.og1_vocabulary import (
     ADJOINT_TERMS,
     CURRENT_ESTIMATES,
-    LARGEST_DIFFERENCE,
+    MAX_DIFFERENCE,
     PHASES,
     POSITION_METHODS,
     QC_FLAGS,
@@ -207,7 +207,7 @@ def _vertical(row: xr.Dataset, count: int) -> Rows:
     """Return the upward vertical velocities, and the quality flag of that of the water."""
     columns = (-row["depth_rate"], -row["depth_rate_still"], row["water_up"], row["water_up_std"])
     rows: Rows = {term.name: column.values[:count] for term, column in zip(VERTICAL_TERMS, columns, strict=True)}
-    apart, allowed = abs(float(row["difference"])), LARGEST_DIFFERENCE * float(row["difference_std"])
+    apart, allowed = abs(float(row["difference"])), MAX_DIFFERENCE * float(row["difference_std"])
     flag = "no_qc_applied"
     if np.isfinite(apart) and np.isfinite(allowed):
         flag = "probably_good_data" if apart <= allowed else "probably_bad_data"

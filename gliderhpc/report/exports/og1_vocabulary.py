@@ -311,13 +311,13 @@ def quality_control(name: str, **more: str) -> Term:
     return flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
 
 
-LARGEST_DIFFERENCE = 2.0
+MAX_DIFFERENCE = 2.0
 """Largest difference of dives and climbs, in standard deviations, for a probably good velocity of the water."""
 
 VERTICAL_QC = quality_control(
     _WATER,
     comment="one test per dive: probably good where the mean vertical velocities of the water on descent and ascent "
-    f"differ by at most {LARGEST_DIFFERENCE:g} standard deviations of the difference, probably bad where they differ "
+    f"differ by at most {MAX_DIFFERENCE:g} standard deviations of the difference, probably bad where they differ "
     "by more; no test where they cannot be compared",
 )
 

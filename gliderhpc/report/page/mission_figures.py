@@ -212,12 +212,15 @@ def map_figure(table: MissionTable) -> Figure | None:
     latitude, longitude = table.fixes
     if not np.isfinite(latitude).all(axis=1).any():
         return None
-    figure, (axes,) = panels(1, 1, _SIZE, f"Track and depth-averaged currents: {_mission(table)}")
+    mission = table.dataset.attrs.get("mission") or "mission"
+    figure, (axes,) = panels(1, 1, _SIZE, f"Track and depth-averaged currents: {mission}")
     shrink = math.cos(math.radians(float(np.nanmean(latitude))))
-    axes.plot(*_joined(longitude, latitude), color="#888888", linewidth=0.6, zorder=1.0)
+    lon, lat = _joined(longitude, latitude)
+    axes.plot(lon, lat, color="#888888", linewidth=0.6, zorder=1.0)
     dives = axes.plot(longitude.T, latitude.T, ".-", color=MODEL, linewidth=2.2, markersize=5, zorder=2.0)
     dives[0].set_label("dive, from fix to fix")
-    _ends(axes, longitude, latitude)
+    axes.plot(lon[0], lat[0], "o", color=TRUTH, markersize=7, label="start", zorder=3.0)
+    axes.plot(lon[-1], lat[-1], "s", color=TRUTH, markersize=7, label="end", zorder=3.0)
     frame_map(axes, _currents(axes, table, shrink), shrink)
     axes.set_aspect(1.0 / shrink)
     axes.ticklabel_format(useOffset=False)
@@ -226,19 +229,9 @@ def map_figure(table: MissionTable) -> Figure | None:
     return figure
 
 
-def _mission(table: MissionTable) -> str:
-    return str(table.dataset.attrs.get("mission") or "mission")
-
-
 def _joined(longitude: np.ndarray, latitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     known = np.isfinite(latitude).all(axis=1)
     return longitude[known].ravel(), latitude[known].ravel()
-
-
-def _ends(axes: Axes, longitude: np.ndarray, latitude: np.ndarray) -> None:
-    lon, lat = _joined(longitude, latitude)
-    axes.plot(lon[0], lat[0], "o", color=TRUTH, markersize=7, label="start", zorder=3.0)
-    axes.plot(lon[-1], lat[-1], "s", color=TRUTH, markersize=7, label="end", zorder=3.0)
 
 
 def _currents(axes: Axes, table: MissionTable, shrink: float) -> np.ndarray:

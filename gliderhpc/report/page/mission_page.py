@@ -11,8 +11,8 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report.facts import platform_name
-from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Page, Section, drawn
+from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
 from gliderhpc.report.page.rendering import Written, write_page
@@ -78,7 +78,7 @@ def mission_page(
     short, overview, representative, *studies = _drawn_sections(
         place,
         (
-            partial(answers_section, summary=summary),
+            partial(operator_section, summary=summary),
             partial(overview_section, summary=summary),
             partial(representative_section, command=example, truth=truth),
             *(partial(study_section, name, summary=summary, place=place) for name in study_names()),
@@ -94,9 +94,10 @@ def mission_page(
         windows,
         provenance_section(archive, place, _command(place, out, twins, truth)),
     )
-    attributes = summary.attributes
+    done, profiles = summary.statuses.get("done", 0), counted(sum(summary.statuses.values()), "profile")
+    subtitle = f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {profiles}"
     present = tuple(section for section in sections if section is not None)
-    return Page(str(attributes.get("mission") or "mission"), _subtitle(summary), present)
+    return Page(str(summary.attributes.get("mission") or "mission"), subtitle, present)
 
 
 MakeSection = Callable[..., Section | None]
@@ -138,12 +139,6 @@ def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) ->
     given = {"--out": out, "--twins": twins, "--truth": truth}
     options = [f"{name} {shlex.quote(str(path))}" for name, path in given.items() if path is not None]
     return " ".join(["gliderhpc report", shlex.quote(str(place)), *options])
-
-
-def _subtitle(summary: Summary) -> str:
-    count = sum(summary.statuses.values())
-    done = summary.statuses.get("done", 0)
-    return f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {counted(count, 'profile')}"
 
 
 def made_line(source: Place) -> str:

@@ -22,20 +22,19 @@ from gliderhpc.wording import counted
 def overview_section(archive: Archive, summary: Summary) -> Section:
     """Assemble facts, outcomes of the profiles, their positions and depths, and computing times."""
     table = MissionTable.of(archive)
-    windows = window_outcomes(archive)
-    blocks: list[Block] = [Facts(_facts(summary, table)), *_failures(summary)]
-    blocks.append(
+    failed = [failure_text(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
+    blocks = (
+        Facts(_facts(summary, table)),
+        *limited_warnings(failed, "profiles failed; the table gives the reasons"),
         Grid(
             "outcomes",
             "Outcomes of the profiles, and of the windows of the profiles that are done.",
-            [*profile_outcomes(summary), *windows],
-        )
+            [*profile_outcomes(summary), *window_outcomes(archive)],
+        ),
+        *_pictures(table),
+        Grid("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN),
     )
-    blocks += _pictures(table)
-    blocks.append(
-        Grid("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN)
-    )
-    return Section("overview", "Mission overview", tuple(blocks))
+    return Section("overview", "Mission overview", blocks)
 
 
 _FIRST = ("mission", "platform", "profiles", "from", "to", "median current")
@@ -91,11 +90,6 @@ def window_outcomes(archive: Archive) -> list[Row]:
         }
         for outcome in Outcome
     ]
-
-
-def _failures(summary: Summary) -> list[Block]:
-    failed = [failure_text(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
-    return limited_warnings(failed, "profiles failed; the table gives the reasons")
 
 
 def _pictures(table: MissionTable) -> list[Block]:

@@ -29,7 +29,7 @@ from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.mission_figures import draw_arrows, round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.tracks import AnchoredTracks, anchored_tracks, motions_of
+from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def vibration_rows(data: ProfileData) -> list[Row]:
             "start, s": float(data.time[first]),
             "stop, s": float(data.time[stop - 1]) + data.step,
             "length, s": float(data.time[stop - 1] - data.time[first]) + data.step,
-            "depth at its start, m": _depth_at(data, float(data.time[first])),
+            "depth at its start, m": float(np.interp(data.time[first], data.record_time, data.reconstructed[:, 3])),
         }
         for index, (first, stop) in enumerate(stretches(data.flagged("vibration")))
     ]
@@ -75,19 +75,15 @@ def track_figure(archive: Archive, data: ProfileData) -> Figure:
     north, east = data.motion[:, 0], data.motion[:, 1]
     axes.plot(east - east[0], north - north[0], "--", color=ESTIMATE, linewidth=1.0, label="through the water")
     if tracks is not None:
-        _draw_tracks(axes, tracks)
+        axes.plot(*tracks.estimate.T[::-1], color=ESTIMATE, linewidth=1.6, label="over the ground, ending on the fixes")
+        axes.plot(*tracks.glide_angle.T[::-1], color=GLIDE_ANGLE, linewidth=0.9, label="the same by the glide angle")
+        axes.plot(*tracks.fixes.T[::-1], "^", color=TRUTH, markersize=7, linestyle="none", label="GPS fix")
     axes.margins(0.12)
     _draw_current(axes, data)
     axes.set_aspect("equal", adjustable="datalim")
     label(axes, "", "east of the start, m", "north of the start, m")
     legend(axes)
     return figure
-
-
-def _draw_tracks(axes: Axes, tracks: AnchoredTracks) -> None:
-    axes.plot(*tracks.estimate.T[::-1], color=ESTIMATE, linewidth=1.6, label="over the ground, ending on the fixes")
-    axes.plot(*tracks.glide_angle.T[::-1], color=GLIDE_ANGLE, linewidth=0.9, label="the same by the glide angle")
-    axes.plot(*tracks.fixes.T[::-1], "^", color=TRUTH, markersize=7, linestyle="none", label="GPS fix")
 
 
 def _draw_current(axes: Axes, data: ProfileData) -> None:
@@ -104,10 +100,6 @@ def _draw_current(axes: Axes, data: ProfileData) -> None:
     axes.autoscale_view()
     shown = round_speed(speed)
     scale_arrow(axes, arrow, metres * shown, f"{shown:g} m/s")
-
-
-def _depth_at(data: ProfileData, time: float) -> float:
-    return float(np.interp(time, data.record_time, data.reconstructed[:, 3]))
 
 
 _SIZE = (9.0, 6.6)

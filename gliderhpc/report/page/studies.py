@@ -63,7 +63,9 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
-    return Section(name, heading_text, (Words(_introduction(name, published)), *blocks))
+    title, reference = study_title(name), f" ({published} of the publication)" if published else ""
+    introduction = Words(f"{title[0].upper()}{title[1:]}{reference}.")
+    return Section(name, heading_text, (introduction, *blocks))
 
 
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
@@ -73,12 +75,6 @@ def _present(name: str, archive: Archive, summary: Summary, command: str) -> lis
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
     return [*_notes(name, archive, summary, found, command), *shown]
-
-
-def _introduction(name: str, published: str) -> str:
-    title = study_title(name)
-    reference = f" ({published} of the publication)" if published else ""
-    return f"{title[0].upper()}{title[1:]}{reference}."
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:

@@ -5,8 +5,8 @@ from pathlib import Path
 from gliderhpc.report.facts import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, Remarks, Section, Words
 from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.recent_hull import IMPLAUSIBLE
 from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
-from gliderhpc.report.trim import IMPLAUSIBLE
 from gliderhpc.wording import counted
 
 _DETERMINED = 0.7

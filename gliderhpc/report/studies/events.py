@@ -57,7 +57,8 @@ def show(archive: Archive) -> Findings:
         "events": len(events),
     }
     remarks = (*made.remarks, *_width_remarks(archive, strongest, made.estimate)) if len(strongest) else made.remarks
-    listed = events.assign(time=[_to_milliseconds(time) for time in events["time"]])
+    times = [pd.Timestamp(str(time)).isoformat(sep=" ", timespec="milliseconds") for time in events["time"]]
+    listed = events.assign(time=times)
     return archive_findings(
         NAME,
         comparisons=_comparisons(studied, strongest, settings, floor),
@@ -68,10 +69,6 @@ def show(archive: Archive) -> Findings:
         remarks=remarks,
         captions=_captions(made, events, settings, floor, ranked_by),
     )
-
-
-def _to_milliseconds(time: object) -> str:
-    return pd.Timestamp(str(time)).isoformat(sep=" ", timespec="milliseconds")
 
 
 def catalogue(archive: Archive) -> pd.DataFrame:

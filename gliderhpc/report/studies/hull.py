@@ -18,8 +18,8 @@ from gliderhpc.findings.findings import Comparison, Findings, archive_findings, 
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
 from gliderhpc.report.facts import with_deviation
+from gliderhpc.report.recent_hull import IMPLAUSIBLE, UNDETERMINED, PilotUnit, pilot_units
 from gliderhpc.report.studies.summaries import describe_data
-from gliderhpc.report.trim import IMPLAUSIBLE, UNDETERMINED, PilotUnit, pilot_units
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import (
     failed_profiles,

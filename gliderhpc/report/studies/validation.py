@@ -68,7 +68,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
     # The forward model also flies profiles that could not be inverted, of which the archive has no records.
-    numbers = [number for number in map(int, table["profile"]) if _has_records(archive, number)][:SHOWN]
+    numbers = [number for number in map(int, table["profile"]) if not np.isnat(_clock(archive, number)).all()][:SHOWN]
     if numbers:
         measured, modelled = (_join_records(archive, group, numbers) for group in ("observed", "validation"))
         _draw_vertical(vertical, measured, modelled, numbers)
@@ -98,10 +98,6 @@ def _join_records(archive: Archive, group: str, numbers: list[int]) -> dict[str,
         for parts in joined.values():
             parts.append(np.array([np.nan]))
     return {name: np.concatenate(parts) for name, parts in joined.items()}
-
-
-def _has_records(archive: Archive, number: int) -> bool:
-    return not bool(np.isnat(_clock(archive, number)).all())
 
 
 def _clock(archive: Archive, number: int) -> NDArray[np.datetime64]:

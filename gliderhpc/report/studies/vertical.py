@@ -145,12 +145,12 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
         Errors of the hull's parameters, and their origin.
     """
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
-    window = median_of(table, "window")
+    window, rms = median_of(table, "window"), float(np.sqrt(table["mean_square"].mean()))
     return (
         Comparison("share of samples with a vertical velocity", "1", median_of(table, "share")),
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
         *(_leg_comparison(table, leg, whose) for leg in ("dive", "climb")),
-        Comparison("root mean square of the water's vertical velocity", "m/s", _root(table, "mean_square")),
+        Comparison("root mean square of the water's vertical velocity", "m/s", rms),
         Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
@@ -233,10 +233,6 @@ def _mean_difference(table: pd.DataFrame) -> tuple[float, float]:
     values = table["difference"].dropna().to_numpy()
     error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
     return (float(values.mean()) if len(values) else float("nan")), error
-
-
-def _root(table: pd.DataFrame, name: str) -> float:
-    return float(np.sqrt(table[name].mean()))
 
 
 def _quartiles(table: pd.DataFrame, name: str) -> tuple[float, float] | None:

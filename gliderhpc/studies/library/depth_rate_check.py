@@ -34,7 +34,7 @@ from gliderhpc.tuning.still_water_glide import StillWaterGlide, still_water_glid
 
 Array = NDArray[np.float64]
 
-MOST_DIVES = 24
+MAX_DIVES = 24
 """Largest number of dives that are compared, evenly distributed over the mission."""
 
 MODEL_ERROR = 0.002
@@ -53,7 +53,7 @@ _PROBABILITY = 0.99
 """Probability of the quantile of chi-square from which on the hull contradicts the depth rates."""
 _LEGS = 2
 """Number of means that are compared, and expectation of their chi-square."""
-_LEAST_FACTOR = 1.4
+_MIN_FACTOR = 1.4
 """Smallest factor between two divisors that are tried."""
 _ROUNDS = 20
 """Largest number of divisors that are tried."""
@@ -162,8 +162,8 @@ def _cm(mean: float, std: float) -> str:
 
 
 def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) -> GlideSamples | None:
-    """Read the steady glides of at most `MOST_DIVES` dives; None if fewer than four have them on dive and climb."""
-    chosen = np.linspace(0, len(numbers) - 1, min(MOST_DIVES, len(numbers))).round().astype(int).tolist()
+    """Read the steady glides of at most `MAX_DIVES` dives; None if fewer than four have them on dive and climb."""
+    chosen = np.linspace(0, len(numbers) - 1, min(MAX_DIVES, len(numbers))).round().astype(int).tolist()
     profiles = read_recorded_profiles(archive, [numbers[i] for i in chosen])
     found = [_samples(profile, i) for profile, i in zip(profiles, chosen, strict=True)]
     parts = [part for part in found if part is not None]
@@ -321,26 +321,26 @@ def check_hull(
     platform: Platform,
     parameters: Sequence[HullParameter],
     dives: Sequence[DiveTerm],
-    whole: MissionHull,
+    undivided: MissionHull,
     *,
     robust: bool = True,
 ) -> DepthRateCheck | None:
     """Compare the sum of the dives with the depth rates of steady glides, and find the divisor if the two disagree.
 
-    ``whole`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the dives'
+    ``undivided`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the dives'
     information is the number that brings chi-square to its expectation; otherwise it is one. All other figures are
     those of the undivided information, at whose mean the derivatives are taken.
     """
     with threadpool_limits(limits=1):
-        near = glides_of(samples, platform, parameters, whole.overall.mean)
-        first = now = compare(samples, platform, parameters, whole, near)
+        near = glides_of(samples, platform, parameters, undivided.overall.mean)
+        first = now = compare(samples, platform, parameters, undivided, near)
         if first is None or not first.contradicts:
             return first
-        divisor = whole.inflation  # Up to it, a divisor only takes its place.
+        divisor = undivided.inflation  # Up to it, a divisor only takes its place.
         # Step by step, since a hull that hardly any dive determines may contradict the depth rates again.
         for _ in range(_ROUNDS):
-            divisor *= _LEAST_FACTOR if now is None else max(now.chi_square / _LEGS, _LEAST_FACTOR)
-            found = solve_mission([dive.weakened(divisor) for dive in dives], whole.prior, robust=robust)
+            divisor *= _MIN_FACTOR if now is None else max(now.chi_square / _LEGS, _MIN_FACTOR)
+            found = solve_mission([dive.weakened(divisor) for dive in dives], undivided.prior, robust=robust)
             now = compare(samples, platform, parameters, found, near)
             if now is not None and now.chi_square <= _LEGS:
                 break

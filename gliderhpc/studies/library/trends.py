@@ -32,7 +32,7 @@ PAIRS_AT_A_TIME = 4_000_000
 SPREAD_WIDENING = 2.0
 """Relative widening of the spread of S, per ratio of a block's length to that of the series."""
 
-LARGEST_CORRELATION = 0.9
+MAX_CORRELATION = 0.9
 """Largest correlation of neighbours that the length of blocks accounts for."""
 
 MIN_AUTOMATIC = 16
@@ -319,7 +319,7 @@ def block_length(time: Array, values: Array) -> int:
         return 1
     automatic = float(optimal_block_length(rest)["circular"].iloc[0]) if n >= MIN_AUTOMATIC else 1.0
     correlation = float(rest[1:] @ rest[:-1]) / power
-    corrected = min(max((n * correlation + 2.0) / max(n - 4.0, 1.0), 0.0), LARGEST_CORRELATION)
+    corrected = min(max((n * correlation + 2.0) / max(n - 4.0, 1.0), 0.0), MAX_CORRELATION)
     autoregressive = (6.0 * n) ** (1.0 / 3.0) * (corrected / (1.0 - corrected**2)) ** (2.0 / 3.0)
     return min(max(int(np.ceil(np.nanmax([automatic, autoregressive]))), 1), max(n // MIN_BLOCKS, 1))
 

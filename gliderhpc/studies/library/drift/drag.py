@@ -134,7 +134,7 @@ class DragDrift:
         Equivalent K_D0 on dive and climb, kg/m.
     shared : SeriesTrend
         Change common to both, without the effect of weight, kg/m.
-    apart : SeriesTrend
+    phase_difference : SeriesTrend
         Climb minus dive, expressed as the change of weight in water that would explain it, N.
     onset : Onset
         Day from which the shared drag changes.
@@ -151,7 +151,7 @@ class DragDrift:
     estimate: str
     phases: dict[str, SeriesTrend]
     shared: SeriesTrend
-    apart: SeriesTrend
+    phase_difference: SeriesTrend
     onset: Onset
     reference: float
     by_coefficients: Interval
@@ -179,7 +179,7 @@ class DragDrift:
     @property
     def weight_interval(self) -> Interval:
         """Return the 95 % interval of the weight (N) equivalent to `apart`, including the error of heave."""
-        one, span = self.apart.trend, self.apart.span
+        one, span = self.phase_difference.trend, self.phase_difference.span
         low, high = combine_errors(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
         return low * span, high * span
 
@@ -187,7 +187,7 @@ class DragDrift:
     def cause(self) -> str:
         """Key of `CAUSES`; a change is significant if the robust test and its full interval both show it."""
         together = self.shared.shown and _excludes_zero(self.change_interval)
-        apart = self.apart.shown and _excludes_zero(self.weight_interval)
+        apart = self.phase_difference.shown and _excludes_zero(self.weight_interval)
         if not together:
             return "weight" if apart else "none"
         name = "drag" if self.shared.trend.slope > 0.0 else "less drag"
@@ -244,7 +244,7 @@ def drag_drift(
         estimate,
         phases={"dive": trend(dive), "climb": trend(climb)},
         shared=trend(shared),
-        apart=trend((climb - dive) / (weight[1] - weight[0])),
+        phase_difference=trend((climb - dive) / (weight[1] - weight[0])),
         onset=find_onset(days, shared, epoch, resamples, seed),
         reference=hull.viscous.K_D0,
         by_coefficients=by_coefficients,

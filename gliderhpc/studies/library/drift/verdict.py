@@ -196,16 +196,18 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     reference = verdict.drags[0].reference
     where = " outside the episodes" if verdict.changes.episodes else ""
     lines = [
-        f"verdict: {_kinds(verdict)}{verdict.meaning}{where}",
+        f"verdict: {_summarise_changes(verdict)}{verdict.meaning}{where}",
         *change_lines(verdict.changes, reference),
         *moment_lines(verdict.moments, verdict.per_degree),
-        _common(verdict),
+        _describe_common_drag(verdict),
     ]
-    lines += [_plane(own) for own in found] + [_apart(drag) for drag in verdict.drags if np.isfinite(drag.apart.drift)]
+    lines += [_describe_series(own) for own in found] + [
+        _describe_phase_difference(drag) for drag in verdict.drags if np.isfinite(drag.phase_difference.drift)
+    ]
     if verdict.has_onset:
-        lines += [_since(drag) for drag in verdict.drags]
+        lines += [_describe_onset(drag) for drag in verdict.drags]
     if verdict.extrapolates:
-        lines.append(_until(verdict, increase))
+        lines.append(_describe_extrapolation(verdict, increase))
     elif verdict.grows:
         lines.append("the drag does not grow linearly, so no day is given for its further growth")
     if verdict.cause != "none" or verdict.changes.found or verdict.moments.found:
@@ -213,7 +215,7 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
     return tuple(lines)
 
 
-def _common(verdict: DriftVerdict) -> str:
+def _describe_common_drag(verdict: DriftVerdict) -> str:
     """State the change of the drag that dives and climbs share."""
     if not np.isfinite(verdict.change):
         return f"drag common to dive and climb: not known, since fewer than {MIN_VALUES} profiles have a value"
@@ -224,14 +226,14 @@ def _common(verdict: DriftVerdict) -> str:
     )
 
 
-def _kinds(verdict: DriftVerdict) -> str:
+def _summarise_changes(verdict: DriftVerdict) -> str:
     """Name all change points, for the beginning of the verdict; empty if there are none."""
     named = [kinds_text(verdict.changes, drag_name), kinds_text(verdict.moments, moment_name)]
     text = "; ".join(filter(None, named))
     return f"{text}; in addition, " if text else ""
 
 
-def _plane(own: EstimateTrends) -> str:
+def _describe_series(own: EstimateTrends) -> str:
     shown = own.shown
     names = ", ".join(f"{channel} {phase}" for channel, phase in shown) or "none"
     lateral = [key for key in shown if key[0] in LATERAL and own.tier(key) != "negligible"]
@@ -240,8 +242,8 @@ def _plane(own: EstimateTrends) -> str:
     return f"{own.estimate}: series that drift after Holm's correction for {len(own.trends)}: {listed}"
 
 
-def _apart(drag: DragDrift) -> str:
-    one = drag.apart
+def _describe_phase_difference(drag: DragDrift) -> str:
+    one = drag.phase_difference
     low, high = drag.weight_interval
     return (
         f"{drag.estimate}: dive and climb drift apart as if by {number(one.drift)} N of weight in water (95 % "
@@ -249,13 +251,13 @@ def _apart(drag: DragDrift) -> str:
     )
 
 
-def _since(drag: DragDrift) -> str:
+def _describe_onset(drag: DragDrift) -> str:
     onset = drag.onset
     when = "from the first day of the record or earlier" if onset.from_the_start else f"since day {onset.day:.1f}"
     return f"{drag.estimate}: grows {when} (95 % interval: day {onset.low:.1f} to {onset.high:.1f})"
 
 
-def _until(verdict: DriftVerdict, increase: float) -> str:
+def _describe_extrapolation(verdict: DriftVerdict, increase: float) -> str:
     day, (early, late) = verdict.days_until(increase)
     latest = f"day {late:.0f}" if late < float("inf") else "no upper limit"
     return (
@@ -273,7 +275,7 @@ def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
         "K_D0_change_interval": drag.change_interval,
         "slope_error_by_coefficients": drag.by_coefficients,
         "shared": drag.shared.as_json(),
-        "weight": drag.apart.as_json(),
+        "weight": drag.phase_difference.as_json(),
         "phases": {phase: one.as_json() for phase, one in drag.phases.items()},
         "onset": days if has_onset else None,
     }

@@ -21,7 +21,7 @@ OWN_SLOPE = 4
 MODEL_MARGIN = 2.0
 """Maximum excess loss of a more persistent noise model that is preferred for the null series."""
 
-LARGEST_ERROR = 4.0
+MAX_ERROR = 4.0
 """Robust standard deviations to which errors are limited."""
 
 _FINE, _GROWTH = 6, 1.2
@@ -214,7 +214,7 @@ class WindowSearch:
         fitted = np.linalg.lstsq(columns[:, :-1], columns[:, -1], rcond=None)[0]
         rest = columns[:, -1] - columns[:, :-1] @ fitted
         # Jumps due to further changes, which later searches will find, are not noise.
-        limit = LARGEST_ERROR * MAD * float(np.median(np.abs(rest)))
+        limit = MAX_ERROR * MAD * float(np.median(np.abs(rest)))
         rest = np.clip(rest, -limit, limit)
         return np.asarray((rest - rest.mean()) / max(float(rest.std()), _MIN_POWER))
 

@@ -1,4 +1,4 @@
-"""Speed of glides through the water, which shows a depth or a time in a wrong unit."""
+"""Speed of glides through the water; an implausible one indicates a depth or a time in a wrong unit."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from gliderhpc.observations.sign_checks import fault_of_depth_rate
 Array = NDArray[np.float64]
 
 MAX_SPEED = 1.0
-"""Speed through the water (m/s) of a mission that no glider exceeds, with a thruster either."""
+"""Speed through the water (m/s) that no glider exceeds over a mission, not even with a thruster."""
 
 USUAL = (0.1, 0.6)
 """Speeds (m/s) between which that of buoyancy-driven gliders lies; the real missions at hand have 0.17 to 0.36."""
@@ -26,7 +26,7 @@ MIN_RATE = 0.005
 """Vertical speed (m/s) from which a glider moves up or down."""
 
 
-def check_pace_of(record: ProfileRecord) -> None:
+def check_depth_rate(record: ProfileRecord) -> None:
     """Refuse a profile whose depth changes faster or slower than any glider's.
 
     Raises

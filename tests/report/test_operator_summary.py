@@ -9,16 +9,15 @@ from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull as recent_hull_module
 from gliderhpc.report.facts import with_deviation
-from gliderhpc.report.page import answers as module
+from gliderhpc.report.page import operator_summary as module
 from gliderhpc.report.page.anomalies import common_remarks
-from gliderhpc.report.page.answers import answers_section
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
-from gliderhpc.report.recent_hull import recent_hull
+from gliderhpc.report.recent_hull import recent_hull, trim_of
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange, Trim
-from gliderhpc.report.trim import trim_of
 from gliderhpc.studies.hull import MissionDives
 
 HULL = read_platform("petrel-l")
@@ -36,7 +35,7 @@ def _facts(blocks):
 def test_the_page_begins_with_the_last_dive_and_the_mission(brief_store):
     summary = describe(brief_store)
     with open_for_reading(brief_store) as archive:
-        section, message = answers_section(archive, summary), surfacing_message(archive, 3)
+        section, message = operator_section(archive, summary), surfacing_message(archive, 3)
         table = MissionTable.of(archive)
     facts = _facts(section.blocks)
     for name, text in dive_facts(message).items():
@@ -120,7 +119,7 @@ def test_remarks_that_many_profiles_share_are_listed_once(brief_store):
     with open_for_reading(brief_store) as archive:
         table = MissionTable.of(archive)
         assert list(common_remarks(summary, table)) == ["in 2 of 3 profiles: 12 s of gaps (values of the first)"]
-        (anomalies,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+        (anomalies,) = (block for block in operator_section(archive, summary).blocks if isinstance(block, Remarks))
     assert "in 2 of 3 profiles" in " ".join(anomalies.texts)
 
 
@@ -136,7 +135,7 @@ def test_a_changed_hull_and_an_unsmoothed_dive_are_listed_as_anomalies(brief_sto
         changed = message.model_copy(update={"hull_changes": (change, change.model_copy(update={"probability": 0.9}))})
         monkeypatch.setattr(module, "surfacing_message", lambda *_: changed)
         monkeypatch.setattr(module, "filter_fallbacks", lambda *_: [2])
-        (anomalies,) = (block for block in answers_section(archive, summary).blocks if isinstance(block, Remarks))
+        (anomalies,) = (block for block in operator_section(archive, summary).blocks if isinstance(block, Remarks))
     assert anomalies.texts[:2] == (
         "lift: changed since profile 2, by −130 ± 20 kg/m (probability 0.97)",
         "the smoother has no estimate of profile 2",

@@ -1,4 +1,4 @@
-"""Water far from that of the platform file: the record of the CTD may be wrong, or the hull's neutral volume."""
+"""Check of the measured density against the platform file's: the CTD's record or the neutral volume may be wrong."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,8 @@ from gliderhpc.flight.hull_parameters import TYPICAL_COMPRESSIBILITY
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
 
-OTHER_WATER = 5.0
-"""Difference of density, kg/m3, from which the water is not that of the platform file: a plausible deviation of the
-neutral volume."""
+UNEXPECTED_DIFFERENCE = 5.0
+"""Difference from the platform file's density, kg/m3, that is reported: a plausible deviation of the neutral volume."""
 
 
 def surface_density(seawater: NDArray[np.float64]) -> float:
@@ -19,20 +18,20 @@ def surface_density(seawater: NDArray[np.float64]) -> float:
     return float(np.median(seawater[:, DENSITY] * (1.0 - TYPICAL_COMPRESSIBILITY * seawater[:, PRESSURE])))
 
 
-def is_other_water(platform: Platform, density: float) -> bool:
+def is_unexpected_density(platform: Platform, density: float) -> bool:
     """Return whether a density at the surface (kg/m3) is far from that of the platform file."""
-    return abs(density - platform.buoyancy.water_density) >= OTHER_WATER
+    return abs(density - platform.buoyancy.water_density) >= UNEXPECTED_DIFFERENCE
 
 
-def doubt_of_water(platform: Platform, series: ProfileSeries) -> str | None:
-    """Describe a density along a profile far from the platform's, with the remedy; None if it is near or unused.
+def describe_unexpected_density(platform: Platform, series: ProfileSeries) -> str | None:
+    """Describe a density far from the platform file's, with the remedy; None if it is near or not used.
 
     A hull that seems to be too heavy or too light may be right, and the record of temperature or salinity wrong.
     """
     if series.seawater is None or not by_density(platform, series):
         return None
     density = surface_density(series.seawater)
-    if not is_other_water(platform, density):
+    if not is_unexpected_density(platform, density):
         return None
     return (
         f"the water has {density:.1f} kg/m3 (median, at surface pressure) and the platform file "

@@ -1,4 +1,4 @@
-"""Hulls found by a calibration or a tuning, and their files."""
+"""Hulls estimated by a calibration or a tuning, and their files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ _MAX_ERROR = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class FoundHull:
+class EstimatedHull:
     """Hull estimated from a mission's records.
 
     Attributes
@@ -52,7 +52,7 @@ class FoundHull:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibratedHull(FoundHull):
+class CalibratedHull(EstimatedHull):
     """Calibrated hull.
 
     Attributes
@@ -63,7 +63,7 @@ class CalibratedHull(FoundHull):
         Calibration on the steady glides; None if `dives` is given.
     dives : DiveCalibration, optional
         Calibration on whole dives; None if no rounds were requested or they found no better hull.
-    trouble : str
+    failure : str
         Reason why the dives gave no better hull; otherwise empty.
     caution : str
         What the platform that the calibration started from means for the intervals; empty if nothing.
@@ -71,7 +71,7 @@ class CalibratedHull(FoundHull):
 
     calibration: Calibration | None
     dives: DiveCalibration | None = None
-    trouble: str = ""
+    failure: str = ""
     caution: str = ""
 
     @property
@@ -142,12 +142,12 @@ class CalibratedHull(FoundHull):
         else:
             lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
             lines += calibration_report.score_notes(self.fitted, self.held_out)
-        return [*lines, *(f"WARNING: {text}" for text in self.doubts)]
+        return [*lines, *(f"WARNING: {text}" for text in self.warnings)]
 
     @property
-    def doubts(self) -> tuple[str, ...]:
-        """Reasons to doubt the hull or its intervals: `trouble` and `caution`, if any."""
-        return tuple(filter(None, (self.trouble, self.caution)))
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the hull or its intervals: `failure` and `caution`, if any."""
+        return tuple(filter(None, (self.failure, self.caution)))
 
     @property
     def steady(self) -> Calibration:
@@ -157,7 +157,7 @@ class CalibratedHull(FoundHull):
 
 
 @dataclass(frozen=True, eq=False)
-class TunedHull(FoundHull):
+class TunedHull(EstimatedHull):
     """Hull with a tuned disturbance prior.
 
     Attributes
@@ -213,7 +213,7 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
             glider.load_platform(aside)
         except InputError as error:
             raise CalibrationError(
-                "the platform found could not be used: "
+                "the estimated platform could not be used: "
                 f"{str(error).removeprefix(f'{aside}: ')}; start from another --platform or choose other --profiles"
             ) from None
     return out

@@ -1,4 +1,4 @@
-"""First section of the mission's page: current, next surfacing, hull and trim, anomalies, and uncertainty."""
+"""Summary for the operator, first on the mission's page: current, next surfacing, trim, anomalies, uncertainty."""
 
 from collections.abc import Iterator, Sequence
 
@@ -25,8 +25,8 @@ _MIN_TREND_DIVES = 5
 """Minimum number of dives for a trend."""
 
 
-def answers_section(archive: Archive, summary: Summary) -> Section:
-    """Assemble what an operator asks for first: results of the last dive, and of the mission."""
+def operator_section(archive: Archive, summary: Summary) -> Section:
+    """Assemble the results that an operator needs first: those of the last dive, and of the mission."""
     table = MissionTable.of(archive)
     anomalies = [*profile_anomalies(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
@@ -35,8 +35,9 @@ def answers_section(archive: Archive, summary: Summary) -> Section:
     message = surfacing_message(archive, int(done[-1]))
     anomalies = [*_changed_hull(message), *anomalies]
     last = {f"{name} (dive {message.profile})": text for name, text in dive_facts(message).items()}
-    if message.current is None:
-        last |= _last_known_current(table)
+    number, current = last_current(table)
+    if message.current is None and current is not None:
+        last[f"last known current (dive {number})"] = current_text(current)
     facts = {**last, **_mission_current(table), "uncertainty": "; ".join(_describe_uncertainty(archive, table))}
     return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(anomalies)))
 
@@ -59,12 +60,6 @@ def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield a sentence on the estimated profiles without a smoothed estimate, in which something unusual happened."""
     if SMOOTHED in archive.children and (without := filter_fallbacks(archive, table.number[table.done].tolist())):
         yield f"the smoother has no estimate of {listed_profiles(without)}"
-
-
-def _last_known_current(table: MissionTable) -> dict[str, str]:
-    """Return the current of the last dive that has one; empty without any."""
-    number, current = last_current(table)
-    return {} if current is None else {f"last known current (dive {number})": current_text(current)}
 
 
 def _mission_current(table: MissionTable) -> dict[str, str]:
