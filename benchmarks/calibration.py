@@ -106,7 +106,7 @@ def twin(seed: int, pitches: tuple[float, float] = PITCHES, profiles: int = PROF
             # A hull that cannot fly this scenario is no twin.
             continue
         apart = flown.profile % HELD_OUT == 0
-        return Twin(truth, calibrate(platform, flown.of(~apart), flown.of(apart), SETTINGS.calibration))
+        return Twin(truth, calibrate(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration))
 
 
 def coverage(twins: Sequence[Twin]) -> str:

@@ -99,7 +99,7 @@ def calibrated(platform: Platform, truth: Platform, offsets: Mapping[str, float]
         parts.append(segments_of(on_steps(record, SETTINGS), platform, SETTINGS.steady))
     flown = join_segments(parts)
     apart = flown.profile % HELD_OUT == 0
-    return calibrate(platform, flown.of(~apart), flown.of(apart), SETTINGS.calibration).platform
+    return calibrate(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration).platform
 
 
 def dives(

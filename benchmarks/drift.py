@@ -141,7 +141,7 @@ def twin_row(folder: Path, twin: Twin, seed: int) -> dict[str, Any]:
 
 def _row_of(one: MissionDrift) -> dict[str, Any]:
     verdict = one.found.verdict
-    shown = {own.estimate: len(own.shown) for own in one.found.trends}
+    shown = {own.estimate: len(own.drifting) for own in one.found.trends}
     estimates = {
         drag.estimate: {
             "change": drag.change,

@@ -71,8 +71,8 @@ class Profile:
 
         NaN where the rate is missing anywhere in the window.
         """
-        missing = self.found.filter.of_rate(np.isnan(depth_rate).astype(np.float64))
-        rate = self.found.filter.of_rate(np.nan_to_num(depth_rate))
+        missing = self.found.filter.filtered(np.isnan(depth_rate).astype(np.float64))
+        rate = self.found.filter.filtered(np.nan_to_num(depth_rate))
         return np.where(np.abs(missing) < _NONE, rate, np.nan) - self.found.measured
 
 
@@ -228,7 +228,7 @@ def _established_of(one: Profile, reference: xr.Dataset) -> EstablishedSolution:
 
 
 def _rates(one: Profile, theirs: EstablishedSolution) -> Array:
-    return one.found.filter.of_rate(theirs.depth_rate) - one.found.model
+    return one.found.filter.filtered(theirs.depth_rate) - one.found.model
 
 
 def _counts(mission: Mission) -> tuple[str, str]:

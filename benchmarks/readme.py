@@ -111,7 +111,7 @@ def _smoother(row: Mapping[str, Any]) -> str:
     return (
         f"- The smoother took {row['pass_us']:.1f} μs per step and pass on {row['day']} (forwards {row['forward_us']['median']:.1f}, "
         f"backwards {row['backward_us']['median']:.1f}), linearisation and mean shift included, and {row['whole_us']['median']:.0f} μs per "
-        f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. A pass of others over the "
+        f"step for a whole dive of {row['minutes']:.0f} minutes from the filter's estimate. A pass of other implementations over the "
         f"same segments, without the linearisation, takes longer: {peers} (largest differences of means in deviations and "
         f"of relative variances: {apart})."
     )

@@ -246,7 +246,7 @@ def split_segments(segments: SteadySegments, held_out: Sequence[int] | None) -> 
         flown = np.unique(segments.profile).tolist()
         held_out = flown[HELD_OUT - 1 :: HELD_OUT] if len(flown) > MIN_PROFILES else []
     mask = np.isin(segments.profile, held_out)
-    return segments.of(~mask), segments.of(mask)
+    return segments.select(~mask), segments.select(mask)
 
 
 @speaks_python

@@ -38,7 +38,7 @@ def adjoint_deviation(solution: DiveSolution, smoothed: SmoothedEstimate, every:
 
 
 def deviation_about(estimate: Array, mean: Array, std: Array, width: int) -> Array:
-    """Standard deviation of an estimate of which only the posterior of another method is known.
+    """Standard deviation of an estimate, given only the posterior of another method.
 
     Parameters
     ----------

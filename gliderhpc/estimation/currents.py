@@ -49,7 +49,7 @@ class SurfaceInterval:
     variance : float
         Variance of the position where the drift of the dive begins or ends, north and east each (m2): from the fixes,
         whose errors also enter the measured drift, from the difference between the drift over the rest of the time and
-        the current below, and from the way between the surface and a record that begins or ends under water.
+        the current below, and from the distance between the surface and a record that begins or ends under water.
     """
 
     duration: float

@@ -174,10 +174,10 @@ def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
     if current is None or entry is None:
         missing = np.full(len(track.series.time), np.nan)
         return missing, missing.copy()
-    way = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
-    adrift = current.entry.duration - current.entry.drift_removed
-    elapsed = track.series.time - track.series.time[0] + adrift
-    return _on_the_globe(entry, current.entry.displacement + way + elapsed[:, None] * current.velocity)
+    displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
+    drifting = current.entry.duration - current.entry.drift_removed
+    elapsed = track.series.time - track.series.time[0] + drifting
+    return _on_the_globe(entry, current.entry.displacement + displacement + elapsed[:, None] * current.velocity)
 
 
 def _on_the_globe(origin: Fix, displacement: Array) -> tuple[Array, Array]:

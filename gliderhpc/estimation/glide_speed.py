@@ -17,7 +17,7 @@ MAX_SPEED = 1.0
 """Speed through the water (m/s) that no glider exceeds over a mission, not even with a thruster."""
 
 USUAL = (0.1, 0.6)
-"""Speeds (m/s) between which that of buoyancy-driven gliders lies; the real missions at hand have 0.17 to 0.36."""
+"""Speeds (m/s) between which that of buoyancy-driven gliders lies; on the real missions tested it is 0.17 to 0.36."""
 
 INTERVAL = 60.0
 """Time (s) over which the depth rate is taken; over a minute, the noise of the sensor does not matter."""
@@ -62,21 +62,21 @@ def check_speed(source: str, tracks: Sequence[GlideTrack]) -> list[str]:
 
 
 def usual_speed(tracks: Sequence[GlideTrack]) -> float:
-    """Weighted median of the speed through the water (m/s) by vertical way, over all profiles; NaN without any.
+    """Weighted median of the speed through the water (m/s) by vertical distance, over all profiles; NaN without any.
 
     Time in which a glider is stationary has no weight.
     """
     parts = [_speeds(track) for track in tracks]
-    speed, way = (np.concatenate([np.zeros(0), *(part[k] for part in parts)]) for k in (0, 1))
+    speed, distance = (np.concatenate([np.zeros(0), *(part[k] for part in parts)]) for k in (0, 1))
     if not len(speed):
         return float("nan")
     order = np.argsort(speed)
-    passed = np.cumsum(way[order])
+    passed = np.cumsum(distance[order])
     return float(speed[order][np.searchsorted(passed, 0.5 * passed[-1])])
 
 
 def _speeds(track: GlideTrack) -> tuple[Array, Array]:
-    """Speeds (m/s) and vertical ways (m) of the minutes of one profile."""
+    """Speeds (m/s) and vertical distances (m) of the minutes of one profile."""
     series = track.series
     every = max(1, round(INTERVAL / series.step))
     at = np.arange(0, len(series.time), every)

@@ -85,7 +85,7 @@ class LaneBatch:
         return allocate(steps, self._settings.optimizer.history, alone=self._alone)
 
     def _extend(self, steps: int) -> None:
-        """Grow the memory for a longer window; windows under way continue, with added steps of no duration."""
+        """Grow the memory for a longer window; windows in progress continue, with added steps of no duration."""
         capacity = len(self._problem.bodies)
         if self._alone and steps != capacity:
             self._problem, self._descent, self._progress = self._allocated(steps)

@@ -21,7 +21,7 @@ MAX_SETTING = 1e12
 """Largest value of a setting in any unit; a larger one is a typing error."""
 
 SLOW_SENSORS_PRIOR = 2.0
-"""Sample interval (s) beyond which a platform without a prior of its own gets the prior of slow sensors."""
+"""Sample interval (s) beyond which a platform that states no prior gets the prior of slow sensors."""
 _UNEVEN = 1.25
 """Ratio to this of a record's own interval beyond which it is slow: every 2 s, but not quite evenly, is not."""
 

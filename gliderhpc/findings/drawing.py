@@ -145,7 +145,7 @@ def footnote(figure: Figure, text: str) -> None:
 
 def label(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
     """Write a panel's title and the names of its axes."""
-    # With a height given, Matplotlib does not search for labels above the panel, of which there are none.
+    # With a given height, Matplotlib does not search for labels above the panel; there are none.
     axes.set_title(title, fontsize=TEXT, loc="left", y=1.0, parse_math=False)
     axes.set_xlabel(x, fontsize=SMALL + 0.5)
     axes.set_ylabel(y, fontsize=SMALL + 0.5)
@@ -188,11 +188,11 @@ def shade(axes: Axes, time: Array, mask: NDArray[np.bool_], name: str | None = N
         )
 
 
-def limits(values: Array, share: float = 0.5, room: float = 0.08) -> tuple[float, float]:
+def limits(values: Array, share: float = 0.5, margin: float = 0.08) -> tuple[float, float]:
     """Return limits of an axis around the percentiles `share` to 100 - `share` of the finite values."""
     known = values[np.isfinite(values)]
     if not known.size:
         return -1.0, 1.0
     low, high = (float(value) for value in np.percentile(known, [share, 100.0 - share]))
-    pad = room * max(high - low, 1e-3)
+    pad = margin * max(high - low, 1e-3)
     return low - pad, high + pad

@@ -188,7 +188,7 @@ def _score(
         return Score((), 0, NO_ERRORS, NO_ERRORS)
     again = steady_segments(observations, after, numbers, settings, settings.steady)
     if np.isfinite(segments.seawater).all():
-        again = again.of(again.in_known_water)
+        again = again.select(again.in_known_water)
     else:
         again = replace(again, seawater=np.full_like(again.seawater, np.nan))
     reach = 0.5 * settings.steady.length

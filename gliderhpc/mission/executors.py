@@ -137,7 +137,7 @@ class LocalExecutor(Executor):
         self._processes = LocalWorkers(workers, {name: str(value) for name, value in (ALLOCATION | ONE_THREAD).items()})
 
     def threads(self, jobs: int) -> int:
-        """Share of a job in the cores, of which there is one for each process."""
+        """Number of cores for each job; there is one core for each process."""
         return max(1, self.workers // max(1, jobs))
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:

@@ -273,7 +273,7 @@ class DiveRounds:
             moves.append(float(np.abs(following - eta).max()))
             self._log_round(len(moves), following - eta, mission)
             blocked, eta = np.array_equal(following, eta), following
-            # A step that was shortened for want of a stable glide is no convergence.
+            # A step that was shortened to retain a stable glide does not count as convergence.
             converged = float(np.abs(full_step).max()) < self._settings.tolerance
             if converged or blocked or len(moves) >= self._most:
                 break

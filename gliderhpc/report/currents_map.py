@@ -106,9 +106,9 @@ def _draw_arrows(axes: Axes, places: Array, tips: Array, outlines: Array, start:
     rims = PolyCollection(list(outlines), facecolors="none", edgecolors=SHADE, linewidths=0.5, zorder=3)
     axes.add_collection(ellipses)
     axes.add_collection(rims)
-    way = tips - places
+    length = tips - places
     arrows = axes.quiver(
-        *places.T, *way.T, days, angles="xy", scale_units="xy", scale=1.0, width=0.0045, zorder=4, **shared
+        *places.T, *length.T, days, angles="xy", scale_units="xy", scale=1.0, width=0.0045, zorder=4, **shared
     )
     bar = axes.figure.colorbar(arrows, ax=axes, shrink=0.7, pad=0.02)
     locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]

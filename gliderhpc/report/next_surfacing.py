@@ -27,7 +27,7 @@ PROBABILITY = 0.68
 """Probability of the ellipses of positions and currents."""
 
 _PRIOR_PREDICTIONS, _SCALES = 10, (0.1, 10.0)
-"""Number of past predictions of which half the evidence is believed, and limits of the factor on a covariance."""
+"""Number of past predictions whose evidence has half the weight, and limits of the factor on a covariance."""
 
 _OFFSET = 0.2
 """Prior standard deviation of the mean difference between the drift at the surface and the current below, north and
@@ -135,7 +135,7 @@ def predict_from(
     ]
     coming, last = predicted[-1], fix_after(dives, count - 1)
     past = [_squared_distance(dives, one) for one in predicted[:-1] if is_followed(dives, one.place)]
-    latitude, longitude = moved((last.latitude, last.longitude), coming.way)
+    latitude, longitude = moved((last.latitude, last.longitude), coming.displacement)
     return Prediction(
         time=last.time + np.timedelta64(round(coming.elapsed), "s"),
         latitude=latitude,
@@ -151,7 +151,7 @@ def predict_from(
 
 @dataclass(frozen=True, eq=False)
 class _Cycle:
-    """Predicted way from the surfacing after a dive to the next: at the surface, and through a dive like this one.
+    """Predicted displacement from the surfacing after a dive to the next: at the surface, and in a dive like this one.
 
     Attributes
     ----------
@@ -161,16 +161,16 @@ class _Cycle:
         Nowcast after the dive.
     elapsed : float
         Time from the first fix after the dive to the next surfacing, s.
-    way, covariance : (2,), (2, 2) arrays
+    displacement, covariance : (2,), (2, 2) arrays
         Way over ground, north and east, and its covariance, m and m2.
     drift, drift_covariance : (2,), (2, 2) arrays
-        The water's part of the way, and its covariance.
+        The water's part of this displacement, and its covariance.
     """
 
     place: int
     state: Nowcast
     elapsed: float
-    way: Array
+    displacement: Array
     covariance: Array
     drift: Array
     drift_covariance: Array
@@ -181,15 +181,15 @@ def _predict_cycle(
 ) -> _Cycle:
     """Predict the cycle after a dive, given offset and scatter of surface drifts and the displacements' covariance."""
     offset, scatter = surface
-    afloat, below = _cycle(dives, place)
+    at_surface, below = _cycle(dives, place)
     begin = max(float(_seconds(dives, "exit_time")[place]), state.time)
-    drift, covariance = state.drift(begin, begin + afloat + below)
-    shear = (scatter * afloat) ** 2 + 2.0 * fix_error**2
+    drift, covariance = state.drift(begin, begin + at_surface + below)
+    shear = (scatter * at_surface) ** 2 + 2.0 * fix_error**2
     return _Cycle(
         place=place,
         state=state,
-        elapsed=afloat + below,
-        way=_displacements(dives)[place] + offset * afloat + drift,
+        elapsed=at_surface + below,
+        displacement=_displacements(dives)[place] + offset * at_surface + drift,
         covariance=covariance + spread + shear * np.eye(2),
         drift=drift,
         drift_covariance=covariance,
@@ -211,7 +211,7 @@ def fix_after(dives: xr.Dataset, place: int) -> Fix:
 def _squared_distance(dives: xr.Dataset, predicted: _Cycle) -> float:
     """Return the squared distance of the next surfacing from the predicted one, relative to its ellipse."""
     here, there = (fix_after(dives, place) for place in (predicted.place, predicted.place + 1))
-    miss = np.array(local_displacement(here, there)) - predicted.way
+    miss = np.array(local_displacement(here, there)) - predicted.displacement
     return float(miss @ np.linalg.solve(predicted.covariance, miss))
 
 

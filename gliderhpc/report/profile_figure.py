@@ -55,7 +55,7 @@ _LEGEND_COLUMNS = 5
 
 _DASHES = (0, (4, 2))
 _BAND, _ADJOINT_BAND = 0.3, 0.15
-"""Opacity of the bands of one standard deviation either way (68 %), the smoother's and the adjoint's."""
+"""Opacity of the bands of one standard deviation on either side (68 %), the smoother's and the adjoint's."""
 
 
 def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
@@ -216,7 +216,7 @@ def _draw_disturbance(
 
 
 def _draw_band(axes: Axes, data: ProfileData, channel: int, colour: str, opacity: float) -> None:
-    """Draw one standard deviation of a disturbance either way, if the estimate has one."""
+    """Draw one standard deviation of a disturbance on either side, if the estimate has one."""
     middle, deviation = data.disturbances[:, channel], data.disturbances_std[:, channel]
     if not np.isfinite(deviation).any():
         return

@@ -131,7 +131,7 @@ def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> 
     time = (truth["time"].values - data.epoch) / _SECOND
     rate = truth["water_up"].values.astype(np.float64)
     risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
-    true = found.filter.of(np.interp(data.record_time[found.record], time, risen))
+    true = found.filter.slopes(np.interp(data.record_time[found.record], time, risen))
     error = found.water - true
     return {
         "error_rms": rms(error),

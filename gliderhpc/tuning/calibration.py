@@ -223,7 +223,7 @@ def calibrate(
 def start_subset(errors: SegmentErrors) -> SegmentErrors:
     """Errors over a subset of the segments, spread over all, for the search of a starting point."""
     every = -(-len(errors.segments) // MAX_START_SEGMENTS)
-    part = errors.segments.of(np.arange(len(errors.segments)) % every == 0)
+    part = errors.segments.select(np.arange(len(errors.segments)) % every == 0)
     return SegmentErrors(
         errors.platform, errors.parameters, part, errors.reference, separate_turns=errors.separate_turns
     )
@@ -276,7 +276,7 @@ def check_profiles(segments: SteadySegments) -> None:
     count = len(np.unique(segments.profile))
     if count < MIN_PROFILES:
         raise InputError(
-            f"calibration: steady flight in {counted(count, 'profile')} besides those held out, but at least "
+            f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
             f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
         )
 

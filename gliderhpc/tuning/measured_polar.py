@@ -72,7 +72,7 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     """
     forward, _, normal = segments.velocity.T
     measured = segments.straight & np.isfinite(normal) & (forward > _MIN_SPEED)
-    chosen = segments.of(measured)
+    chosen = segments.select(measured)
     heavy = chosen.depth_rate > 0.0
     too_few = min(np.count_nonzero(heavy), np.count_nonzero(~heavy)) < MIN_SEGMENTS
     if too_few or len(np.unique(chosen.profile)) < MIN_PROFILES:

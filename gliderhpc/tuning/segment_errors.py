@@ -156,7 +156,7 @@ class SegmentErrors:
         return sum(p.moved(self.platform, s) for p, s in moves if p is TREND)
 
     def with_separate_turns(self) -> "SegmentErrors":
-        """Return the same errors, of which those of turns do not inform the parameters of straight flight."""
+        """Return the same errors, in which turns do not determine the parameters of straight flight."""
         return SegmentErrors(self.platform, self.parameters, self.segments, self.reference, separate_turns=True)
 
     def parts(self) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -293,13 +293,13 @@ def choose_buoyancy(
     enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE
     if choice == "density" or (choice == "auto" and enough):
         for number in np.unique(segments.profile[~known]):
-            why = _without_seawater(segments.of(segments.profile == number))
+            why = _without_seawater(segments.select(segments.profile == number))
             report(f"profile {number} is left out: the density of its water is not known" + (why and f" ({why})"))
-        usable = segments.of(known)
-        return _in_its_water(platform, usable, report), usable, held_out.of(held_out.in_known_water)
+        usable = segments.select(known)
+        return _in_its_water(platform, usable, report), usable, held_out.select(held_out.in_known_water)
     if choice == "auto":
         share = f"only {known.mean():.0%} of the steady flight, in {counted(profiles, 'profile')}, has"
-        why = _without_seawater(segments.of(~known))
+        why = _without_seawater(segments.select(~known))
         report(
             f"buoyancy from the depth slope: {share if known.any() else 'no steady flight has'} a known density"
             + (why and f" ({why})")

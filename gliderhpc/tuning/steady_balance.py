@@ -60,7 +60,7 @@ class MeasuredAttitude:
     turn_rate: Array
     depth: Array
 
-    def of(self, chosen: NDArray[np.bool_]) -> "MeasuredAttitude":
+    def select(self, chosen: NDArray[np.bool_]) -> "MeasuredAttitude":
         """Return the chosen samples."""
         return MeasuredAttitude(*(values[chosen] for values in (self.roll, self.pitch, self.turn_rate, self.depth)))
 

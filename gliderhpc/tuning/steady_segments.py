@@ -103,11 +103,11 @@ class SteadySegments:
         """Mask (n,) of the segments with a known density."""
         return np.asarray(np.isfinite(self.seawater).all(axis=1))
 
-    def none(self) -> "SteadySegments":
+    def empty(self) -> "SteadySegments":
         """Return an empty selection of the segments."""
-        return self.of(np.zeros(len(self), dtype=bool))
+        return self.select(np.zeros(len(self), dtype=bool))
 
-    def of(self, chosen: Mask) -> "SteadySegments":
+    def select(self, chosen: Mask) -> "SteadySegments":
         """Return the chosen segments."""
         return SteadySegments(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
@@ -119,7 +119,7 @@ class SteadySegments:
             time = self.time[own]
             apart = np.abs(time - others[nearest_rows(others, time)]) / np.timedelta64(1, "s")
             shared[own] = apart <= seconds
-        return self.of(shared)
+        return self.select(shared)
 
 
 def steady_segments(
@@ -173,7 +173,7 @@ def steady_segments(
 
 
 def _phases_without(found: Sequence[SteadySegments]) -> tuple[str, ...]:
-    """Name the phases of flight of which no segment was found."""
+    """Name the phases of flight without any segment."""
     rates = np.concatenate([np.zeros(0), *(one.depth_rate for one in found)])
     return tuple(name for name, sign in (("dives", 1.0), ("climbs", -1.0)) if not (sign * rates > 0.0).any())
 
@@ -229,7 +229,7 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
         raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
-    return found.of(steady_mask)
+    return found.select(steady_mask)
 
 
 def _settled_mask(calm: Mask, series: ProfileSeries, settling: float) -> Mask:

@@ -71,7 +71,7 @@ def still_water_glide(
         start.depth_rate[known], start.velocity[known] = near.depth_rate[known], near.velocity[known]
     if flying.any():
         found.depth_rate[flying], found.velocity[flying] = _balance_depth_rate(
-            glider, bodies[flying], attitude.of(flying), start.depth_rate[flying], start.velocity[flying]
+            glider, bodies[flying], attitude.select(flying), start.depth_rate[flying], start.velocity[flying]
         )
     return found
 

@@ -145,7 +145,7 @@ def test_a_command_that_does_not_end_and_an_address_with_a_secret_are_named_with
         ("rules:", "rules is None: give the rules as `key: value` pairs, such as {current_above: 0.5}"),
         (
             "rules: {next_surfacing_outside: {south: 20, north: 10, west: 0, east: 5}}",
-            "rules.next_surfacing_outside: south (20) is greater than north (10); swap them",
+            r"rules.next_surfacing_outside: south \(20\) is greater than north \(10\); swap them",
         ),
         ("rules: {}\nwebhook: ftp://x", "webhook is 'ftp://x': give an address"),
         ("rules: {}\ncommand: echo x; rm y", "command is 'echo x; rm y': give a list of program and arguments"),

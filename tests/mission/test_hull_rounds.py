@@ -259,7 +259,7 @@ def test_both_hulls_are_judged_by_the_same_segments(records, found):
     assert found.dives.fitted.segments == len(segments[1].shared_with(segments[0], 30.0))
     late = replace(segments[0], time=segments[0].time + np.timedelta64(31, "s"))
     assert len(late.shared_with(late, 30.0)) == len(late)
-    assert len(segments[0].of(np.arange(len(segments[0])) == 0).shared_with(late, 30.0)) == 0
+    assert len(segments[0].select(np.arange(len(segments[0])) == 0).shared_with(late, 30.0)) == 0
 
 
 def test_starting_from_a_calibrated_hull_is_mentioned_in_notes_and_source(records, found):

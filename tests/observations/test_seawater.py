@@ -512,7 +512,7 @@ def test_calibration_finds_neutral_volume_and_compressibility(ocean_segments):
     )
     free = {"buoyancy.neutral_volume", "buoyancy.compressibility", "viscous.K_D0"}
     hold = tuple(p.key for p in PARAMETERS_BY_DENSITY if p.key not in free)
-    found = calibrate(wrong, ocean_segments, ocean_segments.none(), CalibrationSettings(hold=hold))
+    found = calibrate(wrong, ocean_segments, ocean_segments.empty(), CalibrationSettings(hold=hold))
     values = {p.parameter.key: p for p in found.parameters}
     assert "buoyancy.depth_slope" not in values
     assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=8.0)
@@ -523,7 +523,7 @@ def test_calibration_finds_neutral_volume_and_compressibility(ocean_segments):
 
 
 def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
-    none = ocean_segments.none()
+    none = ocean_segments.empty()
     reported = []
     hull, usable, _ = choose_buoyancy(PETREL, ocean_segments, none, "auto", reported.append)
     assert hull.buoyancy.compressibility == TYPICAL_COMPRESSIBILITY
@@ -540,22 +540,22 @@ def test_a_calibration_s_buoyancy_goes_one_way(ocean_segments):
     assert hull.buoyancy.compressibility is None
     assert set(usable.profile.tolist()) == {1, 2, 3}
     assert "of the steady flight, in 2 profiles, has a known density" in reported.pop()
-    for segments, way in ((ocean_segments, "depth_slope"), (partly.of(partly.profile == 2), "auto")):
+    for segments, way in ((ocean_segments, "depth_slope"), (partly.select(partly.profile == 2), "auto")):
         hull, usable, _ = choose_buoyancy(SOFT, segments, none, way)
         assert hull.buoyancy.compressibility is None
         assert not usable.in_known_water.any()
     rejected = replace(partly, without_seawater=np.where(partly.in_known_water, "", "no temperature"))
     choose_buoyancy(SOFT, rejected, none, "density", reported.append)
     assert reported.pop() == "profile 2 is left out: the density of its water is not known (no temperature)"
-    choose_buoyancy(SOFT, rejected.of(rejected.profile == 2), none, "auto", reported.append)
+    choose_buoyancy(SOFT, rejected.select(rejected.profile == 2), none, "auto", reported.append)
     assert reported.pop() == "buoyancy from the depth slope: no steady flight has a known density (no temperature)"
     with pytest.raises(InputError, match="no steady flight of the chosen profiles has a known density"):
-        choose_buoyancy(PETREL, partly.of(partly.profile == 2), none, "density")
+        choose_buoyancy(PETREL, partly.select(partly.profile == 2), none, "density")
 
 
 def test_a_hull_is_neutral_in_the_fresh_water_that_it_flies_in(ocean_segments):
     """Unless its file states a compressibility: then its neutral volume is that of the file's density."""
-    none, reported = ocean_segments.none(), []
+    none, reported = ocean_segments.empty(), []
     lake = replace(ocean_segments, seawater=ocean_segments.seawater - np.array([0.0, 25.0, 0.0, 0.0]))
     hull, _, _ = choose_buoyancy(PETREL, lake, none, "auto", reported.append)
     _, density, _, pressure = lake.seawater.T

@@ -83,7 +83,7 @@ def test_a_profilers_velocities_are_binned_and_averaged_as_the_glider_was_there(
         data = read_profile_data(opened, 2)
     reference = read_reference_currents(write(tmp_path / "adcp.nc", data))
     bins = bin_count(float(np.nanmax(data.measured[:, 3])) + 40.0, BIN)
-    found = reference.of(data, BIN, bins)
+    found = reference.for_dive(data, BIN, bins)
     known = found.count > 0
     middle = (np.arange(bins) + 0.5) * BIN
     np.testing.assert_allclose(found.by_depth[known, 0], NORTH + SHEAR * middle[known], atol=SHEAR * BIN / 2)
@@ -98,11 +98,11 @@ def test_a_profiler_that_saw_too_little_of_the_dive_gives_no_mean(archive, tmp_p
         data, other = (read_profile_data(opened, number) for number in (2, 3))
     depth = data.measured[:, 3]
     reference = read_reference_currents(write_grid(tmp_path / "adcp.nc", data, deepest=float(np.nanmedian(depth))))
-    found = reference.of(data, BIN, bin_count(float(np.nanmax(depth)), BIN))
+    found = reference.for_dive(data, BIN, bin_count(float(np.nanmax(depth)), BIN))
     assert 0.3 < found.covered < MIN_COVERAGE
     assert np.isnan(found.velocity).all()
     assert np.isfinite(found.by_depth[0]).all()
-    elsewhere = reference.of(other, BIN, 30)
+    elsewhere = reference.for_dive(other, BIN, 30)
     assert elsewhere.covered == 0.0
     assert not elsewhere.count.any()
 
@@ -180,13 +180,13 @@ def test_cells_deeper_than_the_dive_do_not_count(archive, tmp_path):
         data = read_profile_data(opened, 2)
     path = write_grid(tmp_path / "adcp.nc", data)
     bins = bin_count(float(np.nanmax(data.measured[:, 3])), BIN)
-    whole = read_reference_currents(path).of(data, BIN, bins)
+    whole = read_reference_currents(path).for_dive(data, BIN, bins)
     with xr.open_dataset(path) as content:
         wrong = content.load()
     wrong["VN"] = wrong["VN"].where(-wrong["z"] < bins * BIN, -5000.0)
     wrong.to_netcdf(tmp_path / "deep.nc")
     np.testing.assert_allclose(
-        read_reference_currents(tmp_path / "deep.nc").of(data, BIN, bins).velocity, whole.velocity
+        read_reference_currents(tmp_path / "deep.nc").for_dive(data, BIN, bins).velocity, whole.velocity
     )
 
 

@@ -131,10 +131,10 @@ def test_trend_leaves_gaps_out():
 def test_series_of_ties_and_of_too_few_values_show_nothing():
     level = series_trend(DAYS, np.ones(33), EPOCH, 300, 0)
     assert (level.trend.tau, level.trend.p, level.robust.p) == (0.0, 1.0, 1.0)
-    assert not level.shown
+    assert not level.is_significant
     few = series_trend(DAYS[:3], np.arange(3.0), EPOCH[:3], 300, 0)
     assert np.isnan(few.trend.slope)
-    assert not few.shown
+    assert not few.is_significant
     stepped = series_trend(DAYS, np.repeat([0.0, 1.0, 2.0], 11), EPOCH, 300, 0)
     assert stepped.trend.tau == pytest.approx(363.0 / 528.0)
     assert stepped.robust.p < 0.05
@@ -301,7 +301,7 @@ def test_the_filter_counts_where_the_adjoint_is_no_second_estimate(start, cause)
 def test_drift_is_confined_to_the_longitudinal_plane():
     found = find_drift(medians(drag=2.0), HULL, SETTINGS)
     adjoint = next(own for own in found.trends if own.estimate == "adjoint")
-    assert set(adjoint.shown) == {("B_cu", "dive"), ("B_cu", "climb")}
+    assert set(adjoint.drifting) == {("B_cu", "dive"), ("B_cu", "climb")}
     assert adjoint.tier(("B_cu", "climb")) == "primary"
     rows = table_5(found.trends)
     assert len(rows) == 36

@@ -59,7 +59,7 @@ ALL = np.ones(len(TIME), dtype=bool)
 @pytest.mark.parametrize("cycles", [0.1, half_power(), 1.0])
 def test_the_filter_attenuates_a_sinusoid_by_its_transfer_function(cycles):
     frequency = 2.0 * math.pi * cycles / WINDOW
-    found = depth_rate_filter(TIME, ALL).of(np.sin(frequency * TIME) / frequency)
+    found = depth_rate_filter(TIME, ALL).slopes(np.sin(frequency * TIME) / frequency)
     whole = np.isfinite(found)
     np.testing.assert_allclose(found[whole], transfer(cycles) * np.cos(frequency * TIME[whole]), atol=0.02)
     assert whole.tolist() == ((TIME >= WINDOW / 2) & (TIME[-1] - WINDOW / 2 >= TIME)).tolist()
@@ -75,13 +75,13 @@ def test_a_rate_and_its_integral_come_out_alike_at_uneven_samples():
     rate_filter = depth_rate_filter(time, np.ones(400, dtype=bool))
     rate = np.column_stack([0.1 + 1e-4 * time, -0.2 + 0.0 * time])
     integral = np.column_stack([0.1 * time + 5e-5 * time**2, -0.2 * time])
-    np.testing.assert_allclose(rate_filter.of_rate(rate), rate_filter.of(integral), atol=1e-9)
-    assert np.isfinite(rate_filter.of(time)).sum() > 370
+    np.testing.assert_allclose(rate_filter.filtered(rate), rate_filter.slopes(integral), atol=1e-9)
+    assert np.isfinite(rate_filter.slopes(time)).sum() > 370
 
 
 def test_noise_is_that_of_the_sensor():
     rate_filter = depth_rate_filter(TIME, ALL)
-    drawn = rate_filter.of(np.random.default_rng(0).normal(0.0, 0.03, (len(TIME), 200)))
+    drawn = rate_filter.slopes(np.random.default_rng(0).normal(0.0, 0.03, (len(TIME), 200)))
     np.testing.assert_allclose(drawn[1000].std(), rate_filter.noise(0.03)[1000], rtol=0.15)
     assert rate_filter.noise(0.03)[1000] == pytest.approx(0.03 * math.sqrt(12.0 / 61.0) / 61.0, rel=0.01)
 
@@ -90,10 +90,12 @@ def test_unusable_samples_and_long_pauses_break_the_record():
     usable = ALL.copy()
     usable[700] = False
     rate_filter = depth_rate_filter(TIME, usable)
-    assert not np.isfinite(rate_filter.of(TIME))[670:731].any()
-    assert np.isfinite(rate_filter.of(TIME))[[669, 731]].all()
+    assert not np.isfinite(rate_filter.slopes(TIME))[670:731].any()
+    assert np.isfinite(rate_filter.slopes(TIME))[[669, 731]].all()
     late = np.where(TIME > 1200.0, TIME + 10.0, TIME)
-    assert np.flatnonzero(~np.isfinite(depth_rate_filter(late, ALL).of(TIME)))[30:-30].tolist() == [*range(1171, 1231)]
+    assert np.flatnonzero(~np.isfinite(depth_rate_filter(late, ALL).slopes(TIME)))[30:-30].tolist() == [
+        *range(1171, 1231)
+    ]
 
 
 def test_slopes_are_those_of_straight_lines_through_the_samples_in_a_window():
@@ -107,7 +109,7 @@ def test_slopes_are_those_of_straight_lines_through_the_samples_in_a_window():
         fitted = usable[row] and near.sum() > 2
         expected = np.polyfit(time[near] - instant, values[near], 1)[0] if fitted else 0.0
         assert slope == pytest.approx(expected, abs=1e-12)
-    assert len(depth_rate_filter(np.zeros(0), np.zeros(0, dtype=bool)).of(np.zeros(0))) == 0
+    assert len(depth_rate_filter(np.zeros(0), np.zeros(0, dtype=bool)).slopes(np.zeros(0))) == 0
 
 
 def test_slow_sensors_have_a_longer_window():
@@ -221,7 +223,7 @@ def waves(tmp_path_factory):
     settings = CalibrateSettings()
     with open_observations(path) as opened:
         segments = steady_segments(opened, PETREL, range(1, 9), settings, settings.steady)
-    return path, calibrate(PETREL, segments, segments.none(), settings.calibration)
+    return path, calibrate(PETREL, segments, segments.empty(), settings.calibration)
 
 
 def velocities(path, store, platform, number):

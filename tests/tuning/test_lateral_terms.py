@@ -50,7 +50,7 @@ def test_water_that_turns_the_glider_does_not_move_its_drag(monkeypatch):
     monkeypatch.setattr(calibration, "is_better_held", lambda *_: True)
     settings = CalibrationSettings(hold=("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope"))
     calm = glides(TRUTH, PETREL)
-    found = calibrate(PETREL, turned(calm), calm.none(), settings)
+    found = calibrate(PETREL, turned(calm), calm.empty(), settings)
     of = {p.parameter.key: p for p in found.parameters}
     assert of["viscous.K_D0"].after == pytest.approx(10.0, rel=0.02)
     assert of["buoyancy.neutral_volume"].after == pytest.approx(640.0, abs=5.0)

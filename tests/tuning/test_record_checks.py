@@ -317,7 +317,7 @@ def test_few_glides_rule_nothing_out_unless_a_plausible_error_would_have_been_fo
 
 def test_dives_without_climbs_leave_the_pitch_undetermined():
     whole = segments(0)
-    finding = pitch_findings(PETREL, whole.of(whole.depth_rate > 0.0), CHECKS)[0]
+    finding = pitch_findings(PETREL, whole.select(whole.depth_rate > 0.0), CHECKS)[0]
     assert finding.verdict is CheckVerdict.UNDETERMINED
     assert "climbs" in finding.remark
     assert pitch_findings(PETREL, None, CHECKS)[0].verdict is CheckVerdict.UNDETERMINED

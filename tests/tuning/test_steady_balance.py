@@ -170,7 +170,7 @@ def test_a_path_flatter_than_the_hull_glides_gives_finite_errors(petrel):
 
 def test_chosen_samples_keep_their_quantities():
     attitude = MeasuredAttitude(*(np.arange(3.0) + 10.0 * place for place in range(4)))
-    chosen = attitude.of(np.array([True, False, True]))
+    chosen = attitude.select(np.array([True, False, True]))
     assert [list(getattr(chosen, name)) for name in ("roll", "pitch", "turn_rate", "depth")] == [
         [0.0, 2.0], [10.0, 12.0], [20.0, 22.0], [30.0, 32.0],
     ]  # fmt: skip

@@ -150,12 +150,12 @@ def _draw_currents(
         outline = place + (track.current + _ellipse(track)) * stretch
         axes.fill(*outline.T, facecolor=_colour(track), alpha=0.25, edgecolor="none", zorder=3.0)
         outlines.append(outline)
-    places, ways = (
+    places, lengths = (
         np.array(pairs) for pairs in ([place for _, place in known], [t.current * stretch for t, _ in known])
     )
     arrows = axes.quiver(
         *places.T,
-        *ways.T,
+        *lengths.T,
         color=[_colour(track) for track, _ in known],
         angles="xy",
         scale_units="xy",

@@ -144,7 +144,7 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
         label=f"{phase}, {estimate}",
     )
     if one.trend.count and one.span > 0.0:
-        style = "-" if one.shown else ":" if one.primary else "--"
+        style = "-" if one.is_significant else ":" if one.primary else "--"
         axes.plot(
             (one.trend.begin, one.trend.end), (one.trend.first, one.trend.last), style, color=colour, linewidth=1.0
         )
@@ -163,7 +163,7 @@ def captions(
     data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
     reference = found.verdict.drags[0].reference
     whose = " and ".join(ESTIMATES[own.estimate] for own in found.primary)
-    shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.shown]
+    shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.drifting]
     robust = (
         f"A drift is accepted where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."

@@ -165,7 +165,7 @@ def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
             "slope_low": one.trend.low, "slope_high": one.trend.high, "drift": one.drift,
             "drift_percent": 100.0 * one.drift / abs(one.trend.first) if one.trend.first else float("nan"),
             "floor": one.floor, "ratio": one.ratio, "tier": own.tier((channel, phase)), "robust_p": one.robust.p,
-            "block": one.robust.block, "holm_p": one.corrected, "shown": one.shown,
+            "block": one.robust.block, "holm_p": one.corrected, "shown": one.is_significant,
         }
         for own in found
         for (channel, phase), one in own.trends.items()

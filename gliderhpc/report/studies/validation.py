@@ -67,7 +67,7 @@ def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:
     """
     title = f"Forward model against the records: {mission_of(archive)}"
     figure, (vertical, heading, longitudinal, horizontal) = panels(2, 2, LANDSCAPE, title)
-    # The forward model also flies profiles that could not be inverted, of which the archive has no records.
+    # The forward model also flies profiles that could not be inverted; the archive has no records of these.
     numbers = [number for number in map(int, table["profile"]) if not np.isnat(_clock(archive, number)).all()][:SHOWN]
     if numbers:
         measured, modelled = (_join_records(archive, group, numbers) for group in ("observed", "validation"))

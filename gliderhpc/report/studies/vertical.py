@@ -105,7 +105,7 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
                 label=leg,
             )
             means = [leg_column("mean", each) for each in LEGS]
-            axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), room=0.5))
+            axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), margin=0.5))
     axes.axhline(0.0, color="#666666", linewidth=0.6)
     legend(axes)
 

@@ -197,7 +197,7 @@ def _samples(data: RecordedProfile, index: int) -> GlideSamples | None:
         return None
     time, measured = data.record_time[record], data.measured[record]
     usable = undisturbed(data)[record] & (measured[:, 3] > MIN_DEPTH)
-    rate = depth_rate_filter(time, usable).of(measured[:, 3])
+    rate = depth_rate_filter(time, usable).slopes(measured[:, 3])
     turn_rate = np.radians(
         depth_rate_filter(time, np.ones(len(record), np.bool_)).with_truncated_windows(measured[:, 2])
     )
@@ -214,7 +214,7 @@ def _samples(data: RecordedProfile, index: int) -> GlideSamples | None:
 
 def _part(samples: GlideSamples, mask: NDArray[np.bool_]) -> GlideSamples:
     return GlideSamples(
-        samples.dive[mask], samples.climbing[mask], samples.attitude.of(mask), samples.actuators[mask],
+        samples.dive[mask], samples.climbing[mask], samples.attitude.select(mask), samples.actuators[mask],
         None if samples.water is None else samples.water[mask], samples.depth_rate[mask],
     )  # fmt: skip
 
@@ -231,7 +231,7 @@ def _glide(
 
 
 def _chosen(parameters: Sequence[HullParameter]) -> list[int]:
-    """Parameters of which the depth rate is a function."""
+    """Parameters on which the depth rate depends."""
     return [i for i, p in enumerate(parameters) if p.key in (*KEYS, *_PITCH)]
 
 

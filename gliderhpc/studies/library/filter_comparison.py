@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 YAW = list(CHANNELS).index("B_cr")
 FAST = 0.05
-"""Frequency above which the paper looks for turbulence, Hz."""
+"""Frequency above which the paper searches for turbulence, Hz."""
 LAG_REACH = 30.0
 """Maximum lag that is tried in either direction, s."""
 IMPULSE_REACH = 10.0

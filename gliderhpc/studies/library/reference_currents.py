@@ -119,7 +119,7 @@ class VelocityRecord:
     depth: Array
     velocity: Array
 
-    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+    def for_dive(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
         """Average the velocities during a dive by depth bin, and the bins, weighted by the glider's time in each."""
         ends = data.epoch + np.round(data.record_time[[0, -1]] * 1e9).astype("timedelta64[ns]")
         first, last = np.searchsorted(self.time, ends[0]), np.searchsorted(self.time, ends[1], side="right")
@@ -140,7 +140,7 @@ class OperatorCurrents:
 
     table: xr.Dataset
 
-    def of(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
+    def for_dive(self, data: ProfileData, height: float, bins: int) -> ReferenceCurrent:
         """Return the profile's current; it has no values by depth."""
         nothing = np.full((bins, 2), np.nan), np.zeros(bins, dtype=np.int64)
         if data.number not in self.table[PROFILE].values:
@@ -260,7 +260,7 @@ def compare_with_reference(
     dict of str to value
         Further values of the profile; values by bin have shape ``(count,)``.
     """
-    found = reference.of(data, settings.bin, count)
+    found = reference.for_dive(data, settings.bin, count)
     return {
         "reference_north": float(found.velocity[0]),
         "reference_east": float(found.velocity[1]),

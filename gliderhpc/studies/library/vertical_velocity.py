@@ -109,21 +109,21 @@ class DepthRateFilter:
         """Frequency at which half the power passes, Hz."""
         return half_power() / self.window
 
-    def of(self, values: Array) -> Array:
+    def slopes(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
-        slopes = self.operator @ values
-        slopes[~self.whole] = np.nan
-        return np.asarray(slopes)
+        found = self.operator @ values
+        found[~self.whole] = np.nan
+        return np.asarray(found)
 
     def with_truncated_windows(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k), from a shorter window near the ends of a stretch."""
         return np.asarray(self.operator @ values)
 
-    def of_rate(self, rate: Array) -> Array:
+    def filtered(self, rate: Array) -> Array:
         """Filter a rate that is given at the samples (n,) or (n, k) and linear in between."""
         steps = np.diff(self.time).reshape(-1, *[1] * (rate.ndim - 1))
         risen = np.cumsum(0.5 * steps * (rate[1:] + rate[:-1]), axis=0)
-        return self.of(np.concatenate([np.zeros((1, *rate.shape[1:])), risen]))
+        return self.slopes(np.concatenate([np.zeros((1, *rate.shape[1:])), risen]))
 
     def noise(self, deviation: float) -> Array:
         """Standard deviation (n,) of the slope if every sample has an independent error."""
@@ -326,12 +326,12 @@ def vertical_velocity(data: RecordedProfile, platform: Platform) -> VerticalVelo
         record,
         attitude,
         hull.weight(),
-        rates.of(measured[:, 3]),
-        rates.of_rate(np.nan_to_num(glide.depth_rate)),
+        rates.slopes(measured[:, 3]),
+        rates.filtered(np.nan_to_num(glide.depth_rate)),
         np.where(usable, glide.speed, np.nan),
         rates.noise(platform.sensors.depth_noise),
-        rates.of_rate(np.nan_to_num(by_pitch)),
-        rates.of_rate(np.nan_to_num(by_hull)),
+        rates.filtered(np.nan_to_num(by_pitch)),
+        rates.filtered(np.nan_to_num(by_hull)),
         errors,
         rates,
     )

@@ -152,18 +152,18 @@ def _glides(
     too_few = f"fewer than {MIN_PROFILES} profiles with steady straight flight"
     if segments is None:
         raise UndeterminedError(too_few)
-    usable, by_density = segments.of(segments.straight), platform.buoyancy.compressibility is not None
+    usable, by_density = segments.select(segments.straight), platform.buoyancy.compressibility is not None
     if by_density:
         known = usable.in_known_water
         if len(usable) and not known.any():
             raise UndeterminedError("the hull uses measured density, but the density in these profiles is not known")
-        usable = usable.of(known)
+        usable = usable.select(known)
     if len(np.unique(usable.profile)) < MIN_PROFILES:
         raise UndeterminedError(too_few)
     for side in (usable.depth_rate > 0.0, usable.depth_rate <= 0.0):
         if len(np.unique(usable.profile[side])) < MIN_PROFILES:
             raise UndeterminedError("steady dives or steady climbs are missing")
-    return _Glides(platform, usable.of(_spread(usable)), by_density, checks, records)
+    return _Glides(platform, usable.select(_spread(usable)), by_density, checks, records)
 
 
 def _spread(segments: SteadySegments) -> NDArray[np.bool_]:

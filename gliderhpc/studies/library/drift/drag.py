@@ -186,8 +186,8 @@ class DragDrift:
     @property
     def cause(self) -> str:
         """Key of `CAUSES`; a change is significant if the robust test and its full interval both show it."""
-        together = self.shared.shown and _excludes_zero(self.change_interval)
-        apart = self.phase_difference.shown and _excludes_zero(self.weight_interval)
+        together = self.shared.is_significant and _excludes_zero(self.change_interval)
+        apart = self.phase_difference.is_significant and _excludes_zero(self.weight_interval)
         if not together:
             return "weight" if apart else "none"
         name = "drag" if self.shared.trend.slope > 0.0 else "less drag"

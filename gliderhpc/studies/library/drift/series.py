@@ -125,7 +125,7 @@ class SeriesTrend:
         return bool(self.trend.p < SIGNIFICANCE) and self.excludes_zero
 
     @property
-    def shown(self) -> bool:
+    def is_significant(self) -> bool:
         """Return whether the robust test, with its adjusted p, and the slope's interval both show a drift."""
         return bool(self.corrected < SIGNIFICANCE) and self.excludes_zero
 
@@ -138,7 +138,7 @@ class SeriesTrend:
             "floor": self.floor,
             "drift": self.drift,
             "ratio": self.ratio,
-            "shown": self.shown,
+            "shown": self.is_significant,
         }
 
 
@@ -204,9 +204,9 @@ class EstimateTrends:
         return "primary" if one.primary else "supporting"
 
     @property
-    def shown(self) -> tuple[Key, ...]:
+    def drifting(self) -> tuple[Key, ...]:
         """Series that drift according to the robust test."""
-        return tuple(key for key, one in self.trends.items() if one.shown)
+        return tuple(key for key, one in self.trends.items() if one.is_significant)
 
     def _largest_longitudinal(self, unit: str) -> float:
         drifts = [

@@ -234,7 +234,7 @@ def _summarise_changes(verdict: DriftVerdict) -> str:
 
 
 def _describe_series(own: EstimateTrends) -> str:
-    shown = own.shown
+    shown = own.drifting
     names = ", ".join(f"{channel} {phase}" for channel, phase in shown) or "none"
     lateral = [key for key in shown if key[0] in LATERAL and own.tier(key) != "negligible"]
     where = "also in the lateral plane" if lateral else "in the longitudinal plane alone" if shown else ""
