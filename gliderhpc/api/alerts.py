@@ -102,14 +102,20 @@ class Rules(_Section):
             yield f"next surfacing at {place} ± {following.ellipse.major:.0f} m, outside the box"
 
     def _hull(self, message: SurfacingMessage) -> Iterator[str]:
-        for one in message.hull_changes:
-            if one.is_shown_only_by(message.profile):  # The water often causes one unusual dive; the next dive decides.
+        for change in message.hull_changes:
+            # The water often causes one unusual dive; the next dive decides.
+            if change.is_shown_only_by(message.profile):
                 continue
-            if self.hull_changed is not None and one.probability >= self.hull_changed:
-                size = f"{one.change:+.3g} {one.unit}, standard deviation {one.change_std:.2g}"
-                yield f"{one.meaning}: changed since dive {one.since} by {size} (probability {one.probability:.3f})"
-            if self.drag_up_fifth is not None and one.parameter == _DRAG and one.above_20_percent >= self.drag_up_fifth:
-                yield f"drag up by more than 20 % (probability {one.above_20_percent:.3f}) since dive {one.since}"
+            if self.hull_changed is not None and change.probability >= self.hull_changed:
+                size = f"{change.change:+.3g} {change.unit}, standard deviation {change.change_std:.2g}"
+                probability = f"probability {change.probability:.3f}"
+                yield f"{change.meaning}: changed since dive {change.since} by {size} ({probability})"
+            if (
+                self.drag_up_fifth is not None
+                and change.parameter == _DRAG
+                and change.above_20_percent >= self.drag_up_fifth
+            ):
+                yield f"drag up by more than 20 % (probability {change.above_20_percent:.3f}) since dive {change.since}"
 
 
 class Alerts(_Section):

@@ -271,7 +271,7 @@ class Watch:
                 log.warning("%s: no usable profile; %s", path, reason)
                 return
             # The samples include their times, so no two dives have the same digest.
-            before = {one.samples for one in self.state.reported}
+            before = {dive.samples for dive in self.state.reported}
             digests = observations.sample_digests()
             new = {number: digest for number, digest in digests.items() if digest not in before}
             if new or not only_news:
@@ -282,7 +282,7 @@ class Watch:
 
     def _report_late_currents(self, observations: Observations, digests: Mapping[int, str]) -> None:
         """Report again the dives whose current was unknown when they were reported, and is known by now."""
-        unknown = {one.samples for one in self.state.reported if not knew_current(one, self.watched.out)}
+        unknown = {dive.samples for dive in self.state.reported if not knew_current(dive, self.watched.out)}
         if not unknown:
             return
         # Numbers may have changed since; the samples identify a dive.

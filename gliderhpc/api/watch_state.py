@@ -106,7 +106,7 @@ class WatchState(BaseModel):
 
     def find(self, start: np.datetime64, end: np.datetime64) -> int | None:
         """Return the position of the reported dive that shares most time with a span; None if there is no overlap."""
-        shared = [(one.overlap(start, end), place) for place, one in enumerate(self.reported)]
+        shared = [(dive.overlap(start, end), place) for place, dive in enumerate(self.reported)]
         longest, place = max(shared, default=(0.0, 0))
         return place if longest > 0.0 else None
 

@@ -134,7 +134,7 @@ def predict_from(
         ).items()
     ]
     coming, last = predicted[-1], fix_after(dives, count - 1)
-    past = [_squared_distance(dives, one) for one in predicted[:-1] if is_followed(dives, one.place)]
+    past = [_squared_distance(dives, cycle) for cycle in predicted[:-1] if is_followed(dives, cycle.place)]
     latitude, longitude = moved((last.latitude, last.longitude), coming.displacement)
     return Prediction(
         time=last.time + np.timedelta64(round(coming.elapsed), "s"),
@@ -293,8 +293,12 @@ def _nowcasts_after(
     wanted: Container[int],
 ) -> dict[int, Nowcast]:
     """Return the nowcast after each of the wanted dives, by the dive's position, in order."""
-    observed = [(place, one) for place, each in enumerate(_observations(dives, fix_error, *surface)) for one in each]
-    states = nowcasts([one for _, one in observed], tides)
+    observed = [
+        (place, observation)
+        for place, each in enumerate(_observations(dives, fix_error, *surface))
+        for observation in each
+    ]
+    states = nowcasts([observation for _, observation in observed], tides)
     # The last observation of a dive replaces those before.
     return {place: state for (place, _), state in zip(observed, states, strict=True) if place in wanted}
 

@@ -70,14 +70,14 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
     for i, change in hull.changes.items():
         if change is None:
             continue
-        one, values = mission.parameters[i], change_in_units(mission, found, i, change)
-        first = one.moved(mission.platform, float(found.smoothed[0].mean[i]))
+        parameter, values = mission.parameters[i], change_in_units(mission, found, i, change)
+        first = parameter.moved(mission.platform, float(found.smoothed[0].mean[i]))
         probability, total, std = (values[f"change_{name}"] for name in ("probability", "total", "total_std"))
         changes.append(
             HullChange(
-                parameter=one.key,
-                meaning=one.meaning,
-                unit=one.unit,
+                parameter=parameter.key,
+                meaning=parameter.meaning,
+                unit=parameter.unit,
                 first=first,
                 probability=probability,
                 change=total,
@@ -136,8 +136,8 @@ def trim_of(hull: RecentHull) -> Iterator[Trim]:
     """Yield the quantities whose deviation, after a calibration and the dives, is below `UNDETERMINED`."""
     mission, last = hull.mission, hull.found.smoothed[-1]
     place = {p.key: i for i, p in enumerate(mission.parameters)}
-    for one in pilot_units(mission.platform):
-        i = place.get(one.parameter)
+    for quantity in pilot_units(mission.platform):
+        i = place.get(quantity.parameter)
         if i is None or last.std[i] >= UNDETERMINED:
             continue
         p, steps = mission.parameters[i], float(last.mean[i])
@@ -145,9 +145,9 @@ def trim_of(hull: RecentHull) -> Iterator[Trim]:
         std = float(last.std[i]) * abs(p.slope(mission.platform, steps))
         yield Trim(
             parameter=p.key,
-            quantity=one.quantity,
-            unit=one.unit,
-            difference=one.scale * moved,
-            difference_std=abs(one.scale) * std,
+            quantity=quantity.quantity,
+            unit=quantity.unit,
+            difference=quantity.scale * moved,
+            difference_std=abs(quantity.scale) * std,
             steps=steps,
         )

@@ -349,35 +349,37 @@ def share_within(distance: Array, sigmas: int) -> float:
 
 def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str, Any]]:
     """Rows of the table of agreements; a model compared with the glider also has the shares within 1, 2 and 3 sigma."""
-    return [{**asdict(one), **_shares(compared, one)} for one in found]
+    return [{**asdict(agreement), **_shares(compared, agreement)} for agreement in found]
 
 
 def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
     """Agreements and distances, compared with section 5.5 of the paper."""
     return (
-        *(row for one in found for row in _compare_agreement(one)),
+        *(row for agreement in found for row in _compare_agreement(agreement)),
         *(row for index in range(len(compared.names)) for row in _compare_distance(compared, index)),
     )
 
 
-def _shares(compared: Compared, one: Agreement) -> dict[str, float]:
-    if one.against != GLIDER or one.of not in compared.names:
+def _shares(compared: Compared, agreement: Agreement) -> dict[str, float]:
+    if agreement.against != GLIDER or agreement.of not in compared.names:
         return {}
-    distance = compared.distance[:, compared.names.index(one.of)]
+    distance = compared.distance[:, compared.names.index(agreement.of)]
     return {name: share_within(distance, sigmas) for sigmas, name in WITHIN_COLUMNS.items()}
 
 
-def _compare_agreement(one: Agreement) -> Iterator[Comparison]:
-    pair, count = f"{one.of} against {one.against}", counted(one.profiles, "profile")
-    published = {one.of, one.against} == {"HYCOM", "GLORYS12"}
-    yield Comparison(f"vector RMSD, {pair}", "m/s", one.vector_rmsd, MUTUAL_RMSD if published else None, remark=count)
-    yield Comparison(f"mean speed difference, {pair}", "m/s", one.speed, remark=count)
+def _compare_agreement(agreement: Agreement) -> Iterator[Comparison]:
+    pair, count = f"{agreement.of} against {agreement.against}", counted(agreement.profiles, "profile")
+    published = {agreement.of, agreement.against} == {"HYCOM", "GLORYS12"}
+    yield Comparison(
+        f"vector RMSD, {pair}", "m/s", agreement.vector_rmsd, MUTUAL_RMSD if published else None, remark=count
+    )
+    yield Comparison(f"mean speed difference, {pair}", "m/s", agreement.speed, remark=count)
     yield Comparison(
         f"direction difference, {pair}",
         "degree",
-        one.direction_median,
-        GLIDE_ANGLE_DIRECTION if one.of == GLIDE_ANGLE else None,
-        spread=(one.direction_least, one.direction_most),
+        agreement.direction_median,
+        GLIDE_ANGLE_DIRECTION if agreement.of == GLIDE_ANGLE else None,
+        spread=(agreement.direction_least, agreement.direction_most),
         paper_text="0.2 to 127" if published else "",
         remark=f"median and range of the magnitude; {count}",
     )

@@ -174,7 +174,7 @@ def steady_segments(
 
 def _phases_without(found: Sequence[SteadySegments]) -> tuple[str, ...]:
     """Name the phases of flight without any segment."""
-    rates = np.concatenate([np.zeros(0), *(one.depth_rate for one in found)])
+    rates = np.concatenate([np.zeros(0), *(part.depth_rate for part in found)])
     return tuple(name for name, sign in (("dives", 1.0), ("climbs", -1.0)) if not (sign * rates > 0.0).any())
 
 

@@ -50,10 +50,10 @@ def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Words]:
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
     """Yield a sentence for each probable change of the hull."""
-    for one in message.hull_changes:
-        if one.probability >= PROBABLE:
-            since = f"changed since profile {one.since}, by {one.size_text}"
-            yield f"{one.meaning}: {since} (probability {one.probability:.2f})"
+    for change in message.hull_changes:
+        if change.probability >= PROBABLE:
+            since = f"changed since profile {change.since}, by {change.size_text}"
+            yield f"{change.meaning}: {since} (probability {change.probability:.2f})"
 
 
 def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:

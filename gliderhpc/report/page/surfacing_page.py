@@ -116,9 +116,10 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.hull_changes:
         return (Words("No change of the hull can be stated: this needs at least four dives with information on it."),)
     rows = {
-        one.meaning: f"changed with probability {one.probability:.2f}; if so, since dive {one.since} by "
-        f"{one.size_text}" + (", and the next dive must confirm it" if one.is_shown_only_by(message.profile) else "")
-        for one in message.hull_changes
+        change.meaning: f"changed with probability {change.probability:.2f}; if so, since dive {change.since} by "
+        f"{change.size_text}"
+        + (", and the next dive must confirm it" if change.is_shown_only_by(message.profile) else "")
+        for change in message.hull_changes
     }
     return Words(f"Changes of the hull over the last {message.hull_changes[0].dives} dives."), Facts(rows)
 
@@ -126,8 +127,11 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
 def _trim(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.trim:
         return ()
-    rows = {one.quantity: f"{with_deviation(one.difference, one.difference_std)} {one.unit}" for one in message.trim}
-    far = sorted({one.parameter for one in message.trim if abs(one.steps) > IMPLAUSIBLE})
+    rows = {
+        quantity.quantity: f"{with_deviation(quantity.difference, quantity.difference_std)} {quantity.unit}"
+        for quantity in message.trim
+    }
+    far = sorted({quantity.parameter for quantity in message.trim if abs(quantity.steps) > IMPLAUSIBLE})
     return (*((Notice(_too_far(far), "warning"),) if far else ()), Facts(rows))
 
 

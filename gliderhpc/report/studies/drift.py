@@ -123,7 +123,7 @@ def _shade(axes: Axes, table: pd.DataFrame, changes: Sequence[Change]) -> None:
         axes.axvspan(first - half, last + half, facecolor=SHADE, alpha=0.3, linewidth=0.0, zorder=0.5, label=name)
 
 
-def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: str, estimate: str) -> None:
+def _draw(axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase: str, estimate: str) -> None:
     from matplotlib.colors import to_rgba
 
     days, values = days_of(table), values_of(table, name)
@@ -134,7 +134,7 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
     axes.errorbar(
         days[~between],
         values[~between],
-        yerr=2.0 * one.floor,
+        yerr=2.0 * trend.floor,
         fmt=mark,
         color=colour,
         ecolor=to_rgba(colour, 0.25),
@@ -143,10 +143,14 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, one: SeriesTrend, phase: s
         elinewidth=0.6,
         label=f"{phase}, {estimate}",
     )
-    if one.trend.count and one.span > 0.0:
-        style = "-" if one.is_significant else ":" if one.primary else "--"
+    if trend.trend.count and trend.span > 0.0:
+        style = "-" if trend.is_significant else ":" if trend.primary else "--"
         axes.plot(
-            (one.trend.begin, one.trend.end), (one.trend.first, one.trend.last), style, color=colour, linewidth=1.0
+            (trend.trend.begin, trend.trend.end),
+            (trend.trend.first, trend.trend.last),
+            style,
+            color=colour,
+            linewidth=1.0,
         )
 
 

@@ -43,14 +43,14 @@ def comparisons(
 
 
 def _drift(own: EstimateTrends, key: tuple[str, str], paper: float) -> Comparison:
-    one = own.trends[key]
+    trend = own.trends[key]
     return Comparison(
         f"drift of {key[0]}, {key[1]}, {own.estimate}",
         UNITS[key[0]],
-        one.drift,
+        trend.drift,
         paper,
-        spread=(one.trend.low * one.span, one.trend.high * one.span),
-        remark=f"p {number(one.trend.p)}, robust {number(one.corrected)} after Holm; spread: 95 % interval",
+        spread=(trend.trend.low * trend.span, trend.trend.high * trend.span),
+        remark=f"p {number(trend.trend.p)}, robust {number(trend.corrected)} after Holm; spread: 95 % interval",
     )
 
 
@@ -85,12 +85,12 @@ def _drag(verdict: DriftVerdict, increase: float, included: str) -> Iterator[Com
 
 def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
     reference = verdict.drags[0].reference
-    for one in verdict.changes.found:
-        name = f"{one.kind} from profile {one.first} to {one.last}: largest change"
-        sizes = {f"of equivalent K_D0, {phase}": one.size(DRAG, phase) for phase in one.phases}
+    for change in verdict.changes.found:
+        name = f"{change.kind} from profile {change.first} to {change.last}: largest change"
+        sizes = {f"of equivalent K_D0, {phase}": change.size(DRAG, phase) for phase in change.phases}
         errors = {}
-        if one.is_drag:
-            sizes = {_SHARED: one.drag, **sizes}
+        if change.is_drag:
+            sizes = {_SHARED: change.drag, **sizes}
             errors = {_SHARED: ", the hull's other errors included"}
         for of, size in sizes.items():
             yield Comparison(
@@ -98,38 +98,38 @@ def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
                 UNITS[DRAG],
                 size.value,
                 spread=(size.low, size.high),
-                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(one.p)}; spread: 95 % interval"
+                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(change.p)}; spread: 95 % interval"
                 f"{errors.get(of, '')}",
             )
-    for one in verdict.moments.found:
-        for channel in one.moments:
+    for change in verdict.moments.found:
+        for channel in change.moments:
             for phase in PHASES:
-                size = one.size(channel, phase)
+                size = change.size(channel, phase)
                 yield Comparison(
-                    f"{one.kind} from profile {one.first} to {one.last}: largest change of the {NAMES[channel]}, "
-                    f"{phase}",
+                    f"{change.kind} from profile {change.first} to {change.last}: largest change of the "
+                    f"{NAMES[channel]}, {phase}",
                     UNITS[channel],
                     size.value,
                     spread=(size.low, size.high),
-                    remark=f"p {number(one.p)}; spread: 95 % interval",
+                    remark=f"p {number(change.p)}; spread: 95 % interval",
                 )
 
 
 def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
-    for one in slopes:
+    for slope in slopes:
         yield Comparison(
-            f"draws of the coefficients that keep the slope's sign, {one.quantity}, {one.phase}",
+            f"draws of the coefficients that keep the slope's sign, {slope.quantity}, {slope.phase}",
             "1",
-            one.same_sign,
-            PAPER_SAME_SIGN if (one.quantity, one.phase) in PAPER_DRIFTS else None,
-            remark=f"slope {number(one.nominal)} per day, draws {figure_text(one.interval)}",
+            slope.same_sign,
+            PAPER_SAME_SIGN if (slope.quantity, slope.phase) in PAPER_DRIFTS else None,
+            remark=f"slope {number(slope.nominal)} per day, draws {figure_text(slope.interval)}",
         )
-        if one.quantity == "B_cu":
+        if slope.quantity == "B_cu":
             yield Comparison(
-                f"shift of B_cu by a constant pitch offset, {one.phase}",
-                UNITS[one.quantity],
-                float(one.shift[0]),
-                remark=f"slope {number(float(one.pitched[0]))} per day with it; opposite on dive and climb, so no "
+                f"shift of B_cu by a constant pitch offset, {slope.phase}",
+                UNITS[slope.quantity],
+                float(slope.shift[0]),
+                remark=f"slope {number(float(slope.pitched[0]))} per day with it; opposite on dive and climb, so no "
                 "drift",
             )
 
@@ -161,14 +161,14 @@ def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
     return [
         {
             "estimate": own.estimate, "component": channel, "unit": UNITS[channel], "phase": phase,
-            "count": one.trend.count, "tau": one.trend.tau, "p": one.trend.p, "slope": one.trend.slope,
-            "slope_low": one.trend.low, "slope_high": one.trend.high, "drift": one.drift,
-            "drift_percent": 100.0 * one.drift / abs(one.trend.first) if one.trend.first else float("nan"),
-            "floor": one.floor, "ratio": one.ratio, "tier": own.tier((channel, phase)), "robust_p": one.robust.p,
-            "block": one.robust.block, "holm_p": one.corrected, "shown": one.is_significant,
+            "count": trend.trend.count, "tau": trend.trend.tau, "p": trend.trend.p, "slope": trend.trend.slope,
+            "slope_low": trend.trend.low, "slope_high": trend.trend.high, "drift": trend.drift,
+            "drift_percent": 100.0 * trend.drift / abs(trend.trend.first) if trend.trend.first else float("nan"),
+            "floor": trend.floor, "ratio": trend.ratio, "tier": own.tier((channel, phase)), "robust_p": trend.robust.p,
+            "block": trend.robust.block, "holm_p": trend.corrected, "shown": trend.is_significant,
         }
         for own in found
-        for (channel, phase), one in own.trends.items()
+        for (channel, phase), trend in own.trends.items()
     ]  # fmt: skip
 
 
@@ -211,14 +211,15 @@ def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], fl
     """
     return [
         {
-            "component": one.quantity, "unit": UNITS[one.quantity], "phase": one.phase,
-            "slope_all_samples": whole.get((one.quantity, one.phase), float("nan")), "slope_segments": one.nominal,
-            "slope_low": one.interval[0], "slope_high": one.interval[1], "draws": int(np.isfinite(one.draws).sum()),
-            "same_sign": one.same_sign, "slope_pitch_up": float(one.pitched[0]),
-            "slope_pitch_down": float(one.pitched[1]), "shift_pitch_up": float(one.shift[0]),
-            "shift_pitch_down": float(one.shift[1]),
+            "component": slope.quantity, "unit": UNITS[slope.quantity], "phase": slope.phase,
+            "slope_all_samples": whole.get((slope.quantity, slope.phase), float("nan")),
+            "slope_segments": slope.nominal, "slope_low": slope.interval[0], "slope_high": slope.interval[1],
+            "draws": int(np.isfinite(slope.draws).sum()), "same_sign": slope.same_sign,
+            "slope_pitch_up": float(slope.pitched[0]),
+            "slope_pitch_down": float(slope.pitched[1]), "shift_pitch_up": float(slope.shift[0]),
+            "shift_pitch_down": float(slope.shift[1]),
         }
-        for one in slopes
+        for slope in slopes
     ]  # fmt: skip
 
 

@@ -192,22 +192,24 @@ def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> s
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
     """Return the differences of the hull at the last dive from the platform file, in the units that a pilot uses."""
     keys = {p.key for p in history.parameters}
-    return tuple(_pilot_row(history, one) for one in pilot_units(history.platform) if one.parameter in keys)
+    return tuple(
+        _pilot_row(history, quantity) for quantity in pilot_units(history.platform) if quantity.parameter in keys
+    )
 
 
-def _pilot_row(history: HullHistory, one: PilotUnit) -> Comparison:
-    p = next(p for p in history.parameters if p.key == one.parameter)
+def _pilot_row(history: HullHistory, quantity: PilotUnit) -> Comparison:
+    p = next(p for p in history.parameters if p.key == quantity.parameter)
     value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
-    apart, half = one.scale * (value - p.value(history.platform)), _NORMAL_95 * abs(one.scale) * std
+    apart, half = quantity.scale * (value - p.value(history.platform)), _NORMAL_95 * abs(quantity.scale) * std
     # What is left of a value that was converted back and forth is not a difference.
     apart = apart if abs(apart) > _ROUNDING * half else 0.0
     interval = "spread: 95 % interval"
     return Comparison(
-        one.quantity,
-        one.unit,
+        quantity.quantity,
+        quantity.unit,
         apart,
         spread=(apart - half, apart + half),
-        remark=f"{interval}; {one.remark}" if one.remark else interval,
+        remark=f"{interval}; {quantity.remark}" if quantity.remark else interval,
     )
 
 

@@ -78,13 +78,13 @@ def lag_finding(
     neighbours on both sides, no lag would be found; it is then not determined.
     """
     series = [
-        one
-        for one in series
-        if _rows_inside(one)[1] - _rows_inside(one)[0] > MIN_LENGTH * one.sample_interval / one.step
+        profile
+        for profile in series
+        if _rows_inside(profile)[1] - _rows_inside(profile)[0] > MIN_LENGTH * profile.sample_interval / profile.step
     ]
     if len(series) < MIN_PROFILES:
         return undetermined(*_LAG, f"{len(series)} profiles, but at least {MIN_PROFILES} are needed")
-    interval = float(np.median([one.sample_interval for one in series]))
+    interval = float(np.median([profile.sample_interval for profile in series]))
     lags = interval * np.arange(-REACH, REACH + 1, dtype=np.float64)
     try:
         curve = _log_likelihood(platform, series, lags, settings)
@@ -132,12 +132,12 @@ def _log_likelihood(
     """Log-likelihood ``(n, k)`` of n profiles, with the depth assumed to be late by each of k lags."""
     glider = Glider(platform)
     profiles, priors = [], []
-    for one in series:
-        first, last = _rows_inside(one)
-        whole = prepare_profile(glider, one)
+    for profile in series:
+        first, last = _rows_inside(profile)
+        whole = prepare_profile(glider, profile)
         bodies, vibrating = whole.bodies[first:last], whole.vibrating[first : last + 1]
-        profiles += [PreparedProfile(glider, _with_depth_earlier(one, lag), bodies, vibrating) for lag in lags]
-        priors += [default_prior(platform, one.attitude_interval)] * len(lags)
+        profiles += [PreparedProfile(glider, _with_depth_earlier(profile, lag), bodies, vibrating) for lag in lags]
+        priors += [default_prior(platform, profile.attitude_interval)] * len(lags)
     gate = settings.filter.gate
     found = [
         np.nansum(log_density(estimate.innovations, estimate.innovation_variances, gate))

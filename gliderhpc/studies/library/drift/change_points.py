@@ -128,7 +128,8 @@ class Change:
         """Moments that changed, beginning with the largest change."""
         sizes = {name: [self.size(name, phase) for phase in PHASES] for name in MOMENTS}
         shown = {
-            name: max((abs(one.value) for one in own if one.excludes_zero), default=0.0) for name, own in sizes.items()
+            name: max((abs(size.value) for size in own if size.excludes_zero), default=0.0)
+            for name, own in sizes.items()
         }
         largest = max(shown.values())
         names = [name for name in MOMENTS if shown[name] > 0.0 and shown[name] >= PHASE_SHARE * largest]
@@ -158,11 +159,11 @@ class Changes:
     @property
     def episodes(self) -> tuple[Change, ...]:
         """Changes that have ended."""
-        return tuple(one for one in self.found if one.kind == EPISODE)
+        return tuple(change for change in self.found if change.kind == EPISODE)
 
     def outside(self, numbers: Array) -> Mask:
         """Mask of the profile numbers outside every episode."""
-        inside = [one.contains(numbers) for one in self.episodes]
+        inside = [change.contains(numbers) for change in self.episodes]
         return ~np.any(inside, axis=0) if inside else np.ones(len(numbers), dtype=np.bool_)
 
     @property
@@ -173,8 +174,8 @@ class Changes:
     @property
     def allow_onset(self) -> bool:
         """Return whether at most one ramp, which continues to the end of the record, was found outside the episodes."""
-        others = [one for one in self.found if one.kind != EPISODE]
-        return all(one.kind == RAMP and one.form == "continues" for one in others) and len(others) <= 1
+        others = [change for change in self.found if change.kind != EPISODE]
+        return all(change.kind == RAMP and change.form == "continues" for change in others) and len(others) <= 1
 
 
 def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings, seed: int) -> Changes:
@@ -199,7 +200,7 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     series = series_of(table, lambda estimate: _of_drag(table, estimate))
     found, p = search_series(series, (DRAG,), settings, settings.level / SEARCHES, seed)
     changes = [_change(table, series, found, place, (DRAG, AXIAL)) for place in range(len(found))]
-    return _named([one for one in changes if _relative(one, reference) >= settings.smallest], p)
+    return _named([change for change in changes if _relative(change, reference) >= settings.smallest], p)
 
 
 def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSettings, seed: int) -> Changes:
@@ -226,7 +227,9 @@ def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSet
     found, p = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
     changes = [_moment_change(table, series, found, place) for place in range(len(found))]
     smallest = settings.smallest_tilt * moment_per_degree(hull)
-    return _named([one for one in changes if one.moments and _largest(one, one.moments[:1]) >= smallest], p)
+    return _named(
+        [change for change in changes if change.moments and _largest(change, change.moments[:1]) >= smallest], p
+    )
 
 
 def moment_per_degree(hull: Platform) -> float:
@@ -235,7 +238,7 @@ def moment_per_degree(hull: Platform) -> float:
 
 
 def _named(changes: Sequence[Change], p: float) -> Changes:
-    return Changes(tuple(sorted(changes, key=lambda one: one.days)), p)
+    return Changes(tuple(sorted(changes, key=lambda change: change.days)), p)
 
 
 def _of_drag(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, Array]]:

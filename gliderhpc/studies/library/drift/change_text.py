@@ -42,7 +42,7 @@ _NEARLY = 0.95
 
 def stored_changes(changes: Changes) -> dict[str, Any]:
     """Variables of the group, with one entry for each change; empty if there are none."""
-    rows = [_row(one) for one in changes.found]
+    rows = [_row(change) for change in changes.found]
     return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
@@ -57,7 +57,7 @@ def read_changes(archive: Archive) -> Changes:
     p = stored_attribute(archive, _GROUP, "p_of_next_change")
     group = archive[_GROUP].to_dataset()
     found = [_change(group.isel(change=place)) for place in range(group.sizes["change"])]
-    return Changes(tuple(one for one in found if one is not None), _MISSING if p is None else float(p))
+    return Changes(tuple(change for change in found if change is not None), _MISSING if p is None else float(p))
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -142,7 +142,7 @@ def change_lines(changes: Changes, reference: float) -> tuple[str, ...]:
     """
     if not changes.found:
         return (no_change_text(changes, SEARCHED_DRAG),)
-    return tuple(describe_change(one, reference) for one in changes.found)
+    return tuple(describe_change(change, reference) for change in changes.found)
 
 
 def no_change_text(changes: Changes, searched: str) -> str:
@@ -183,8 +183,8 @@ def with_article(change: Change) -> str:
 def kinds_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
     """Name the change points briefly, for the beginning of the verdict; empty if there are none."""
     return "; ".join(
-        f"{with_article(one)} of the {name_of(one)} ({_profiles_text(one)}, {phases_text(one)})"
-        for one in changes.found
+        f"{with_article(change)} of the {name_of(change)} ({_profiles_text(change)}, {phases_text(change)})"
+        for change in changes.found
     )
 
 
@@ -225,12 +225,12 @@ def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
     """Rows of the table of change points, one for each change and part of a profile; sizes in kg/m, percent and N."""
     return [
         {
-            **course_row(one),
-            "quantity": drag_name(one),
+            **course_row(change),
+            "quantity": drag_name(change),
             "part": part,
-            **_of_part(one, part, reference),
+            **_of_part(change, part, reference),
         }
-        for one in changes.found
+        for change in changes.found
         for part in (*PHASES, TOGETHER)
     ]
 
@@ -298,5 +298,6 @@ def _meaning(change: Change, reference: float) -> str:
 def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, str]]:
     """Return first day, last day and name of every change, for a figure that ends on a given day."""
     return [
-        (one.days[0], one.days[1] if one.kind == EPISODE else end, f"{one.kind}, {phases_text(one)}") for one in changes
+        (change.days[0], change.days[1] if change.kind == EPISODE else end, f"{change.kind}, {phases_text(change)}")
+        for change in changes
     ]

@@ -283,7 +283,7 @@ def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> 
 
 def are_drawn(slopes: Sequence[CoefficientSlopes]) -> bool:
     """Return whether there are slopes for drawn coefficients."""
-    return any(bool(np.isfinite(one.draws).any()) for one in slopes)
+    return any(bool(np.isfinite(slope.draws).any()) for slope in slopes)
 
 
 def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
@@ -300,8 +300,8 @@ def read_slopes(archive: Archive) -> list[CoefficientSlopes]:
 def stored_slopes(slopes: Sequence[CoefficientSlopes]) -> dict[str, Array]:
     """Slopes as stored in the group, one row for each series: nominal, with each error of the pitch, of every draw."""
     return {
-        "slope": np.array([[one.nominal, *one.pitched, *one.draws] for one in slopes]),
-        "shift": np.array([one.shift for one in slopes]),
+        "slope": np.array([[slope.nominal, *slope.pitched, *slope.draws] for slope in slopes]),
+        "shift": np.array([slope.shift for slope in slopes]),
     }
 
 
@@ -309,7 +309,7 @@ def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
     """Names along the dimensions of the stored slopes; without draws there is one unnamed series."""
     draws = len(slopes[0].draws) if slopes else 0
     return {
-        "series": [f"{one.quantity} {one.phase}" for one in slopes] or [""],
+        "series": [f"{slope.quantity} {slope.phase}" for slope in slopes] or [""],
         "hull": [*OWN, *(f"draw {number}" for number in range(1, draws + 1))],
         "offset": list(OWN[1:]),
     }

@@ -160,9 +160,12 @@ class DragDrift:
     @property
     def slope_interval(self) -> Interval:
         """Return the 95 % interval of the shared slope, including errors of coefficients and heave, kg/m per day."""
-        one = self.shared.trend
+        trend = self.shared.trend
         return combine_errors(
-            one.slope, (one.low, one.high), self.by_coefficients, NORMAL_95 * self.unresolved[0] / self.shared.span
+            trend.slope,
+            (trend.low, trend.high),
+            self.by_coefficients,
+            NORMAL_95 * self.unresolved[0] / self.shared.span,
         )
 
     @property
@@ -178,9 +181,11 @@ class DragDrift:
 
     @property
     def weight_interval(self) -> Interval:
-        """Return the 95 % interval of the weight (N) equivalent to `apart`, including the error of heave."""
-        one, span = self.phase_difference.trend, self.phase_difference.span
-        low, high = combine_errors(one.slope, (one.low, one.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span)
+        """Return the 95 % interval of the weight (N) equivalent to `phase_difference`, including the error of heave."""
+        trend, span = self.phase_difference.trend, self.phase_difference.span
+        low, high = combine_errors(
+            trend.slope, (trend.low, trend.high), (1.0, 1.0), NORMAL_95 * self.unresolved[1] / span
+        )
         return low * span, high * span
 
     @property
@@ -287,7 +292,9 @@ def shared_drag(dive: Array, climb: Array, weight: Interval) -> Array:
 
 def error_by_coefficients(slopes: Sequence[CoefficientSlopes], weight: Interval) -> Interval:
     """Return the 95 % interval of the shared slope for drawn hulls less the nominal one; (0, 0) without draws."""
-    dive, climb = (next(one for one in slopes if one.quantity == DRAG and one.phase == phase) for phase in PHASES)
+    dive, climb = (
+        next(slope for slope in slopes if slope.quantity == DRAG and slope.phase == phase) for phase in PHASES
+    )
     nominal = float(shared_drag(np.array([dive.nominal]), np.array([climb.nominal]), weight)[0])
     low, high = interval(shared_drag(dive.draws, climb.draws, weight) - nominal)
     return (low, high) if np.isfinite(low + high) else (0.0, 0.0)

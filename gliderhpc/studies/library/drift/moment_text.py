@@ -32,7 +32,7 @@ _GROUP, _PREFIX = "drift", "moment_"
 
 def stored_moment_changes(changes: Changes) -> dict[str, Any]:
     """Variables of the group, with one entry for each change of the moments; empty if there are none."""
-    rows = [_row(one) for one in changes.found]
+    rows = [_row(change) for change in changes.found]
     return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
@@ -44,7 +44,7 @@ def read_moment_changes(archive: Archive) -> Changes:
         return Changes()
     entries = [group.isel({MOMENT_CHANGE: place}) for place in range(group.sizes[MOMENT_CHANGE])]
     found = [read_change(entry, columns, _PREFIX) for entry in entries]
-    return Changes(tuple(one for one in found if one is not None), float("nan") if p is None else float(p))
+    return Changes(tuple(change for change in found if change is not None), float("nan") if p is None else float(p))
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def moment_lines(changes: Changes, per_degree: float) -> tuple[str, ...]:
     """
     if not changes.found:
         return (no_change_text(changes, SEARCHED_MOMENTS),)
-    return tuple(_describe(one, per_degree) for one in changes.found)
+    return tuple(_describe(change, per_degree) for change in changes.found)
 
 
 def _describe(change: Change, per_degree: float) -> str:
@@ -86,8 +86,8 @@ def _describe(change: Change, per_degree: float) -> str:
 def _sizes_text(change: Change, name: str) -> str:
     sizes = {phase: change.size(name, phase) for phase in PHASES if change.size(name, phase).excludes_zero}
     return ", ".join(
-        f"{one.value:+.2g} N m on {phase}s (95 % interval {one.low:+.2g} to {one.high:+.2g})"
-        for phase, one in sizes.items()
+        f"{size.value:+.2g} N m on {phase}s (95 % interval {size.low:+.2g} to {size.high:+.2g})"
+        for phase, size in sizes.items()
     )
 
 
@@ -100,13 +100,13 @@ def moment_rows(changes: Changes) -> list[dict[str, Any]]:
     """Rows of the table of changes of the moments, one for each change, moment and phase; sizes in N m."""
     return [
         {
-            **course_row(one),
+            **course_row(change),
             "moment": NAMES[name],
             "channel": name,
             "phase": phase,
-            **{f"change{end}": value for end, value in size_ends(one.size(name, phase)).items()},
+            **{f"change{end}": value for end, value in size_ends(change.size(name, phase)).items()},
         }
-        for one in changes.found
+        for change in changes.found
         for name in MOMENTS
         for phase in PHASES
     ]

@@ -175,8 +175,8 @@ def series_trend(time: Array, values: Array, epoch: Index, resamples: int, seed:
 
 def corrected_for_number(trends: Sequence[SeriesTrend]) -> list[SeriesTrend]:
     """Adjust the robust p of series that are tested together (Holm)."""
-    adjusted = holm([one.robust.p for one in trends])
-    return [replace(one, corrected=p) for one, p in zip(trends, adjusted, strict=True)]
+    adjusted = holm([trend.robust.p for trend in trends])
+    return [replace(trend, corrected=p) for trend, p in zip(trends, adjusted, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,17 +196,17 @@ class EstimateTrends:
 
     def tier(self, key: Key) -> str:
         """Return the paper's grade of a series: primary, supporting, negligible or none."""
-        one = self.trends[key]
-        if not one.trend.p < SIGNIFICANCE:
+        trend = self.trends[key]
+        if not trend.trend.p < SIGNIFICANCE:
             return "none"
-        if key[0] in LATERAL and abs(one.drift) < NEGLIGIBLE * self._largest_longitudinal(UNITS[key[0]]):
+        if key[0] in LATERAL and abs(trend.drift) < NEGLIGIBLE * self._largest_longitudinal(UNITS[key[0]]):
             return "negligible"
-        return "primary" if one.primary else "supporting"
+        return "primary" if trend.primary else "supporting"
 
     @property
     def drifting(self) -> tuple[Key, ...]:
         """Series that drift according to the robust test."""
-        return tuple(key for key, one in self.trends.items() if one.is_significant)
+        return tuple(key for key, trend in self.trends.items() if trend.is_significant)
 
     def _largest_longitudinal(self, unit: str) -> float:
         drifts = [

@@ -243,10 +243,10 @@ def _describe_series(own: EstimateTrends) -> str:
 
 
 def _describe_phase_difference(drag: DragDrift) -> str:
-    one = drag.phase_difference
+    trend = drag.phase_difference
     low, high = drag.weight_interval
     return (
-        f"{drag.estimate}: dive and climb drift apart as if by {number(one.drift)} N of weight in water (95 % "
+        f"{drag.estimate}: dive and climb drift apart as if by {number(trend.drift)} N of weight in water (95 % "
         f"interval {number(low)} to {number(high)} N)"
     )
 
@@ -276,7 +276,7 @@ def _drag_as_json(drag: DragDrift, has_onset: bool) -> dict[str, Any]:
         "slope_error_by_coefficients": drag.by_coefficients,
         "shared": drag.shared.as_json(),
         "weight": drag.phase_difference.as_json(),
-        "phases": {phase: one.as_json() for phase, one in drag.phases.items()},
+        "phases": {phase: trend.as_json() for phase, trend in drag.phases.items()},
         "onset": days if has_onset else None,
     }
 

@@ -113,12 +113,12 @@ def join_stretches(series: GappySeries, fade: float) -> GappySeries:
     samples = [np.flatnonzero(series.label == number) for number in numbers]
     if not samples:
         return GappySeries(np.empty(0), np.empty(0, dtype=np.int64), series.step)
-    total = sum(len(one) for one in samples)
+    total = sum(len(stretch) for stretch in samples)
     surplus = total - scipy.fft.prev_fast_len(total, real=True)
     if len(samples[-1]) - surplus > 2 * width:
         samples[-1] = samples[-1][: len(samples[-1]) - surplus]
     at = np.concatenate(samples)
-    weight = np.concatenate([_fade_weights(len(one), width) for one in samples])
+    weight = np.concatenate([_fade_weights(len(stretch), width) for stretch in samples])
     label = np.where(weight < 1.0, -1, series.label[at])
     return GappySeries(series.values[at] * weight, label, series.step)
 
@@ -177,13 +177,13 @@ def surrogate_test(
         iaaft(source.values, rng, max_iterations=settings.iterations, tolerance=settings.tolerance)
         for _ in range(settings.surrogates)
     ]
-    each = [structure_functions(source.with_values(one.values), lags) for one in surrogates]
-    every = StructureFunctions(each[0].lags, np.stack([one.functions for one in each]))
+    each = [structure_functions(source.with_values(surrogate.values), lags) for surrogate in surrogates]
+    every = StructureFunctions(each[0].lags, np.stack([surrogate.functions for surrogate in each]))
     structures = without_unresolved_lags(every, sample_interval)
     return SurrogateTest(
         rank_p_value(float(own), structures.flatness_at(settings.lag)),
         structures,
-        np.array([one.iterations for one in surrogates]),
-        np.array([one.converged for one in surrogates]),
-        np.array([spectrum_deviation(one.values, source.values, source.step, band) for one in surrogates]),
+        np.array([surrogate.iterations for surrogate in surrogates]),
+        np.array([surrogate.converged for surrogate in surrogates]),
+        np.array([spectrum_deviation(surrogate.values, source.values, source.step, band) for surrogate in surrogates]),
     )
