@@ -26,7 +26,7 @@ from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.simulator import load_scenario, simulate_profile
-from gliderhpc.studies.validation import fly
+from gliderhpc.studies.validation import run_forward
 from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.segment_errors import SegmentErrors
 from gliderhpc.tuning.steady_segments import join_segments, segments_of
@@ -93,7 +93,7 @@ def dive_error(platform: Platform, record: ProfileRecord, way: str) -> float:
     series = on_steps(record, CalibrateSettings(seawater=way))
     depth = series.measurements[:, DEPTH_COLUMN]
     half = int(np.argmax(depth))
-    return math.sqrt(float(np.mean((fly(Glider(platform), series).states[:half, 5] - depth[:half]) ** 2)))
+    return math.sqrt(float(np.mean((run_forward(Glider(platform), series).states[:half, 5] - depth[:half]) ** 2)))
 
 
 def depth_rate_error(platform: Platform, records: Iterable[ProfileRecord], way: str) -> float:

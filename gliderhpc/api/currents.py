@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_doubt, surface_drift
+from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_implausible_current, surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
 from gliderhpc.estimation.glide_speed import check_depth_rate, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
@@ -111,7 +111,7 @@ def estimate_currents(
             notes.append("; ".join([*record.notes, str(error)]))
             continue
         tracks.append(track)
-        doubts = [] if track.current is None else describe_doubt(track.current.velocity)
+        doubts = [] if track.current is None else describe_implausible_current(track.current.velocity)
         notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
         raise InputError(f"{navigation.source}: no profile can be used; {most_frequent_reason(faults)}")

@@ -13,7 +13,7 @@ import numpy as np
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
 from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
-from gliderhpc.api.watch_state import ReportedDive, WatchState, changes_since, knew_current, read_state
+from gliderhpc.api.watch_state import ReportedDive, WatchState, changes_since, read_state, was_current_reported
 from gliderhpc.api.watch_versions import accept_or_restore, back_up_version, remove_backups
 from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.current import adopted_current
@@ -282,7 +282,7 @@ class Watch:
 
     def _report_late_currents(self, observations: Observations, digests: Mapping[int, str]) -> None:
         """Report again the dives whose current was unknown when they were reported, and is known by now."""
-        unknown = {dive.samples for dive in self.state.reported if not knew_current(dive, self.watched.out)}
+        unknown = {dive.samples for dive in self.state.reported if not was_current_reported(dive, self.watched.out)}
         if not unknown:
             return
         # Numbers may have changed since; the samples identify a dive.

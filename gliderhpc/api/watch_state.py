@@ -150,7 +150,7 @@ def read_state(folder: Path) -> WatchState:
         ) from None
 
 
-def knew_current(dive: ReportedDive, folder: Path) -> bool:
+def was_current_reported(dive: ReportedDive, folder: Path) -> bool:
     """Return whether a dive was reported with its current; one whose message cannot be read counts as such."""
     if dive.current_known is not None:
         return dive.current_known

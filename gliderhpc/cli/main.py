@@ -10,7 +10,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.interruption import interruptible
-from gliderhpc.cli.messages import FULL, describe_unexpected, is_of_a_file, is_unusable, printable
+from gliderhpc.cli.messages import FULL, describe_unexpected, is_unusable, names_a_file, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
@@ -226,7 +226,7 @@ def _report_system_error(error: OSError, remedy: str) -> int:
         return _report_end(
             f"no space left to write {error.filename or 'the results'}; free some space and {remedy}", FAILED
         )
-    if is_of_a_file(error):
+    if names_a_file(error):
         return _report_end(f"{error.filename}: {error.strerror}", UNUSABLE if is_unusable(error) else FAILED)
     return _report_end(describe_unexpected(error), FAILED)
 

@@ -89,11 +89,11 @@ _EXPECTED = (
 def is_expected(error: BaseException) -> bool:
     """Return whether an error is the user's or the machine's rather than a bug, and explains itself."""
     if isinstance(error, OSError):
-        return error.errno in FULL or is_of_a_file(error) or isinstance(error, BrokenPipeError)
+        return error.errno in FULL or names_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
 
 
-def is_of_a_file(error: OSError) -> bool:
+def names_a_file(error: OSError) -> bool:
     """Return whether an error names a file and a reason."""
     return error.filename is not None and error.errno is not None and bool(error.strerror)
 

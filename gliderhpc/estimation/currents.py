@@ -191,7 +191,7 @@ def depth_averaged_current(
     return DepthAveragedCurrent(velocity, covariance, drift, segments, between_fixes.entry, between_fixes.exit)
 
 
-def describe_doubt(velocity: Array) -> list[str]:
+def describe_implausible_current(velocity: Array) -> list[str]:
     """Remark on a current ``(2,)`` (m/s) as strong as a wrong fix makes it; empty for others."""
     speed = float(np.linalg.norm(velocity))
     if not speed > STRONG:
@@ -210,7 +210,7 @@ def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([*boundaries, int(found[-1])], dtype=np.int64)
 
 
-def whole_profile(series: ProfileSeries) -> NDArray[np.int64]:
+def single_cycle(series: ProfileSeries) -> NDArray[np.int64]:
     """Samples ``(2,)`` at both ends of a profile, the boundaries of a single cycle."""
     return np.array([0, len(series.time) - 1])
 

@@ -244,7 +244,7 @@ class _Task:
     priors: tuple[tuple[str, DisturbancePrior], ...]
     contradicted: FilterEstimate | None = None
 
-    def following(self, estimate: FilterEstimate, settings: EstimationSettings) -> "_Task | None":
+    def next_task(self, estimate: FilterEstimate, settings: EstimationSettings) -> "_Task | None":
         """Return the task with the next prior, or None if no further prior has to be tried."""
         if not self.priors[1:]:
             return None
@@ -255,7 +255,7 @@ class _Task:
             return replace(self, priors=self.priors[1:], contradicted=estimate)
         return None
 
-    def likelier(self, estimate: FilterEstimate, settings: EstimationSettings) -> FilterEstimate:
+    def more_likely(self, estimate: FilterEstimate, settings: EstimationSettings) -> FilterEstimate:
         """Return the estimate, or the contradicted one if that is likelier or the only one not refused."""
         if self.contradicted is None:
             return estimate
@@ -304,7 +304,7 @@ class _FilterBatch:
         load_profile(
             self._memory, self._progress, lane, profile.hull, decay, deviation**2 * (1.0 - decay**2), profile.variance,
             x0, np.concatenate([INITIAL_DEVIATION, deviation]), rows - 1, profile.patience,
-            _allowed(task, self._settings),
+            _max_rejected(task, self._settings),
         )  # fmt: skip
 
     def run(self) -> list[tuple[int, FilterEstimate]]:
@@ -350,14 +350,14 @@ def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Itera
     while at_work:
         for lane, estimate in batch.run():
             task = at_work.pop(lane)
-            if following := task.following(estimate, settings):
+            if following := task.next_task(estimate, settings):
                 start(lane, following)
             else:
-                yield task.key, task.likelier(estimate, settings)
+                yield task.key, task.more_likely(estimate, settings)
                 start(lane, next(tasks, None))
 
 
-def _allowed(task: _Task, settings: EstimationSettings) -> int:
+def _max_rejected(task: _Task, settings: EstimationSettings) -> int:
     """Largest number of rejected samples with which a prior's run continues: unlimited if no other prior is left."""
     fed = int(task.profile.fed.sum())
     if not task.priors[1:]:

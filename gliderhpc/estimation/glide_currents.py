@@ -177,10 +177,10 @@ def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
     displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
     drifting = current.entry.duration - current.entry.drift_removed
     elapsed = track.series.time - track.series.time[0] + drifting
-    return _on_the_globe(entry, current.entry.displacement + displacement + elapsed[:, None] * current.velocity)
+    return _positions_at(entry, current.entry.displacement + displacement + elapsed[:, None] * current.velocity)
 
 
-def _on_the_globe(origin: Fix, displacement: Array) -> tuple[Array, Array]:
+def _positions_at(origin: Fix, displacement: Array) -> tuple[Array, Array]:
     """Positions at displacements ``(m, 2)`` (m, north and east) from a fix, with the ellipsoid's radii half-way."""
     end = moved((origin.latitude, origin.longitude), displacement[-1])
     middle = np.radians(0.5 * (origin.latitude + end[0]))

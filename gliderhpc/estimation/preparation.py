@@ -135,12 +135,12 @@ def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[
     if series.sample_interval <= settings.filter.slow_feed:
         return recorded_samples(series)
     every = steps_in(settings.filter.feed_interval, series.step)
-    feeds = np.minimum(_times_as_often(series), every)
+    feeds = np.minimum(_relative_sampling_rate(series), every)
     turns = np.arange(len(feeds)) * feeds
     return np.asarray(turns // every > (turns - feeds) // every) & _measured(series)
 
 
-def _times_as_often(series: ProfileSeries) -> NDArray[np.int64]:
+def _relative_sampling_rate(series: ProfileSeries) -> NDArray[np.int64]:
     """Sampling rate at each row ``(n+1,)`` relative to the usual one, a whole number, at least one."""
     rows = np.arange(len(series.measurements))
     if len(series.sample_index) < 2:

@@ -170,7 +170,7 @@ def smooth_profile(
     if information.narrows_errors:
         errors = after_dive(errors, information)
     if not information.is_sound:
-        information = information.saying_nothing()
+        information = information.without_information()
     on_records, part = with_hull_errors(
         on_records, information, errors, corrected=settings.smoother.hull == "corrected"
     )

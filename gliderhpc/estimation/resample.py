@@ -84,11 +84,11 @@ def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> Profil
         roll=record.roll - np.radians(errors.roll_offset),
         pitch=errors.pitch_scale * (record.pitch - np.radians(errors.pitch_offset)),
         heading=np.mod(record.heading - error, 2.0 * np.pi),
-        depth=_earlier(record.time, record.depth, errors.depth_lag),
+        depth=_shift_earlier(record.time, record.depth, errors.depth_lag),
     )
 
 
-def _earlier(time: FloatArray, values: FloatArray, lag: float) -> FloatArray:
+def _shift_earlier(time: FloatArray, values: FloatArray, lag: float) -> FloatArray:
     """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
 
     Each value is that of the nearest sample, plus the change of the smoothed record from there to the shifted time. A

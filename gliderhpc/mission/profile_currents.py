@@ -20,10 +20,10 @@ from gliderhpc.estimation.currents import (
     Track,
     cycles_of,
     depth_averaged_current,
+    single_cycle,
     smoothed_current,
     surface_drift,
     track_of,
-    whole_profile,
     with_disagreement,
 )
 from gliderhpc.estimation.profile import ProfileEstimate
@@ -97,7 +97,7 @@ def tracks_of(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfM
     return Tracks(
         adjoint=track_of(series, motion, cycles),
         covariance=smoothed.displacement_covariance if with_hull and smoothed is not None else None,
-        glide_angle=track_of(series, conventional, whole_profile(series)),
+        glide_angle=track_of(series, conventional, single_cycle(series)),
         smoothed=_smoothed_track(estimate, with_hull=with_hull),
         filtered=filtered,
     )

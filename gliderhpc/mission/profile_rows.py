@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
-from gliderhpc.estimation.currents import describe_doubt
+from gliderhpc.estimation.currents import describe_implausible_current
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
@@ -93,7 +93,7 @@ def derive_and_write(
 def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
     """Join the notes on a record, the doubt about its current if there is one, and the remarks on its estimate."""
     velocity = np.array([currents.get(f"dac_{name}", np.nan) for name in ("north", "east")])
-    return "; ".join([*record.notes, *describe_doubt(velocity), *own])
+    return "; ".join([*record.notes, *describe_implausible_current(velocity), *own])
 
 
 def failed_row(message: str, record: ProfileRecord | None = None) -> Row:

@@ -14,87 +14,87 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-def _of(unit: str, what: str) -> Any:
+def _field(unit: str, what: str) -> Any:
     return Field(description=f"{what} ({unit})" if unit else what)
 
 
 class Ellipse(_Part):
     """Region of two components that contains the true value with a given probability."""
 
-    probability: float = _of("1", "probability that it contains the true value")
-    major: float = _of("", "longer semi-axis, in the unit of the components")
-    minor: float = _of("", "shorter semi-axis, in the unit of the components")
-    direction: float = _of("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
+    probability: float = _field("1", "probability that it contains the true value")
+    major: float = _field("", "longer semi-axis, in the unit of the components")
+    minor: float = _field("", "shorter semi-axis, in the unit of the components")
+    direction: float = _field("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
 
 
 class Current(_Part):
     """Depth-averaged current of the dive."""
 
-    north: float = _of("m s-1", "to the north")
-    east: float = _of("m s-1", "to the east")
-    north_std: float = _of("m s-1", "standard deviation of north")
-    east_std: float = _of("m s-1", "standard deviation of east")
-    covariance: float = _of("m2 s-2", "covariance of north and east")
-    speed: float = _of("m s-1", "speed")
-    direction: float = _of("degree", "direction towards which it flows, clockwise from north")
+    north: float = _field("m s-1", "to the north")
+    east: float = _field("m s-1", "to the east")
+    north_std: float = _field("m s-1", "standard deviation of north")
+    east_std: float = _field("m s-1", "standard deviation of east")
+    covariance: float = _field("m2 s-2", "covariance of north and east")
+    speed: float = _field("m s-1", "speed")
+    direction: float = _field("degree", "direction towards which it flows, clockwise from north")
     ellipse: Ellipse
-    estimate: str = _of("", "smoothed, or adjoint where the smoother has none")
+    estimate: str = _field("", "smoothed, or adjoint where the smoother has none")
 
 
 class Water(_Part):
     """Motion through the water."""
 
-    speed: float = _of("m s-1", "mean speed along the path")
-    horizontal_speed: float = _of("m s-1", "length of the displacement over the dive's duration")
-    horizontal_speed_std: float | None = _of("m s-1", "its standard deviation")
-    north: float = _of("m", "displacement to the north")
-    east: float = _of("m", "displacement to the east")
-    north_std: float | None = _of("m", "standard deviation of north")
-    east_std: float | None = _of("m", "standard deviation of east")
+    speed: float = _field("m s-1", "mean speed along the path")
+    horizontal_speed: float = _field("m s-1", "length of the displacement over the dive's duration")
+    horizontal_speed_std: float | None = _field("m s-1", "its standard deviation")
+    north: float = _field("m", "displacement to the north")
+    east: float = _field("m", "displacement to the east")
+    north_std: float | None = _field("m", "standard deviation of north")
+    east_std: float | None = _field("m", "standard deviation of east")
 
 
 class Fix(_Part):
     """Time and position."""
 
-    time: str = _of("", "ISO 8601, UTC")
-    latitude: float = _of("degree_north", "latitude")
-    longitude: float = _of("degree_east", "longitude")
+    time: str = _field("", "ISO 8601, UTC")
+    latitude: float = _field("degree_north", "latitude")
+    longitude: float = _field("degree_east", "longitude")
 
 
 class Inversion(_Part):
     """State of the dive in the archive."""
 
-    status: str = _of("", "done or failed")
-    message: str = _of("", "why it failed, or remarks on it")
-    windows: int = _of("1", "windows solved")
-    converged_fraction: float | None = _of("1", "fraction of the windows that converged")
-    smoothed: bool = _of("", "whether the smoother has an estimate")
-    seconds: float | None = _of("s", "computing time")
+    status: str = _field("", "done or failed")
+    message: str = _field("", "why it failed, or remarks on it")
+    windows: int = _field("1", "windows solved")
+    converged_fraction: float | None = _field("1", "fraction of the windows that converged")
+    smoothed: bool = _field("", "whether the smoother has an estimate")
+    seconds: float | None = _field("s", "computing time")
 
 
 class HullParameter(_Part):
     """Error of one number of the platform file."""
 
-    parameter: str = _of("", "key in the platform file")
-    value: float = _of("", "value in the platform file, in its unit")
-    plausible_deviation: float = _of("", "plausible standard deviation, in that unit or relative")
-    error: float = _of("1", "error estimated from this dive alone, in plausible deviations")
-    error_std: float = _of("1", "its standard deviation")
+    parameter: str = _field("", "key in the platform file")
+    value: float = _field("", "value in the platform file, in its unit")
+    plausible_deviation: float = _field("", "plausible standard deviation, in that unit or relative")
+    error: float = _field("1", "error estimated from this dive alone, in plausible deviations")
+    error_std: float = _field("1", "its standard deviation")
 
 
 class HullChange(_Part):
     """Change of one number of the platform file over the dives so far, at most the last hundred."""
 
-    parameter: str = _of("", "key in the platform file")
-    meaning: str = _of("", "description")
-    unit: str = _of("", "unit of value and change")
-    first: float = _of("", "value at the first of the dives")
-    probability: float = _of("1", "probability that it has changed since; prior one half")
-    change: float = _of("", "change from the first dive to this one, if it changed")
-    change_std: float = _of("", "standard deviation of change")
-    since: int = _of("1", "number of the first dive after the change, median")
-    dives: int = _of("1", "number of dives used")
-    above_20_percent: float = _of("1", "probability that it grew by more than a fifth of first")
+    parameter: str = _field("", "key in the platform file")
+    meaning: str = _field("", "description")
+    unit: str = _field("", "unit of value and change")
+    first: float = _field("", "value at the first of the dives")
+    probability: float = _field("1", "probability that it has changed since; prior one half")
+    change: float = _field("", "change from the first dive to this one, if it changed")
+    change_std: float = _field("", "standard deviation of change")
+    since: int = _field("1", "number of the first dive after the change, median")
+    dives: int = _field("1", "number of dives used")
+    above_20_percent: float = _field("1", "probability that it grew by more than a fifth of first")
 
     @property
     def size_text(self) -> str:
@@ -109,51 +109,53 @@ class HullChange(_Part):
 class Trim(_Part):
     """Difference of the hull from the platform file, from the dives so far, in a unit that a pilot uses."""
 
-    parameter: str = _of("", "key in the platform file")
-    quantity: str = _of("", "what can be changed or corrected")
-    unit: str = _of("", "unit of difference")
-    difference: float = _of("", "last dive minus platform file")
-    difference_std: float = _of("", "its standard deviation")
-    steps: float = _of("1", "the same in plausible deviations; beyond 3 something other than the hull is wrong")
+    parameter: str = _field("", "key in the platform file")
+    quantity: str = _field("", "what can be changed or corrected")
+    unit: str = _field("", "unit of difference")
+    difference: float = _field("", "last dive minus platform file")
+    difference_std: float = _field("", "its standard deviation")
+    steps: float = _field("1", "the same in plausible deviations; beyond 3 something other than the hull is wrong")
 
 
 class NextSurfacing(_Part):
     """Predicted end of a next dive of the same displacement and duration, from the currents so far."""
 
-    time: str = _of("", "ISO 8601, UTC")
-    latitude: float = _of("degree_north", "latitude")
-    longitude: float = _of("degree_east", "longitude")
-    ellipse: Ellipse = _of("m", "of the position")
-    current_north: float = _of("m s-1", "predicted mean current until then, to the north")
-    current_east: float = _of("m s-1", "predicted mean current until then, to the east")
-    current_ellipse: Ellipse = _of("m s-1", "of the predicted current, the hull's errors included")
-    dives: int = _of("1", "number of dives whose currents were used")
-    deviation: float = _of("m s-1", "standard deviation of the current's variable part, without the tide")
-    correlation_time: float = _of("s", "correlation time of the current's variable part, without the tide")
+    time: str = _field("", "ISO 8601, UTC")
+    latitude: float = _field("degree_north", "latitude")
+    longitude: float = _field("degree_east", "longitude")
+    ellipse: Ellipse = _field("m", "of the position")
+    current_north: float = _field("m s-1", "predicted mean current until then, to the north")
+    current_east: float = _field("m s-1", "predicted mean current until then, to the east")
+    current_ellipse: Ellipse = _field("m s-1", "of the predicted current, the hull's errors included")
+    dives: int = _field("1", "number of dives whose currents were used")
+    deviation: float = _field("m s-1", "standard deviation of the current's variable part, without the tide")
+    correlation_time: float = _field("s", "correlation time of the current's variable part, without the tide")
 
 
 class SurfacingMessage(_Part):
     """Results of one dive, at its surfacing."""
 
-    version: str = _of("", "version of this message")
+    version: str = _field("", "version of this message")
     mission: str
-    platform: str = _of("", "name of the hull")
-    profile: int = _of("1", "number of the profile in the archive")
-    revision: int = _of("1", "0 for the first message of a dive; higher where its record has changed since")
-    changes: tuple[str, ...] = _of("", "changes since the previous revision")
-    start_time: str = _of("", "first sample, ISO 8601, UTC")
-    duration: float = _of("s", "time from the first to the last sample")
-    max_depth: float | None = _of("m", "greatest depth")
-    samples: int = _of("1", "number of samples")
-    surfacing: Fix | None = _of("", "first fix after the dive")
+    platform: str = _field("", "name of the hull")
+    profile: int = _field("1", "number of the profile in the archive")
+    revision: int = _field("1", "0 for the first message of a dive; higher where its record has changed since")
+    changes: tuple[str, ...] = _field("", "changes since the previous revision")
+    start_time: str = _field("", "first sample, ISO 8601, UTC")
+    duration: float = _field("s", "time from the first to the last sample")
+    max_depth: float | None = _field("m", "greatest depth")
+    samples: int = _field("1", "number of samples")
+    surfacing: Fix | None = _field("", "first fix after the dive")
     current: Current | None
-    surface_drift: tuple[float, float] | None = _of("m s-1", "drift at the surface, north and east")
+    surface_drift: tuple[float, float] | None = _field("m s-1", "drift at the surface, north and east")
     water: Water | None
     next_surfacing: NextSurfacing | None
     inversion: Inversion
-    odd: tuple[str, ...] = _of("", "anomalies in the records")
-    hull: tuple[HullParameter, ...] = _of("", "errors of the hull from this dive alone, where estimated")
-    hull_changes: tuple[HullChange, ...] = _of("", "changes of the parameters that can change, from the fourth dive on")
+    odd: tuple[str, ...] = _field("", "anomalies in the records")
+    hull: tuple[HullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
+    hull_changes: tuple[HullChange, ...] = _field(
+        "", "changes of the parameters that can change, from the fourth dive on"
+    )
     trim: tuple[Trim, ...] = Field(
         (), description="ballast, battery and offsets, where the dives so far determine them"
     )

@@ -349,37 +349,36 @@ def share_within(distance: Array, sigmas: int) -> float:
 
 def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str, Any]]:
     """Rows of the table of agreements; a model compared with the glider also has the shares within 1, 2 and 3 sigma."""
-    return [{**asdict(agreement), **_shares(compared, agreement)} for agreement in found]
+    return [{**asdict(difference), **_shares(compared, difference)} for difference in found]
 
 
 def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
     """Agreements and distances, compared with section 5.5 of the paper."""
     return (
-        *(row for agreement in found for row in _compare_agreement(agreement)),
+        *(row for difference in found for row in _compare_agreement(difference)),
         *(row for index in range(len(compared.names)) for row in _compare_distance(compared, index)),
     )
 
 
-def _shares(compared: Compared, agreement: Agreement) -> dict[str, float]:
-    if agreement.against != GLIDER or agreement.of not in compared.names:
+def _shares(compared: Compared, difference: Agreement) -> dict[str, float]:
+    if difference.against != GLIDER or difference.of not in compared.names:
         return {}
-    distance = compared.distance[:, compared.names.index(agreement.of)]
+    distance = compared.distance[:, compared.names.index(difference.of)]
     return {name: share_within(distance, sigmas) for sigmas, name in WITHIN_COLUMNS.items()}
 
 
-def _compare_agreement(agreement: Agreement) -> Iterator[Comparison]:
-    pair, count = f"{agreement.of} against {agreement.against}", counted(agreement.profiles, "profile")
-    published = {agreement.of, agreement.against} == {"HYCOM", "GLORYS12"}
-    yield Comparison(
-        f"vector RMSD, {pair}", "m/s", agreement.vector_rmsd, MUTUAL_RMSD if published else None, remark=count
-    )
-    yield Comparison(f"mean speed difference, {pair}", "m/s", agreement.speed, remark=count)
+def _compare_agreement(difference: Agreement) -> Iterator[Comparison]:
+    pair, count = f"{difference.of} against {difference.against}", counted(difference.profiles, "profile")
+    published = {difference.of, difference.against} == {"HYCOM", "GLORYS12"}
+    rmsd = MUTUAL_RMSD if published else None
+    yield Comparison(f"vector RMSD, {pair}", "m/s", difference.vector_rmsd, rmsd, remark=count)
+    yield Comparison(f"mean speed difference, {pair}", "m/s", difference.speed, remark=count)
     yield Comparison(
         f"direction difference, {pair}",
         "degree",
-        agreement.direction_median,
-        GLIDE_ANGLE_DIRECTION if agreement.of == GLIDE_ANGLE else None,
-        spread=(agreement.direction_least, agreement.direction_most),
+        difference.direction_median,
+        GLIDE_ANGLE_DIRECTION if difference.of == GLIDE_ANGLE else None,
+        spread=(difference.direction_least, difference.direction_most),
         paper_text="0.2 to 127" if published else "",
         remark=f"median and range of the magnitude; {count}",
     )

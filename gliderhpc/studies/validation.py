@@ -57,7 +57,7 @@ SURFACED_HEIGHT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class ForwardRun:
     """A forward run.
 
     Attributes
@@ -72,7 +72,7 @@ class Flight:
     surfaced: int
 
 
-def fly(glider: Glider, series: ProfileSeries) -> Flight:
+def run_forward(glider: Glider, series: ProfileSeries) -> ForwardRun:
     """Simulate a profile open loop with its recorded controls.
 
     Raises
@@ -89,17 +89,17 @@ def fly(glider: Glider, series: ProfileSeries) -> Flight:
         raise ProfileError("the forward model diverged under the recorded controls: check the hull")
     # The model is not valid above the surface; a glider that surfaces early waits there.
     states[surfaced:] = states[max(surfaced - 1, 0)]
-    return Flight(states, surfaced)
+    return ForwardRun(states, surfaced)
 
 
-def compared_samples(flight: Flight, series: ProfileSeries, vibrating: Mask) -> Mask:
+def compared_samples(flight: ForwardRun, series: ProfileSeries, vibrating: Mask) -> Mask:
     """Mask ``(n+1,)`` of the samples used for statistics: measured, in steady glide, settled, before surfacing."""
     counted: Mask = ~vibrating & (series.weights > 0.0) & (series.time - series.time[0] >= SETTLING)
     counted[flight.surfaced :] = False
     return counted
 
 
-def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dict[str, float]:
+def vertical_errors(flight: ForwardRun, series: ProfileSeries, counted: Mask) -> dict[str, float]:
     """Root mean square errors of depth (m), pitch and heading (degree), and of pitch and depth rate together (1).
 
     Notes
@@ -123,7 +123,7 @@ def vertical_errors(flight: Flight, series: ProfileSeries, counted: Mask) -> dic
 
 
 def horizontal_errors(
-    flight: Flight, series: ProfileSeries, record: ProfileRecord, conventional: SelfMotion
+    flight: ForwardRun, series: ProfileSeries, record: ProfileRecord, conventional: SelfMotion
 ) -> dict[str, float]:
     """Distances (m) at the end of the profile, and their ratios to the path length (1).
 
@@ -148,7 +148,7 @@ def horizontal_errors(
     return row
 
 
-def _on_recorded_course(flight: Flight, series: ProfileSeries) -> Array:
+def _on_recorded_course(flight: ForwardRun, series: ProfileSeries) -> Array:
     """Displacement ``(2,)`` at the modelled speed along the measured heading, which isolates the error of the speed."""
     lengths = np.linalg.norm(np.diff(flight.states[:, 3:5], axis=0), axis=1)
     heading = series.measurements[:-1, 2]
@@ -258,7 +258,7 @@ def _fly(
     """Row of the group's table, and the track on the records."""
     series = on_steps(record, settings, platform)
     vibrating = vibration_set(platform, series)
-    flight = fly(Glider(platform), series)
+    flight = run_forward(Glider(platform), series)
     conventional = glide_angle_motion(platform, series, vibrating)
     row = {
         **vertical_errors(flight, series, compared_samples(flight, series, vibrating)),

@@ -64,7 +64,7 @@ class CalibrationVerdict(Enum):
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldParameter:
     """A parameter that was held during the search.
 
     Attributes
@@ -91,7 +91,7 @@ class CalibrationSearch:
         Parameters, in plausible deviations from the platform's values.
     free : (p,) of bool
         Mask of the free parameters.
-    held : list of Held
+    held : list of HeldParameter
         Parameters held during the search, in that order.
     scales : (4,)
         Scales of the errors, SI.
@@ -104,7 +104,7 @@ class CalibrationSearch:
         self.free = free.copy()
         self.steps = np.zeros(len(free))
         self.scales = np.array(FIRST_SCALES)
-        self.held: list[Held] = []
+        self.held: list[HeldParameter] = []
 
     def run(self, steps: Array) -> None:
         """Fit all parameters with a prior, hold the undetermined ones, and fit the rest without the prior.
@@ -201,21 +201,21 @@ class CalibrationSearch:
             parts = np.abs(weakest.vector)
             index = int(chosen[np.argmax(parts)])
             confounded_with = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
-            self._hold(Held(index, CalibrationVerdict.UNDETERMINED, confounded_with))
+            self._hold(HeldParameter(index, CalibrationVerdict.UNDETERMINED, confounded_with))
         return len(self.held) > before
 
-    def _at_bound(self) -> Held | None:
+    def _at_bound(self) -> HeldParameter | None:
         beyond = np.flatnonzero(self.free & (np.abs(self.steps) > _AT_BOUND))
-        return Held(int(beyond[0]), CalibrationVerdict.IMPLAUSIBLE) if len(beyond) else None
+        return HeldParameter(int(beyond[0]), CalibrationVerdict.IMPLAUSIBLE) if len(beyond) else None
 
-    def _find_scattered(self) -> Held | None:
+    def _find_scattered(self) -> HeldParameter | None:
         if not self.free.any():
             return None
         scatter = np.nan_to_num(self.scatter())
         worst = int(np.argmax(scatter))
-        return Held(worst, CalibrationVerdict.UNDETERMINED) if scatter[worst] > 1.0 else None
+        return HeldParameter(worst, CalibrationVerdict.UNDETERMINED) if scatter[worst] > 1.0 else None
 
-    def _hold(self, held: Held) -> None:
+    def _hold(self, held: HeldParameter) -> None:
         """Hold a parameter at its bound, or at the platform's value unless the glides refute that value.
 
         If they do, the parameter is held at its most probable value. The platform's value would enlarge the errors, and

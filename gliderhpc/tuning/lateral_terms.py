@@ -22,7 +22,7 @@ WHY_HELD = {
 }
 """Reasons for a second fit, with the lateral terms held."""
 
-_FARTHEST = 3.0
+_MAX_DISTANCE = 3.0
 """Distance from the platform's value, in plausible deviations, beyond which turns must prove a lateral term."""
 
 _PROOF = 2.0
@@ -43,7 +43,7 @@ def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdi
         return CalibrationVerdict.UNSTABLE
     if fit.errors.flatness(fit.search.steps, margin=1.0) > 0.0:
         return CalibrationVerdict.TOO_STEEP
-    if np.abs(fit.search.steps[lateral]).max(initial=0.0) > _FARTHEST:
+    if np.abs(fit.search.steps[lateral]).max(initial=0.0) > _MAX_DISTANCE:
         return CalibrationVerdict.IMPLAUSIBLE_TURNS
     if (fit.search.free & lateral).any() and fit.largest_variance > 1.0:
         return CalibrationVerdict.CONFOUNDED

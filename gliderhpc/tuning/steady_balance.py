@@ -124,7 +124,7 @@ def steady_balances(
     at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
     for first in range(0, len(gliders), at_once):
         batch = slice(first, first + at_once)
-        flight = Flight(gliders[batch], bodies[batch], motion, velocity)
+        flight = SteadyFlight(gliders[batch], bodies[batch], motion, velocity)
         flight.solve_velocity()
         errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
         count = len(flight.gliders)
@@ -171,8 +171,8 @@ class _Frame:
     by_pitch: tuple[Array, Array, Array]
 
 
-class Flight:
-    """States of the stretches, their rates and derivatives, during the solution for the velocity.
+class SteadyFlight:
+    """Steady states of stretches of flight, with rates and derivatives, during the solution for the velocity.
 
     Several hulls fly the same n stretches; the rows (h n, ...) are those of the first hull, then of the next.
     """

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import drag_and_lift
-from gliderhpc.tuning.steady_balance import VELOCITY, Flight, MeasuredAttitude, SteadyMotion
+from gliderhpc.tuning.steady_balance import VELOCITY, MeasuredAttitude, SteadyFlight, SteadyMotion
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def _balance_depth_rate(
     """Depth rate and velocity at which no vertical force remains; NaN where the rounds do not converge."""
     for _ in range(GLIDE_ROUNDS):
         motion = SteadyMotion(attitude.roll, attitude.pitch, attitude.turn_rate, attitude.depth, depth_rate)
-        flight = Flight([glider], [bodies], motion, velocity)
+        flight = SteadyFlight([glider], [bodies], motion, velocity)
         flight.solve_velocity()
         velocity = flight.states[:, VELOCITY]
         change = flight.depth_rate_error()

@@ -22,11 +22,11 @@ from gliderhpc.estimation.currents import (
     cycles_of,
     depth_averaged_current,
     local_displacement,
+    single_cycle,
     smoothed_current,
     surface_drift,
     surface_variance,
     track_of,
-    whole_profile,
     with_disagreement,
 )
 from gliderhpc.estimation.self_motion import (
@@ -230,7 +230,7 @@ def test_no_fix_no_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     motion = SelfMotion(np.zeros((100, 2)), 0.0)
     series = series_of(np.zeros(101))
-    assert depth_averaged_current(record, track_of(series, motion, whole_profile(series)), CurrentErrors()) is None
+    assert depth_averaged_current(record, track_of(series, motion, single_cycle(series)), CurrentErrors()) is None
 
 
 # The current from the smoother's displacement
@@ -479,7 +479,7 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     terms = FIXES_ALONE.model_copy(update={"heading_error": 3.0, "fix_error": 0.0, "surface_shear": 0.0})
     angle = np.radians(3.0)
     turned = SelfMotion(motion.steps @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]), 0.0)
-    tracks = (track_of(series, m, whole_profile(series)) for m in (motion, turned))
+    tracks = (track_of(series, m, single_cycle(series)) for m in (motion, turned))
     right, wrong = (depth_averaged_current(record, track, terms) for track in tracks)
     error, across = wrong.velocity - right.velocity, right.covariance
     track = right.drift.track / np.linalg.norm(right.drift.track)

@@ -15,7 +15,7 @@ from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.information import (
     Sensitivity,
     VelocityErrors,
-    on_hull_alone,
+    marginal_information,
     split_sensitivity,
 )
 from gliderhpc.estimation.smoother.posterior import with_velocity_errors
@@ -162,7 +162,7 @@ def test_information_on_the_hull_alone_is_that_with_the_other_errors_integrated_
     rng = np.random.default_rng(3)
     root = rng.standard_normal((9, 6))
     matrix, score = root.T @ root, rng.standard_normal(6)
-    own, information = on_hull_alone(Information(np.tril(matrix), score, np.zeros(0)), 4)
+    own, information = marginal_information(Information(np.tril(matrix), score, np.zeros(0)), 4)
     whole = np.linalg.inv(matrix + np.eye(6))
     np.testing.assert_allclose(np.linalg.inv(information + np.eye(4)), whole[:4, :4], rtol=1e-12)
     np.testing.assert_allclose(np.linalg.solve(information + np.eye(4), own), (whole @ score)[:4], rtol=1e-12)

@@ -124,7 +124,7 @@ def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
     monkeypatch.setattr(problem.Sweeps, "forward", lambda *args: (sweeps.append(len(found)), forward(*args))[1])
     for at_once in (True, False):
         if not at_once:
-            monkeypatch.setattr(iterate._Iteration, "_moves_at_once", lambda *args: False)
+            monkeypatch.setattr(iterate._Iteration, "_move_and_renew_noise", lambda *args: False)
         noise = flown.dive.noise.copy()
         noise[:, 5] *= 9.0
         dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())

@@ -31,7 +31,7 @@ from gliderhpc.simulator.ocean import ocean_column
 from gliderhpc.simulator.profile import simulate_profile
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.archived import series_of
-from gliderhpc.studies.validation import fly
+from gliderhpc.studies.validation import run_forward
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
 from gliderhpc.tuning.segment_errors import choose_buoyancy
 from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of
@@ -379,7 +379,7 @@ def test_the_forward_model_follows_by_density(flown):
     for way in ("density", "depth_slope"):
         series = on_steps(flown[0], EstimationSettings(seawater=way))
         half = int(np.argmax(series.measurements[:, 3]))
-        depth = fly(Glider(SOFT), series).states[:half, 5]
+        depth = run_forward(Glider(SOFT), series).states[:half, 5]
         errors.append(float(np.sqrt(np.mean((depth - series.measurements[:half, 3]) ** 2))))
     assert errors[0] < 8.0
     assert errors[1] > 3.0 * errors[0]

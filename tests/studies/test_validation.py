@@ -18,7 +18,7 @@ from gliderhpc.flight.steady_glide import glide_table
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import with_overrides
 from gliderhpc.store_schema import check_archive
-from gliderhpc.studies.validation import compared_samples, fly, horizontal_errors, vertical_errors
+from gliderhpc.studies.validation import compared_samples, horizontal_errors, run_forward, vertical_errors
 
 SECONDS = 300.0
 PLATFORM = load_platform("petrel-l")
@@ -48,7 +48,7 @@ def nothing_vibrating(series):
 @pytest.mark.compiled
 def test_an_undisturbed_dive_is_flown_as_recorded(dive):
     series, states = dive
-    flight = fly(Glider(PLATFORM), series)
+    flight = run_forward(Glider(PLATFORM), series)
     assert flight.surfaced == len(series.time)
     errors = vertical_errors(flight, series, compared_samples(flight, series, nothing_vibrating(series)))
     assert errors["pitch_rmse"] < 0.1
@@ -63,7 +63,7 @@ def test_drag_that_the_model_does_not_know_shows_in_the_longitudinal_rmse(dive):
     series, _ = dive
     found = []
     for drag in ("8.86", "10.6", "13.3"):
-        flight = fly(Glider(with_overrides(PLATFORM, {"viscous.K_D0": drag})), series)
+        flight = run_forward(Glider(with_overrides(PLATFORM, {"viscous.K_D0": drag})), series)
         counted = compared_samples(flight, series, nothing_vibrating(series))
         found.append(vertical_errors(flight, series, counted)["longitudinal_rmse"])
     assert found[0] < 0.02 < found[1] < found[2]
@@ -72,7 +72,7 @@ def test_drag_that_the_model_does_not_know_shows_in_the_longitudinal_rmse(dive):
 @pytest.mark.compiled
 def test_vertical_errors_follow_the_documented_formula(dive):
     series, _ = dive
-    flight = fly(Glider(PLATFORM), series)
+    flight = run_forward(Glider(PLATFORM), series)
     counted = compared_samples(flight, series, nothing_vibrating(series))
     tilted = series.measurements * [1.0, 1.1, 1.0, 1.2]
     errors = vertical_errors(flight, replaced(series, measurements=tilted), counted)
@@ -85,7 +85,7 @@ def test_vertical_errors_follow_the_documented_formula(dive):
 def test_a_model_that_comes_up_early_waits_at_the_surface(dive):
     series, _ = dive
     light = replaced(series, controls=series.controls + np.array([-2.0 * series.controls[0, 0], 0.0, 7e-4, 0.0]))
-    flight = fly(Glider(PLATFORM), light)
+    flight = run_forward(Glider(PLATFORM), light)
     assert 0 < flight.surfaced < len(series.time)
     assert (flight.states[flight.surfaced :] == flight.states[-1]).all()
     assert not compared_samples(flight, light, nothing_vibrating(light))[flight.surfaced :].any()
@@ -94,7 +94,7 @@ def test_a_model_that_comes_up_early_waits_at_the_surface(dive):
 @pytest.mark.compiled
 def test_only_steady_glide_is_compared(dive):
     series, _ = dive
-    flight = fly(Glider(PLATFORM), series)
+    flight = run_forward(Glider(PLATFORM), series)
     gap = series.weights.copy()
     gap[2000:2100] = 0.0
     moved = series.controls.copy()
@@ -110,7 +110,7 @@ def test_only_steady_glide_is_compared(dive):
 @pytest.mark.compiled
 def test_horizontal_errors(dive):
     series, _ = dive
-    flight = fly(Glider(PLATFORM), series)
+    flight = run_forward(Glider(PLATFORM), series)
     steps = np.diff(flight.states[:, 3:5], axis=0)
     nothing = np.zeros(0)
     record = ProfileRecord(1, series.epoch, *[nothing] * 9)

@@ -12,7 +12,7 @@ from support.missions import program
 
 from benchmarks.record_checks import SETTINGS, expected, inspect_open, twin_records, twin_scenario, with_errors
 from gliderhpc.api.missions import warn_about_records
-from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
+from gliderhpc.estimation.currents import depth_averaged_current, single_cycle, track_of
 from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.resample import corrected, harmonics, on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
@@ -451,7 +451,7 @@ def test_the_derivative_of_a_leg_by_the_speed_agrees_with_a_difference(record):
     leg = leg_of(PETREL, record, series, errors)
     motion = glide_angle_motion(PETREL, series, vibration_set(PETREL, series))
     slower = SelfMotion(0.99 * motion.steps, motion.bridged)
-    current = depth_averaged_current(record, track_of(series, slower, whole_profile(series)), errors).velocity
+    current = depth_averaged_current(record, track_of(series, slower, single_cycle(series)), errors).velocity
     assert current - leg.current == pytest.approx(-0.01 * leg.by_speed, rel=1e-9)
     assert leg.time == series.epoch.astype("datetime64[ns]").astype(np.int64) / 1e9
 

@@ -13,8 +13,8 @@ from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.tuning.steady_balance import (
     LATERAL,
     PITCHING,
-    Flight,
     MeasuredAttitude,
+    SteadyFlight,
     SteadyMotion,
     _frame_of,
     steady_balance,
@@ -123,7 +123,7 @@ def test_the_pitch_error_is_newtons_step_where_the_weight_is_wrong_too(petrel, k
     heavier[:, NET_WEIGHT] += 1.0
 
     def nodding(pitch):
-        flight = Flight([petrel], [heavier], replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
+        flight = SteadyFlight([petrel], [heavier], replace(motion, pitch=motion.pitch + 0.02 + pitch), None)
         flight.solve_velocity()
         return flight._values[0, PITCHING], flight
 
@@ -140,7 +140,7 @@ def test_the_lateral_errors_are_newtons_step_where_the_weight_is_wrong_too(petre
 
     def accelerations(roll, turn_rate):
         off = replace(motion, roll=motion.roll + 0.1 + roll, turn_rate=motion.turn_rate + turn_rate)
-        flight = Flight([petrel], [heavier], off, None)
+        flight = SteadyFlight([petrel], [heavier], off, None)
         flight.solve_velocity()
         return flight._values[0, LATERAL], flight
 

@@ -44,7 +44,7 @@ Rows = NDArray[np.int64]
 MEASURED = np.array([0, 1, 2, 5])
 """Indices of the measured states among the twelve of eq. 16."""
 
-_FARTHEST = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+_MAX_DEVIATIONS = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 """Largest deviations of the filter from the smoothed path with which the hull can still fly: roll, pitch, heading
 (rad), depth (m), velocity (m/s) and rates (rad/s)."""
 
@@ -136,7 +136,7 @@ class DiveInformation:
         """Return whether the same holds for the dive's own noise, whatever the other assumptions give."""
         return self.has_sensitivities and _is_sound(self.score, self.information)
 
-    def saying_nothing(self) -> "DiveInformation":
+    def without_information(self) -> "DiveInformation":
         """Return the same with NaN in place of score and information."""
         others = tuple((np.full_like(score, np.nan), np.full_like(matrix, np.nan)) for score, matrix in self.others)
         score, information = np.full_like(self.score, np.nan), np.full_like(self.information, np.nan)
@@ -214,13 +214,15 @@ def dive_information(
 
     between = segment_rows(dive, rows.tolist())
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
-    path = steered_run(profile, smoothed) or moved(hull, dive, smoothed, between, flyable(about_smoothed.filtered))
+    path = steered_run(profile, smoothed) or moved(
+        hull, dive, smoothed, between, without_far_rows(about_smoothed.filtered)
+    )
     at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
-    (score, information), *others = (on_hull_alone(one, len(parameters)) for one in found)
+    (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
     by_hull, velocity = by_all, None
     if len(found[0].score) > len(parameters):
@@ -240,7 +242,7 @@ def dive_information(
     )
 
 
-def on_hull_alone(found: Information, parameters: int) -> tuple[Array, Array]:
+def marginal_information(found: Information, parameters: int) -> tuple[Array, Array]:
     """Score and information on the first parameters, whatever the errors after them are, which have unit deviations."""
     score, matrix, own = found.score, symmetric(found.matrix), slice(parameters)
     if len(score) == parameters:
@@ -310,14 +312,14 @@ def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Arra
     return Trajectory(states, disturbances)
 
 
-def flyable(deviations: Array) -> Array:
-    """Filter's deviations ``(s+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_FARTHEST`.
+def without_far_rows(deviations: Array) -> Array:
+    """Filter's deviations ``(s+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_MAX_DEVIATIONS`.
 
     Near rest, or about the path of a wrong hull, a linearised filter may be in error by radians and metres per second,
     and a step from there may not be finite.
     """
-    flyable = np.asarray(np.all(np.abs(deviations[:, :10]) <= _FARTHEST, axis=1))
-    return np.where(flyable[:, None], deviations, 0.0)
+    near = np.asarray(np.all(np.abs(deviations[:, :10]) <= _MAX_DEVIATIONS, axis=1))
+    return np.where(near[:, None], deviations, 0.0)
 
 
 def _predicted(states: Array) -> Array:

@@ -153,7 +153,7 @@ def noise_from_segment(
         variance=dive.variance[rows].copy(), damping=np.empty(6),
         mean=np.concatenate([start.states[first, SENSED], np.zeros(6)]),
     )  # fmt: skip
-    part_scale, part_start = scale.of_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
+    part_scale, part_start = scale.for_segment(segment), Trajectory(start.states[rows], start.disturbances[rows])
     brief = settings.model_copy(update={"max_passes": min(settings.max_passes or _SEGMENT_PASSES, _SEGMENT_PASSES)})
     smoothed = iterate_passes(
         hull, part, part_start, brief, gate=gate, noise_models=[part_scale], usual=part_scale.usual
@@ -240,7 +240,7 @@ class _Iteration:
     def run(self) -> Outcome:
         """Iterate; at the end nothing is damped, and variances are the problem's own."""
         if self._cap == 1:
-            return self._only()
+            return self._make_single_move()
         outcome = self._iterate()
         if self._damping.active:
             self._damping.set(0.0)
@@ -251,7 +251,7 @@ class _Iteration:
         # An iteration that would still move by a standard deviation, or is not finite, has no estimate.
         return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
 
-    def _only(self) -> Outcome:
+    def _make_single_move(self) -> Outcome:
         """Make as much of the only pass's move as can be flown; the rest is added to the uncertainty."""
         for fraction in _FRACTIONS:
             trial = self._sweeps.forward(self._moved(fraction))
@@ -318,7 +318,9 @@ class _Iteration:
         merit has no defects.
         """
         weights = _PENALTY * self.linear.steepest
-        if noise is not self._sweeps.dive.noise and any(self._moves_at_once(noise, weights, f) for f in _AT_ONCE):
+        if noise is not self._sweeps.dive.noise and any(
+            self._move_and_renew_noise(noise, weights, f) for f in _AT_ONCE
+        ):
             return
         trajectory, strength = self.iterate.trajectory, self._damping.strength
         if self._damping.active:
@@ -341,7 +343,7 @@ class _Iteration:
         self._damping.tighten()
         self.iterate = self._sweeps.forward(trajectory)
 
-    def _moves_at_once(self, noise: Array, weights: Array, fraction: float) -> bool:
+    def _move_and_renew_noise(self, noise: Array, weights: Array, fraction: float) -> bool:
         """Make a fraction of the move and renew the noise in one sweep, if the merit without determinant decreases.
 
         The determinants before and after the move belong to different noise, so that they cannot be compared.

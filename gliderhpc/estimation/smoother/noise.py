@@ -162,7 +162,7 @@ class NoiseScale:
         own[list(self.channels)] = factors[list(self.channels)]
         return own * self.prior + self.actuators
 
-    def of_segment(self, steps: slice) -> "NoiseScale":
+    def for_segment(self, steps: slice) -> "NoiseScale":
         """Return the scale of a segment of the dive."""
         return replace(self, prior=self.prior[steps], actuators=self.actuators[steps], usual=self.usual[steps])
 

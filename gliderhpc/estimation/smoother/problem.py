@@ -317,7 +317,7 @@ class Sweeps:
             self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, gate, self._segments,
             self._block, self._tally, self._tape,
         )  # fmt: skip
-        return self._tallied(trajectory)
+        return self._iterate_with_costs(trajectory)
 
     def run(self, trajectory: Trajectory) -> Iterate:
         """Run the model along a trajectory as `forward` does, without filtering; the log determinant stays unknown (0).
@@ -325,9 +325,9 @@ class Sweeps:
         It computes no covariances. A backward sweep needs a forward sweep before it.
         """
         kernel.run_path(self._hull, self.dive, trajectory.states, trajectory.disturbances, self._segments, self._tally)
-        return self._tallied(trajectory)
+        return self._iterate_with_costs(trajectory)
 
-    def _tallied(self, trajectory: Trajectory) -> Iterate:
+    def _iterate_with_costs(self, trajectory: Trajectory) -> Iterate:
         log_determinant = float(self._tally[LOG_DETERMINANT]) if self._mean else 0.0
         return Iterate(
             trajectory, self._tally[:DEFECTS].copy(), log_determinant, self._tally[DEFECTS:LOG_DETERMINANT].copy()

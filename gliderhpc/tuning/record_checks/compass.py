@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.distributions import f_quantile, student_quantile
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import depth_averaged_current, track_of, whole_profile
+from gliderhpc.estimation.currents import depth_averaged_current, single_cycle, track_of
 from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.resample import HARMONICS, harmonics
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
@@ -57,7 +57,7 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
     """Convert a profile to a leg; None unless it has a fix on both sides and a displacement through the water."""
     motion = glide_angle_motion(platform, series, vibration_set(platform, series))
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
-    tracks = (track_of(series, m, whole_profile(series)) for m in (still, motion))
+    tracks = (track_of(series, m, single_cycle(series)) for m in (still, motion))
     carried, current = (depth_averaged_current(record, track, errors) for track in tracks)
     length = float(np.linalg.norm(motion.total))
     if carried is None or current is None or not length > MIN_LENGTH:
