@@ -43,14 +43,14 @@ from gliderhpc.wording import speaks_python
 log = logging.getLogger("gliderhpc.calibrate")
 
 CALIBRATED_BEFORE = (
-    "the given platform has been calibrated before: its stated errors are not used, plausible deviations and bounds "
-    "are those about its values, and on the same records the intervals become too narrow; start from the platform that "
-    "was calibrated first"
+    "the given platform has been calibrated before: its stated errors are not used, and plausible deviations and "
+    "bounds are centred on its values; calibrated again on the same records, the intervals become too narrow; start "
+    "from the platform before its first calibration"
 )
 """Caution about a calibration that starts from a calibrated platform."""
 
 HELD_OUT = 4
-"""One in this many profiles is held out for the score if none are named."""
+"""Interval, in profiles, of those held out for the score if none are named."""
 
 
 @speaks_python

@@ -12,10 +12,10 @@ from gliderhpc.report.recent_hull import IMPLAUSIBLE, UNDETERMINED
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.version import __version__
 
-PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "left", "remark")
-DIRECTIONS = ("left", "main parameters")
+PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "remaining", "remark")
+DIRECTIONS = ("remaining", "main parameters")
 HELD_OUT = ("profile", "chi-square", "degrees of freedom")
-"""Headings of the tables; *left* is the remaining deviation as a fraction of the plausible one."""
+"""Headings of the tables; *remaining* is the deviation after the dives as a fraction of the plausible one."""
 
 _NORMAL_95 = 1.96
 _SHOWN = 0.3
@@ -35,7 +35,7 @@ def parameter_table(found: HullRounds) -> pd.DataFrame:
             "after": p.value(found.platform),
             "low": low,
             "high": high,
-            "left": float(deviation),
+            "remaining": float(deviation),
             "remark": _remark(float(x), float(deviation)),
         }
         for p, x, deviation in zip(found.parameters, mean, std, strict=True)
@@ -54,7 +54,7 @@ def parameter_rows(found: HullRounds) -> list[tuple[str, ...]]:
     """Return the rows of the table of parameters."""
     return [
         (str(key), row["unit"], f"{row['before']:.5g}", f"{row['after']:.5g}", f"{row['low']:.4g} to {row['high']:.4g}",
-         f"{row['left']:.3f}", row["remark"])
+         f"{row['remaining']:.3f}", row["remark"])
         for key, row in parameter_table(found).iterrows()
     ]  # fmt: skip
 

@@ -74,8 +74,8 @@ def test_hull_and_sensors_are_found_within_their_deviations(found):
         # Within twice the 95 % interval, because of a few dives at a single pitch and of the linearisation.
         middle, half = 0.5 * (table.low[key] + table.high[key]), 0.5 * (table.high[key] - table.low[key])
         assert abs(value - middle) < 2.0 * half, key
-    assert table.left["buoyancy.neutral_volume"] < 0.2
-    assert table.left["sensors.heading_deviation.0"] > 0.5
+    assert table.remaining["buoyancy.neutral_volume"] < 0.2
+    assert table.remaining["sensors.heading_deviation.0"] > 0.5
 
 
 def test_the_covariance_is_of_the_parameters_found(found):

@@ -118,7 +118,7 @@ def parameter_table(history: HullHistory) -> pd.DataFrame:
                 "estimate": value,
                 "low": value - _NORMAL_95 * std,
                 "high": value + _NORMAL_95 * std,
-                "left": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
+                "remaining": std / abs(p.slope(history.platform, p.steps(history.platform, value))),
                 "steps": p.steps(history.platform, value),
             }
         )
@@ -201,7 +201,7 @@ def _pilot_row(history: HullHistory, quantity: PilotUnit) -> Comparison:
     p = next(p for p in history.parameters if p.key == quantity.parameter)
     value, std = (float(history.series(name, p.key)[-1]) for name in ("estimate", "estimate_std"))
     apart, half = quantity.scale * (value - p.value(history.platform)), _NORMAL_95 * abs(quantity.scale) * std
-    # What is left of a value that was converted back and forth is not a difference.
+    # The rounding of a value that was converted back and forth is not a difference.
     apart = apart if abs(apart) > _ROUNDING * half else 0.0
     interval = "spread: 95 % interval"
     return Comparison(
@@ -280,13 +280,13 @@ def show(archive: Archive) -> Findings:
 
 
 def _captions(parameters: pd.DataFrame, data: str) -> dict[str, str]:
-    determined = int((parameters["left"] < UNDETERMINED).sum())
+    determined = int((parameters["remaining"] < UNDETERMINED).sum())
     return {
         "hull": f"Parameters that may change during the mission, {data}. {_NOTE}",
         "parameters": (
-            f"Hull and records at the last dive: {data}. *left* is the remaining deviation divided by the plausible "
-            f"one; for {determined} of {len(parameters)} parameters it is below {number(UNDETERMINED)}. *steps* is "
-            "the distance from the platform file in plausible deviations. Intervals are 95 % intervals."
+            f"Hull and records at the last dive: {data}. *remaining* is the deviation after the dives over the "
+            f"plausible one; for {determined} of {len(parameters)} parameters it is below {number(UNDETERMINED)}. "
+            "*steps* is the distance from the platform file in plausible deviations. Intervals are 95 % intervals."
         ),
         "changes": (
             f"Changes from the first dive to the last: {data}. Probabilities begin at one half; every dive but the "

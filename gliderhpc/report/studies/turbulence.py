@@ -107,7 +107,7 @@ def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tu
     nyquist = _usual_nyquist(table)
     if nyquist >= high:
         return ()
-    resolved = f"its part from {low:g} to {nyquist:.3g} Hz" if nyquist > low else "no part of it"
+    resolved = f"its part from {low:g} to {nyquist:.3g} Hz" if nyquist > low else "nothing in this band"
     remark = f"the band reaches from {low:g} to {high:g} Hz; the records resolve {resolved}"
     if nyquist > low:
         remark += (

@@ -192,7 +192,7 @@ def _describe_certainty(verdict: TurbulenceVerdict) -> str:
         parts.append(
             f"{passes.passed} of {passes.count} nulls without any disturbance pass the publication's rank test, {use}"
         )
-    return f"How sure: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
+    return f"Certainty: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
 
 
 def _describe_noise_certainty(found: Gaussianity) -> str:
@@ -213,7 +213,7 @@ def _p_text(p: float) -> str:
 
 
 def _describe_next_step(verdict: TurbulenceVerdict) -> str:
-    contrast, noise, start = verdict.contrast, verdict.gaussianity, "What would settle it:"
+    contrast, noise, start = verdict.contrast, verdict.gaussianity, "To settle the question:"
     if noise is not None and noise.rejects_gaussian:
         return (
             f"{start} Gaussian lateral disturbances like the nulls are rejected at the {LEVEL:.0%} level; to exclude "
