@@ -139,8 +139,8 @@ def apply(matrix: Array, vector: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
-    """Change of the unknowns before a dive: ``x <- decay x + noise`` with variances, each (p,)."""
+class Transition:
+    """Transition of the unknowns to the next dive: ``x <- decay x + noise`` with variances, each (p,)."""
 
     decay: Array
     variance: Array
@@ -190,14 +190,14 @@ class Chain:
         return np.array(mean), np.array(std)
 
 
-def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information]) -> Chain:
+def solve_chain(prior: Gaussian, changes: Sequence[Transition], terms: Sequence[Information]) -> Chain:
     """Filter and smooth the unknowns over all dives (Rauch, Tung and Striebel 1965).
 
     Parameters
     ----------
     prior : Gaussian
         Prior of the unknowns at the first dive.
-    changes : sequence of Change
+    changes : sequence of Transition
         Changes before the second dive, the third ...
     terms : sequence of Information
         Information of the dives.
@@ -216,7 +216,7 @@ def solve_chain(prior: Gaussian, changes: Sequence[Change], terms: Sequence[Info
     return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence, tuple(gains))
 
 
-def _gain(here: Gaussian, predicted: Gaussian, change: Change) -> Array:
+def _gain(here: Gaussian, predicted: Gaussian, change: Transition) -> Array:
     return np.asarray(np.linalg.solve(predicted.covariance, change.decay[:, None] * here.covariance).mT)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information
+from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, changes_of
 from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
@@ -180,10 +180,10 @@ class _Chain:
         ]
 
 
-def _with_constants(change: Change, count: int) -> Change:
+def _with_constants(change: Transition, count: int) -> Transition:
     """Return a change between dives with further unknowns that stay constant, ``count`` in all."""
     added = count - len(change.decay)
-    return Change(np.append(change.decay, np.ones(added)), np.append(change.variance, np.zeros(added)))
+    return Transition(np.append(change.decay, np.ones(added)), np.append(change.variance, np.zeros(added)))
 
 
 def _with_sizes(term: Information, parameters: Sequence[int], part: float) -> Information:
@@ -229,7 +229,11 @@ def _shapes(dives: Sequence[DiveTerm], form: str) -> Array:
 
 
 def size_likelihood(
-    prior: Gaussian, changes: Sequence[Change], terms: Sequence[Information], parameters: Sequence[int], shapes: Array
+    prior: Gaussian,
+    changes: Sequence[Transition],
+    terms: Sequence[Information],
+    parameters: Sequence[int],
+    shapes: Array,
 ) -> tuple[Array, Array]:
     """Score ``(m, k)`` and information ``(m, k, k)`` of the sizes of candidates about zero.
 
@@ -237,7 +241,7 @@ def size_likelihood(
     ----------
     prior : Gaussian
         Prior of the unknowns at the first dive.
-    changes : sequence of Change
+    changes : sequence of Transition
         Changes before the second dive, the third ...
     terms : sequence of Information
         Information of the dives.

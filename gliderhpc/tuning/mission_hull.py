@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import gamma_tail
-from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information, about, apply
+from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition, about, apply
 from gliderhpc.tuning.turn_test import (
     DiveCurrent,
     TurnTestSettings,
@@ -322,11 +322,11 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     return size, expected, gamma_tail(size, expected**2 / variance, variance / expected)
 
 
-def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Change]:
+def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Transition]:
     """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day and jumps."""
     still, nothing, jumps = np.ones(len(walk)), np.zeros(len(walk)), jumps or {}
     return [
-        Change(still, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, nothing))
+        Transition(still, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, nothing))
         for position, time in enumerate(_seconds_between(dives).tolist(), 1)
     ]
 

@@ -13,7 +13,7 @@ import scipy
 from pydantic import Field
 
 from gliderhpc.estimation.settings import Settings
-from gliderhpc.tuning.gaussian_chain import Array, Change, Gaussian, Information
+from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
 
 UNKNOWNS = 4
 """Mean and departure of the current, north and east each, after the hull's errors."""
@@ -75,7 +75,7 @@ def with_current(prior: Gaussian, settings: TurnTestSettings) -> Gaussian:
     )
 
 
-def changes_with_current(changes: Sequence[Change], seconds: Array, settings: TurnTestSettings) -> list[Change]:
+def changes_with_current(changes: Sequence[Transition], seconds: Array, settings: TurnTestSettings) -> list[Transition]:
     """Changes from dive to dive, extended by the current: the mean is constant, the departure decays with time."""
     extended = []
     for change, time in zip(changes, seconds, strict=True):
@@ -83,7 +83,7 @@ def changes_with_current(changes: Sequence[Change], seconds: Array, settings: Tu
         ratio = time / (settings.time * _SECONDS_PER_DAY)
         added = settings.deviation**2 * -np.expm1(-2.0 * ratio)
         extended.append(
-            Change(
+            Transition(
                 np.concatenate([change.decay, np.repeat([1.0, np.exp(-ratio)], 2)]),
                 np.concatenate([change.variance, np.repeat([0.0, added], 2)]),
             )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.smoother.hull_errors import InformedDirections
-from gliderhpc.tuning.gaussian_chain import Array, Chain, Change, Gaussian, Information, solve_chain
+from gliderhpc.tuning.gaussian_chain import Array, Chain, Gaussian, Information, Transition, solve_chain
 
 _FIT_LEVEL = 0.99
 """Probability of the quantile of chi-square up to which a dive has its full weight."""
@@ -24,7 +24,7 @@ class SumProblem:
     """
 
     prior: Gaussian
-    changes: list[Change]
+    changes: list[Transition]
     terms: list[Information]
 
     @cached_property

@@ -21,7 +21,7 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.fleet import folder_names
-from gliderhpc.report.page.fleet_map import Track, fleet_map
+from gliderhpc.report.page.fleet_map import FleetTrack, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
 from gliderhpc.report.studies.hull import StoredChange
 from gliderhpc.report.surfacing import surfacing_message
@@ -261,7 +261,7 @@ def test_archives_with_equal_names_get_different_folders(places, names):
 
 def track(number, fixes, place=(np.nan, np.nan), current=(np.nan, np.nan), deviations=(np.nan,) * 3):
     points = np.array(fixes, dtype=float).reshape(-1, 2)
-    return Track(number, f"_{number} $a$", points, *map(np.array, (place, current, deviations)))
+    return FleetTrack(number, f"_{number} $a$", points, *map(np.array, (place, current, deviations)))
 
 
 def test_currents_point_their_way_with_their_ellipses():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_mission_hull import P, dive, information
 
-from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, solve_chain
+from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, solve_chain
 from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, _parts, find_changes, size_likelihood
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
@@ -16,7 +16,7 @@ def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
     rng = np.random.default_rng(3)
     count, parameter, deviation = 6, 2, 0.7
     prior = Gaussian(rng.standard_normal(P), np.diag(rng.uniform(0.5, 2.0, P)))
-    changes = [Change(rng.uniform(0.6, 1.0, P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
+    changes = [Transition(rng.uniform(0.6, 1.0, P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
     terms = [Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.1) for _ in range(count)]
     shapes = rng.uniform(-1.0, 1.0, (4, count))
     score, curvature = (x.reshape(-1) for x in size_likelihood(prior, changes, terms, (parameter,), shapes))
@@ -24,7 +24,7 @@ def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
     for shape, g, i in zip(shapes, score, curvature, strict=True):
         covariance = np.zeros((P + 1, P + 1))
         covariance[:P, :P], covariance[P, P] = prior.covariance, deviation**2
-        wide = [Change(np.append(c.decay, 1.0), np.append(c.variance, 0.0)) for c in changes]
+        wide = [Transition(np.append(c.decay, 1.0), np.append(c.variance, 0.0)) for c in changes]
         seen = [_seen_with_size(term, parameter, x) for term, x in zip(terms, shape, strict=True)]
         chain = solve_chain(Gaussian(np.append(prior.mean, 0.0), covariance), wide, seen)
         precision = i + deviation**-2
@@ -38,14 +38,14 @@ def test_two_sizes_are_two_unknowns_of_the_chain():
     rng = np.random.default_rng(4)
     count, parameters = 6, (2, 0)
     prior = Gaussian(rng.standard_normal(P), np.diag(rng.uniform(0.5, 2.0, P)))
-    changes = [Change(np.ones(P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
+    changes = [Transition(np.ones(P), rng.uniform(0.0, 0.2, P)) for _ in range(count - 1)]
     terms = [Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.1) for _ in range(count)]
     shapes = rng.uniform(-1.0, 1.0, (3, count))
     found = _candidates(*size_likelihood(prior, changes, terms, parameters, shapes), 0.7)
     plain = solve_chain(prior, changes, terms).log_evidence
     for place, shape in enumerate(shapes):
         covariance = np.diag(np.append(np.diag(prior.covariance), [0.49, 0.49]))
-        wide = [Change(np.ones(P + 2), np.append(c.variance, [0.0, 0.0])) for c in changes]
+        wide = [Transition(np.ones(P + 2), np.append(c.variance, [0.0, 0.0])) for c in changes]
         seen = []
         for term, x in zip(terms, shape, strict=True):
             lift = np.eye(P, P + 2)
@@ -202,11 +202,11 @@ def test_change_since_the_first_dive_is_that_of_the_joint_posterior():
     rng = np.random.default_rng(21)
     count = 5
     prior = Gaussian(np.zeros(P), np.eye(P))
-    changes = [Change(np.ones(P), rng.uniform(0.05, 0.3, P)) for _ in range(count - 1)]
+    changes = [Transition(np.ones(P), rng.uniform(0.05, 0.3, P)) for _ in range(count - 1)]
     terms = [Information(rng.standard_normal(P), information(rng, rank=2, size=2.0)) for _ in range(count)]
     mean, std = solve_chain(prior, changes, terms).since_first()
     both = Gaussian(np.zeros(2 * P), np.kron(np.ones((2, 2)), np.eye(P)) + 1e-12 * np.eye(2 * P))
-    wide = [Change(np.ones(2 * P), np.concatenate([c.variance, np.zeros(P)])) for c in changes]
+    wide = [Transition(np.ones(2 * P), np.concatenate([c.variance, np.zeros(P)])) for c in changes]
     lift = np.eye(P, 2 * P)
     seen = [Information(lift.T @ t.vector, lift.T @ t.matrix @ lift) for t in terms]
     last = solve_chain(both, wide, seen).smoothed[-1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from gliderhpc.tuning.gaussian_chain import Change, Gaussian, Information, about, solve_chain
+from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, about, solve_chain
 from gliderhpc.tuning.mission_hull import (
     DiveTerm,
     HullPrior,
@@ -40,7 +40,7 @@ def test_chain_is_the_dense_posterior():
     """Filter, smoother and evidence against one normal distribution of all dives' unknowns."""
     rng = np.random.default_rng(1)
     count, prior = 4, Gaussian(rng.standard_normal(P), np.diag(rng.uniform(0.5, 2.0, P)))
-    changes = [Change(rng.uniform(0.5, 1.0, P), rng.uniform(0.0, 0.3, P)) for _ in range(count - 1)]
+    changes = [Transition(rng.uniform(0.5, 1.0, P), rng.uniform(0.0, 0.3, P)) for _ in range(count - 1)]
     terms = [Information(rng.standard_normal(P), information(rng, rank=2, size=2.0), 0.3 * i) for i in range(count)]
     chain = solve_chain(prior, changes, terms)
 

@@ -52,7 +52,7 @@ _NOTE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class FleetTrack:
     """Track of one mission and its last known current.
 
     Attributes
@@ -87,7 +87,7 @@ class Track:
         return self.fixes + shift, self.place + shift
 
 
-def fleet_map(tracks: Sequence[Track]) -> Figure | None:
+def fleet_map(tracks: Sequence[FleetTrack]) -> Figure | None:
     """Draw the tracks of a fleet and their last currents; return None if no mission has a fix."""
     shown = [track for track in tracks if len(track.fixes)]
     if not shown:
@@ -112,11 +112,11 @@ def fleet_map(tracks: Sequence[Track]) -> Figure | None:
     return figure
 
 
-def _colour(track: Track) -> str:
+def _colour(track: FleetTrack) -> str:
     return _COLOURS[(track.number - 1) % len(_COLOURS)]
 
 
-def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
+def _draw_track(axes: Axes, track: FleetTrack, fixes: Array) -> None:
     printable = "".join(letter if letter.isprintable() else " " for letter in track.name)
     name = printable if len(printable) <= _NAME_LENGTH else f"{printable[: _NAME_LENGTH - 4]} ..."
     axes.plot(
@@ -135,7 +135,7 @@ def _draw_track(axes: Axes, track: Track, fixes: Array) -> None:
 
 
 def _draw_currents(
-    axes: Axes, tracks: Sequence[Track], placed: Sequence[tuple[Array, Array]], every: Array, shrink: float
+    axes: Axes, tracks: Sequence[FleetTrack], placed: Sequence[tuple[Array, Array]], every: Array, shrink: float
 ) -> list[Array]:
     """Draw arrows in their true direction with their ellipses, and return the outlines that the map must include."""
     known = [(track, place) for track, (_, place) in zip(tracks, placed, strict=True) if track.has_current]
@@ -178,7 +178,7 @@ def _draw_currents(
     return outlines
 
 
-def _ellipse(track: Track) -> Array:
+def _ellipse(track: FleetTrack) -> Array:
     """Return the outline (61, 2) of the current's error about zero, m/s."""
     factor = covariance_factors(*(np.atleast_1d(value) for value in track.deviations))[0]
     return np.asarray(math.sqrt(chi_square_quantile(PROBABILITY, 2)) * (factor @ CIRCLE).T)

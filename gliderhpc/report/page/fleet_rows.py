@@ -15,7 +15,7 @@ from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.report.facts import iso_instant, platform_name, polar
 from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
-from gliderhpc.report.page.fleet_map import Array, Track
+from gliderhpc.report.page.fleet_map import Array, FleetTrack
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.studies import SHOWN, studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
@@ -143,7 +143,7 @@ class MissionState:
     def _change(self, key: str) -> StoredChange | None:
         return next((change for change in self.hull or () if change.key == key), None)
 
-    def track(self, number: int, name: str) -> Track:
+    def track(self, number: int, name: str) -> FleetTrack:
         """Return the track with its last current, for the map."""
         latitude, longitude = self.table.fixes
         fixes = np.column_stack([longitude.ravel(), latitude.ravel()])
@@ -154,7 +154,7 @@ class MissionState:
             place = self._place(fixes)
             current = np.array([found.east, found.north])
             deviations = np.array([found.north_std, found.east_std, found.covariance])
-        return Track(number, name, fixes, place, current, deviations)
+        return FleetTrack(number, name, fixes, place, current, deviations)
 
     def _place(self, fixes: Array) -> Array:
         """Return longitude and latitude midway between the fixes of the dive with the last current."""

@@ -24,7 +24,7 @@ from gliderhpc.studies.archived import (
     provenance_of,
     study_table,
 )
-from gliderhpc.studies.library.vertical_velocity import NAMES, HullErrors, half_power, hull_errors
+from gliderhpc.studies.library.vertical_velocity import NAMES, ParameterErrors, half_power, hull_errors
 from gliderhpc.studies.vertical import LEVELS, NAME
 from gliderhpc.wording import counted
 
@@ -134,14 +134,14 @@ TARGET_ERROR = 0.005
 _DOUBTFUL = 2.0
 
 
-def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ...]:
+def comparisons(table: pd.DataFrame, errors: ParameterErrors) -> tuple[Comparison, ...]:
     """Return comparisons over the profiles: medians, unless stated otherwise.
 
     Parameters
     ----------
     table : pandas.DataFrame
         One row for each profile, as the study writes it.
-    errors : HullErrors
+    errors : ParameterErrors
         Errors of the hull's parameters, and their origin.
     """
     whose = "errors of the calibration" if errors.calibrated else "plausible deviations, not calibrated"
@@ -162,7 +162,7 @@ def comparisons(table: pd.DataFrame, errors: HullErrors) -> tuple[Comparison, ..
     )
 
 
-def remarks_on(table: pd.DataFrame, errors: HullErrors) -> tuple[str, ...]:
+def remarks_on(table: pd.DataFrame, errors: ParameterErrors) -> tuple[str, ...]:
     """Return remarks on cases in which errors of the hull may appear as velocity of the water."""
     remarks = []
     if not errors.calibrated:
@@ -266,7 +266,7 @@ def show(archive: Archive) -> Findings:
     )
 
 
-def _captions(made: Provenance, known: pd.DataFrame, errors: HullErrors, *, by_density: bool) -> dict[str, str]:
+def _captions(made: Provenance, known: pd.DataFrame, errors: ParameterErrors, *, by_density: bool) -> dict[str, str]:
     """Return the captions of figure and table: their data, and the effect of the hull's errors."""
     data = describe_data(made, known["profile"].tolist())
     buoyancy = "by measured density" if by_density else "by its depth slope"

@@ -195,7 +195,7 @@ def glide_parameters(*, by_density: bool) -> tuple[HullParameter, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class HullErrors:
+class ParameterErrors:
     """Errors of a hull's parameters.
 
     Attributes
@@ -236,7 +236,7 @@ class VerticalVelocity:
         Change of the water's velocity for one standard deviation of the pitch's rounding, m/s.
     by_hull : (n, p)
         Change of the water's velocity for the plausible deviation of each hull parameter, m/s.
-    errors : HullErrors
+    errors : ParameterErrors
         Errors of the hull parameters.
     filter : DepthRateFilter
         Filter from depths to velocities.
@@ -251,7 +251,7 @@ class VerticalVelocity:
     noise: Array
     by_pitch: Array
     by_hull: Array
-    errors: HullErrors
+    errors: ParameterErrors
     filter: DepthRateFilter
 
     @property
@@ -280,7 +280,7 @@ class VerticalVelocity:
         return np.asarray(np.sqrt(self.noise**2 + self.by_pitch**2 + self.hull_std**2))
 
 
-def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
+def hull_errors(platform: Platform, *, by_density: bool = False) -> ParameterErrors:
     """Errors of the hull's parameters: those of its calibration, and plausible ones for uncalibrated parameters.
 
     They are those for the attitude as measured. An error of the pitch shifts the calibrated hull so that its depth rate
@@ -291,7 +291,7 @@ def hull_errors(platform: Platform, *, by_density: bool = False) -> HullErrors:
     both = stated_covariance(platform, (*parameters, *ATTITUDE_PARAMETERS))
     through = np.linalg.lstsq(both[attitude, attitude], both[attitude, hull], rcond=None)[0]
     covariance = both[hull, hull] - both[hull, attitude] @ through
-    return HullErrors(parameters, covariance, calibrated=platform.calibration is not None)
+    return ParameterErrors(parameters, covariance, calibrated=platform.calibration is not None)
 
 
 def vertical_velocity(data: RecordedProfile, platform: Platform) -> VerticalVelocity:
