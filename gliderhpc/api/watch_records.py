@@ -183,20 +183,20 @@ def truncated_missions(path: Path, folder: Path) -> Iterator[Path]:
     with open_observations(path) as observations:
         survey = observations.survey
     with read_records(path) as records:
-        whole = records.load()
-    whole = whole.drop_vars([name for name in REFERENCE if name in whole.variables])
-    if "profile" not in whole:
-        whole["profile"] = ("time", np.zeros(whole.sizes["time"], dtype=np.int64))
+        mission = records.load()
+    mission = mission.drop_vars([name for name in REFERENCE if name in mission.variables])
+    if "profile" not in mission:
+        mission["profile"] = ("time", np.zeros(mission.sizes["time"], dtype=np.int64))
         for number, span in survey.spans.items():
-            whole["profile"].values[span.start : span.stop] = number
+            mission["profile"].values[span.start : span.stop] = number
     for span in survey.spans.values():
-        cut = whole.isel(time=slice(0, span.stop))
-        if "fix" in cut.dims:
-            cut = cut.isel(fix=slice(0, _fixes_until(whole, span.end_time, span.fixes_until)))
+        truncated = mission.isel(time=slice(0, span.stop))
+        if "fix" in truncated.dims:
+            truncated = truncated.isel(fix=slice(0, _fixes_until(mission, span.end_time, span.fixes_until)))
         out = folder / "replayed.nc"
         out.unlink(missing_ok=True)
-        cut.encoding["source"] = str(path)
-        yield write_records(cut, out)
+        truncated.encoding["source"] = str(path)
+        yield write_records(truncated, out)
     yield path
 
 

@@ -81,8 +81,8 @@ def profile_spectra(channel: ChannelSeries, settings: SpectraSettings) -> tuple[
     with_actuated = fast_part(channel, settings, actuated=True).series
     spectra_all = _periodograms(with_actuated, with_actuated.counted & deep_enough, settings)
     row |= _exponents_row(spectra_all, channel, settings, rng, None)
-    whole = spectra_by_part[0]
-    return row, {"frequency_hz": whole.frequency, "density": whole.mean, "density_all": spectra_all.mean}
+    all_depths = spectra_by_part[0]
+    return row, {"frequency_hz": all_depths.frequency, "density": all_depths.mean, "density_all": spectra_all.mean}
 
 
 def thirds(depth: Array, counted: Mask) -> tuple[Mask, Mask, Mask]:

@@ -122,7 +122,7 @@ def test_only_our_archives_open(tmp_path, archive):
 
 @pytest.mark.damages_archive
 def test_an_archive_of_another_version_is_not_called_damaged(archive):
-    """What it lacks of this version's variables is no damage, which a resumed run could not mend."""
+    """Variables of this version that an older archive lacks are no damage that a resumed run could not mend."""
     _fill(archive)
     set_attributes(archive, {"schema_version": "1.0"})
     shutil.rmtree(archive / "dac_north_std")

@@ -1,4 +1,4 @@
-"""How often a process of the program searches for cyclic garbage."""
+"""Frequency of the searches for cyclic garbage in a process of the program."""
 
 import gc
 

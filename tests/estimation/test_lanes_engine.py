@@ -149,7 +149,7 @@ HASTY = EstimationSettings(optimizer=OptimizerSettings(max_iterations=9))
     ids=["all retracted", "none retracted", "some retracted", "again with a shorter plan", "again with another scale"],
 )
 def test_windows_solved_ahead_change_nothing(dives, run, plan, settings, retracted, lengths):
-    """Whether or not a window begins where it was expected, each is solved as if it were alone in the lanes."""
+    """Each window is solved as if it were alone in the lanes, even if it begins elsewhere than expected."""
     posed = {number: from_path(dives[number], **plan) for number in (6, 7, 9)}
     found = dict(solve_in_lanes(posed.items(), settings, run))
     for number, solution in found.items():

@@ -232,7 +232,7 @@ def test_viscous_derivatives_fade_towards_rest():
 
 @pytest.mark.parametrize("v", [0.3, -0.3])
 def test_flow_from_abeam(v):
-    """Where alpha is undefined in eqs. 13 and 14, the sideslip is 90 degrees and the angle of attack 0."""
+    """In a flow from abeam, where eqs. 13 and 14 leave alpha undefined, the sideslip is 90 degrees and alpha is 0."""
     flow = hydrodynamics.flow_of(0.0, v, 0.0)
     assert flow.alpha == 0.0
     assert flow.beta == math.copysign(math.pi / 2, v)

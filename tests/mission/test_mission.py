@@ -898,7 +898,7 @@ def test_assignments_need_a_key_and_a_value(text):
 
 @pytest.mark.parametrize(("unlike", "converged", "advised"), [(3, 0.6, True), (2, 0.6, False), (3, 1.0, False)])
 def test_a_mission_in_rough_water_is_advised_to_tune_its_prior(caplog, unlike, converged, advised):
-    """Where most profiles are unlike the usual prior, few windows converge, and the hull states no prior of its own."""
+    """Rough water: the usual prior fits few profiles, few windows converge, and the hull has no prior of its own."""
     caplog.set_level("INFO")
     rows = {
         n: {"status": "done", "disturbance_prior": int(n <= unlike), "converged_fraction": converged}

@@ -155,7 +155,7 @@ def test_the_citation_names_this_version_and_the_paper():
 
 
 def test_one_range_of_python_versions_is_named():
-    """That of the metadata, in the Makefile's check, its message, and on the pages."""
+    """The metadata, the check in the Makefile, its message and the pages name the same range."""
     low, high = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
     last = int(high) - 1
     assert f"(3, {low}) <= v <= (3, {last})" in (REPOSITORY / "Makefile").read_text("utf-8")

@@ -1,4 +1,4 @@
-"""Whether disturbances are Gaussian: the test of the smoother's noise on known series, on twins and on archives."""
+"""Gaussianity of the disturbances: the test of the smoother's noise on known series, on twins and on archives."""
 
 import numpy as np
 import pandas as pd

@@ -252,7 +252,7 @@ def test_a_study_that_was_not_run_is_not_shown(brief_store):
 
 @pytest.mark.parametrize("gradual", [True, False])
 def test_the_battery_s_zero_may_move_with_the_weight(gradual):
-    """What is taken aboard has a place: trim changes with weight, in a step or gradually, and its interval holds."""
+    """Added weight has a position: trim changes with weight, in a step or gradually, and its interval holds."""
     hull = read_platform("slocum")
     parameters = hull_parameters(hull)
     keys, count = [p.key for p in parameters], 24

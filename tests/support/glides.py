@@ -14,7 +14,7 @@ DRAG, INDUCED, LIFT = 7.7, 538.0, 386.0
 
 @dataclass(frozen=True)
 class Glide:
-    """What a mission of glides is made with."""
+    """Parameters of a mission of glides."""
 
     dives: int = 3
     depth: float = 400.0

@@ -96,7 +96,7 @@ def test_one_change_is_not_found_again_in_an_error_that_resembles_it(changed):
 
 
 def test_dives_that_agree_better_than_they_state_show_a_change_sooner():
-    """What they state includes errors that all have in common, which are no change; hulls that stay give few alarms."""
+    """The stated errors include errors common to all dives, which are no change; unchanged hulls give few alarms."""
     changed = [_agreeing(seed, 0.3) for seed in range(8)]
     assert min(robust.probability for robust, _ in changed) > PROBABLE
     assert np.median([plain.probability for _, plain in changed]) < PROBABLE

@@ -199,20 +199,20 @@ _COLUMNS_6 = (
 )  # fmt: skip
 
 
-def table_6(slopes: Sequence[CoefficientSlopes], whole: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
+def table_6(slopes: Sequence[CoefficientSlopes], all_samples: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
     """Return the rows of Table 6, with slopes per day.
 
     Parameters
     ----------
     slopes : sequence of CoefficientSlopes
         Slopes from the segments.
-    whole : dict
+    all_samples : dict
         The adjoint's slopes over all samples used, by quantity and phase.
     """
     return [
         {
             "component": slope.quantity, "unit": UNITS[slope.quantity], "phase": slope.phase,
-            "slope_all_samples": whole.get((slope.quantity, slope.phase), float("nan")),
+            "slope_all_samples": all_samples.get((slope.quantity, slope.phase), float("nan")),
             "slope_segments": slope.nominal, "slope_low": slope.interval[0], "slope_high": slope.interval[1],
             "draws": int(np.isfinite(slope.draws).sum()), "same_sign": slope.same_sign,
             "slope_pitch_up": float(slope.pitched[0]),

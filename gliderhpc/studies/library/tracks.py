@@ -276,7 +276,7 @@ def archived_drift(archive: Archive, data: ProfileData, estimate: str, *, by_hul
     variance += surface_variance(max(float(after), 0.0), float(-drift_removed[1]), errors)
     depth, pitch = data.measured[:, 3], np.radians(data.measured[:, 1])
     variance += sum(unrecorded_variance(data.record_time, depth, pitch, (float(before), float(after))))
-    differences = _differences(data, whole=with_hull and not smoothed)
+    differences = _differences(data, with_adjoint=with_hull and not smoothed)
     return Drift(
         velocity=velocity,
         track=anchors.moved - velocity * (end - begin),
@@ -295,16 +295,18 @@ def _velocity(data: ProfileData, columns: Sequence[str]) -> Array:
     return np.array([float(data.table.get(name, np.nan)) for name in columns[:2]])
 
 
-def _differences(data: ProfileData, *, whole: bool) -> tuple[Array, Array]:
-    """Differences ``(2,)`` (m/s) of the second estimate's current and, if `whole`, the adjoint's from the smoother's.
+def _differences(data: ProfileData, *, with_adjoint: bool) -> tuple[Array, Array]:
+    """Differences (2,) (m/s) from the smoother's current: the second estimate's and, if `with_adjoint`, the adjoint's.
 
     The second estimate is the filter if the run stored its current, else the adjoint. Missing currents differ by zero.
     """
     by_smoother = _velocity(data, BY_SMOOTHER)
-    by_adjoint, by_filter = (np.nan_to_num(_velocity(data, one) - by_smoother) for one in (BY_ADJOINT, BY_FILTER))
+    by_adjoint, by_filter = (
+        np.nan_to_num(_velocity(data, columns) - by_smoother) for columns in (BY_ADJOINT, BY_FILTER)
+    )
     if not np.isfinite(_velocity(data, BY_FILTER)).all():
         return by_adjoint, np.zeros(2)
-    return by_filter, by_adjoint if whole else np.zeros(2)
+    return by_filter, by_adjoint if with_adjoint else np.zeros(2)
 
 
 def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:

@@ -92,16 +92,16 @@ class DepthRateFilter:
         Length of the window, s.
     operator : (n, n) sparse array
         Matrix that computes slopes from values.
-    whole : (n,) of bool
-        True where the window lies within an unbroken stretch of samples. Elsewhere the operator uses the part of the
-        window within the stretch; its row is zero if that part has fewer than three samples.
+    full_window : (n,) of bool
+        True where the entire window lies within an unbroken stretch of samples. Elsewhere the operator uses the part
+        within the stretch; the row is zero if that part has fewer than three samples.
     time : (n,)
         Times of the samples, s.
     """
 
     window: float
     operator: scipy.sparse.csr_array
-    whole: Mask
+    full_window: Mask
     time: Array
 
     @property
@@ -112,7 +112,7 @@ class DepthRateFilter:
     def slopes(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
         found = self.operator @ values
-        found[~self.whole] = np.nan
+        found[~self.full_window] = np.nan
         return np.asarray(found)
 
     def with_truncated_windows(self, values: Array) -> Array:
@@ -122,8 +122,8 @@ class DepthRateFilter:
     def filtered(self, rate: Array) -> Array:
         """Filter a rate that is given at the samples (n,) or (n, k) and linear in between."""
         steps = np.diff(self.time).reshape(-1, *[1] * (rate.ndim - 1))
-        risen = np.cumsum(0.5 * steps * (rate[1:] + rate[:-1]), axis=0)
-        return self.slopes(np.concatenate([np.zeros((1, *rate.shape[1:])), risen]))
+        integral = np.cumsum(0.5 * steps * (rate[1:] + rate[:-1]), axis=0)
+        return self.slopes(np.concatenate([np.zeros((1, *rate.shape[1:])), integral]))
 
     def noise(self, deviation: float) -> Array:
         """Standard deviation (n,) of the slope if every sample has an independent error."""
@@ -140,17 +140,19 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
     interval = usual_interval(without_gaps(np.diff(time)), SLOW) if len(time) > 1 else WINDOW
     window = max(WINDOW, MIN_INTERVALS * interval)
     first, count = np.zeros((2, len(time)), dtype=np.int64)
-    whole = np.zeros(len(time), dtype=np.bool_)
+    full_window = np.zeros(len(time), dtype=np.bool_)
     for begin, end in unbroken(time, usable, MAX_PAUSE * interval):
-        own = time[begin:end]
-        first[begin:end] = begin + np.searchsorted(own, own - 0.5 * window - _TOLERANCE)
-        count[begin:end] = begin + np.searchsorted(own, own + 0.5 * window + _TOLERANCE) - first[begin:end]
-        whole[begin:end] = (own - 0.5 * window >= own[0] - _TOLERANCE) & (own + 0.5 * window <= own[-1] + _TOLERANCE)
+        times = time[begin:end]
+        first[begin:end] = begin + np.searchsorted(times, times - 0.5 * window - _TOLERANCE)
+        count[begin:end] = begin + np.searchsorted(times, times + 0.5 * window + _TOLERANCE) - first[begin:end]
+        full_window[begin:end] = (times - 0.5 * window >= times[0] - _TOLERANCE) & (
+            times + 0.5 * window <= times[-1] + _TOLERANCE
+        )
     count[count < _FEWEST] = 0
     edges = np.append(0, np.cumsum(count))
     columns = np.arange(edges[-1]) + np.repeat(first - edges[:-1], count)
     operator = scipy.sparse.csr_array((_slope_weights(time[columns], count), columns, edges), shape=(len(time),) * 2)
-    return DepthRateFilter(window, operator, whole, time)
+    return DepthRateFilter(window, operator, full_window, time)
 
 
 def _slope_weights(times: Array, count: NDArray[np.int64]) -> Array:

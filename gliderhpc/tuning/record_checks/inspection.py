@@ -134,8 +134,8 @@ def _log_likelihood(
     profiles, priors = [], []
     for profile in series:
         first, last = _rows_inside(profile)
-        whole = prepare_profile(glider, profile)
-        bodies, vibrating = whole.bodies[first:last], whole.vibrating[first : last + 1]
+        prepared = prepare_profile(glider, profile)
+        bodies, vibrating = prepared.bodies[first:last], prepared.vibrating[first : last + 1]
         profiles += [PreparedProfile(glider, _with_depth_earlier(profile, lag), bodies, vibrating) for lag in lags]
         priors += [default_prior(platform, profile.attitude_interval)] * len(lags)
     gate = settings.filter.gate

@@ -86,25 +86,25 @@ def segment_series(data: ProfileData, platform: Platform, segment: Segment, step
     step : float
         Step, s.
     """
-    whole = series_of(data, platform)
+    series = series_of(data, platform)
     first, last = segment
     known = slice(first, last + 1)
-    time = whole.time[known]
+    time = series.time[known]
     fine = time[0] + step * np.arange(round((time[-1] - time[0]) / step) + 1)
     middles = fine[:-1] + 0.5 * step
     # Archives without `sampled` do not distinguish samples from values interpolated between them.
     own = data.sampled[known] if data.sampled.any() else np.ones(len(time), dtype=np.bool_)
-    sampled = np.flatnonzero(own & (whole.weights[known] > 0.0))
+    sampled = np.flatnonzero(own & (series.weights[known] > 0.0))
     return replace(
-        whole,
+        series,
         step=step,
         time=fine - fine[0],
-        measurements=_interpolate(fine, time, whole.measurements[known]),
-        weights=np.where(np.interp(fine, time, whole.weights[known]) == 1.0, 1.0, 0.0),
-        controls=_interpolate(middles, whole.time[:-1], whole.controls),
+        measurements=_interpolate(fine, time, series.measurements[known]),
+        weights=np.where(np.interp(fine, time, series.weights[known]) == 1.0, 1.0, 0.0),
+        controls=_interpolate(middles, series.time[:-1], series.controls),
         gap_seconds=0.0,
         sample_index=np.rint((time[sampled] - time[0]) / step).astype(np.int64),
-        seawater=None if whole.seawater is None else _interpolate(middles, whole.time[:-1], whole.seawater),
+        seawater=None if series.seawater is None else _interpolate(middles, series.time[:-1], series.seawater),
     )
 
 
