@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
+from gliderhpc.observations.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import check_resolution
@@ -348,17 +349,27 @@ class ForeignFile(NamedColumns):
         return str(values.ravel()[0]) if values.size and values.dtype.kind in "OU" else ""
 
     def _read(self, name: str) -> Any:
+        variable = self._file.variables[name]
+        packing = self._packing_in_text(name)
+        if packing is not None:
+            variable.set_auto_scale(False)
         try:
-            # The library only warns of an invalid scale factor, and returns the values unscaled.
-            # Of other attributes that it cannot use, such as a missing_value of another type, it makes no use.
+            # Of attributes that the library cannot use, such as a missing_value of another type, it only warns.
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)
-                warnings.filterwarnings("error", ".*(scale_factor|add_offset)", UserWarning)
-                return self._file.variables[name][...]
-        except (UserWarning, TypeError) as error:
-            raise InputError(f"{self.path}: {name} cannot be decoded ({error})") from error
+                values = variable[...]
         except (OSError, RuntimeError, UnicodeDecodeError, ValueError) as error:
             raise self._unreadable(error) from error
+        return values if packing is None else values * packing[0] + packing[1]
+
+    def _packing_in_text(self, name: str) -> tuple[float, float] | None:
+        """Scale factor and offset of a variable if at least one is written as text; the library uses numbers only."""
+        variable = self._file.variables[name]
+        given = {each: variable.getncattr(each) for each in PACKING if each in variable.ncattrs()}
+        if not any(isinstance(plain_value(value), str | np.ndarray) for value in given.values()):
+            return None
+        known = {each: packing_number(value, f"{self.path}: {name}", each) for each, value in given.items()}
+        return known.get("scale_factor", 1.0), known.get("add_offset", 0.0)
 
     def _unreadable(self, error: Exception) -> InputError:
         content = describe_content(self.path)

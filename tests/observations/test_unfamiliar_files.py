@@ -148,11 +148,24 @@ def test_attributes_that_the_library_cannot_use_are_not_used(tmp_path, attribute
     assert len(import_og1([path], tmp_path / "out.nc").complete) == 2
 
 
-@pytest.mark.parametrize("factor", ["x", "0.1"])
-def test_a_scale_factor_that_the_library_cannot_use_is_refused(tmp_path, factor):
+@pytest.mark.parametrize("kind", ["og1", "seaglider"])
+def test_a_scale_factor_written_as_text_is_a_number_for_importers(tmp_path, kind):
+    if kind == "og1":
+        path, name, read = made.write_og1(tmp_path / "og1.nc"), "PITCH", import_og1
+    else:
+        path, name, read = made.write_dive(tmp_path, 1, columns=True), "eng_pitchAng", import_seaglider
+    read([path], tmp_path / "expected.nc")
+    rewritten(path, lambda file: file[name].setncatts({"scale_factor": "0.5", "add_offset": np.array([1.0])}))
+    read([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        np.testing.assert_allclose(found["pitch"], 0.5 * expected["pitch"] + 1.0)
+
+
+@pytest.mark.parametrize("factor", ["x", [0.1, 0.2]])
+def test_a_scale_factor_that_is_no_number_is_refused_by_importers(tmp_path, factor):
     path = made.write_og1(tmp_path / "og1.nc")
     rewritten(path, lambda file: file["PITCH"].setncattr("scale_factor", factor))
-    with ForeignFile(path) as file, pytest.raises(InputError, match="PITCH cannot be decoded"):
+    with ForeignFile(path) as file, pytest.raises(InputError, match=r"PITCH has the scale_factor .*, which is not a"):
         file.numbers("PITCH")
 
 
