@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import decode_times, parse_times, plausible_times
+from gliderhpc.observations.times import decode_texts, decode_times
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
 """Unit of times in a file that gives none."""
@@ -179,8 +179,7 @@ class NamedColumns(ABC):
         """
         texts = self.texts(name)
         if texts is not None:
-            written = parse_times(texts, f"{self.source}: {name}")
-            return np.where(plausible_times(written), written, np.datetime64("NaT", "ns"))
+            return decode_texts(texts, f"{self.source}: {name}").time
         values = self.numbers(name)
         units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
         units = units or DEFAULT_UNITS

@@ -18,7 +18,7 @@ from gliderhpc.observations.packed import PACKING
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
-from gliderhpc.observations.times import check_resolution
+from gliderhpc.observations.times import check_resolution, texts_in
 
 _LIMITS = {
     "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": HEADINGS,
@@ -116,14 +116,7 @@ class NavigationColumns(NamedColumns):
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""
-        kind = self._dataset[name].dtype.kind
-        if kind not in "OSUT":
-            return None
-        values = self._values(name)
-        if kind == "S":
-            return np.char.decode(values, "utf-8", "replace")
-        # Other objects are times of an unusual calendar.
-        return np.asarray(values.astype("U")) if all(isinstance(value, str) for value in values.ravel()) else None
+        return texts_in(self._values(name)) if self._dataset[name].dtype.kind in "OSUT" else None
 
     def find(self, quantity: str) -> str:
         """Name of a quantity's variable; empty if there is none."""

@@ -370,6 +370,27 @@ def test_times_of_currents_may_be_texts(tmp_path, stored):
     np.testing.assert_allclose(found["dac_north"].values, currents(records)["dac_north"].values, rtol=1e-9)
 
 
+@pytest.mark.parametrize("characters", [False, True], ids=["strings", "characters"])
+def test_times_of_an_observation_file_may_be_texts(tmp_path, characters):
+    whole = observation_files.write(tmp_path)
+    records = open_records(whole)
+    texts = {name: in_iso(records[name].values) for name in ("time", "fix_time")}
+    if characters:
+        texts = {name: values.astype("S24") for name, values in texts.items()}
+    written = records.drop_vars(list(texts)).assign(
+        {name: (name.removesuffix("_time"), t) for name, t in texts.items()}
+    )
+    written.to_netcdf(tmp_path / "texts.nc")
+    with open_observations(tmp_path / "texts.nc") as found, open_observations(whole) as expected:
+        assert found.profile_digest(2) == expected.profile_digest(2)
+        assert found.fix_digest(2) == expected.fix_digest(2)
+    np.testing.assert_array_equal(open_records(tmp_path / "texts.nc")["time"].values, records["time"].values)
+    texts["time"][5] = "noon"
+    written.assign(time=("time", texts["time"])).to_netcdf(tmp_path / "odd.nc")
+    with pytest.raises(InputError, match=r"odd.nc: time has a time that is not in ISO 8601 format \('noon'\)"):
+        open_observations(tmp_path / "odd.nc")
+
+
 @pytest.mark.parametrize("text", ["01/05/2024 12:00", "20240501", "noon"])
 def test_texts_that_are_no_times_are_refused_in_one_line(tmp_path, text):
     path = made.write_og1(tmp_path / "a.nc")
