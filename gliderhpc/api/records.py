@@ -95,7 +95,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     kind : str, optional
         ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; detected from the files by default.
     **options
-        Options of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (not Seaglider).
+        Options of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2``.
 
     Returns
     -------

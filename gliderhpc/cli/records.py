@@ -180,8 +180,14 @@ def slocum(
 @import_.command("seaglider")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--declination",
+    type=options.Finite(*NUMBERS["declination"].limits),
+    metavar="DEGREE",
+    help="Magnetic declination, east positive, instead of that in the files.",
+)
 @options.overwrite
-def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
+def seaglider(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import a Seaglider mission from the basestation's per-dive netCDF.
 
     SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
@@ -190,7 +196,7 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     Example:
       gliderhpc import seaglider sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _print_summary(import_seaglider(sources, out, overwrite=overwrite), results())
+    return _print_summary(import_seaglider(sources, out, declination=declination, overwrite=overwrite), results())
 
 
 @import_.command("og1")
@@ -199,7 +205,8 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.option(
     "--declination",
     type=options.Finite(*NUMBERS["declination"].limits),
-    help="Magnetic declination (degree), instead of that in the files.",
+    metavar="DEGREE",
+    help="Magnetic declination, east positive, instead of that in the files.",
 )
 @options.overwrite
 def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
