@@ -26,6 +26,7 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.compare import compare_archives
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import counted
 
 SHOWN_MESSAGES = 20
 
@@ -146,7 +147,7 @@ def check(archive: Place, deep: bool) -> int:
     with archive_errors(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
     scope = "schema and digests" if deep else "schema, no chunk is missing"
-    echo(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
+    echo(f"{archive}: conforms to its {scope}; {committed} of {counted(profiles, 'profile')} committed")
     return 0
 
 
@@ -175,8 +176,8 @@ def compare(first: Place, second: Place) -> int:
     for place, numbers in ((first, found.only_first), (second, found.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            echo(f"only in {place}: {len(numbers)} profiles ({shown})")
+            echo(f"only in {place}: {counted(len(numbers), 'profile')} ({shown})")
     for variable in found.variables:
         echo(variable.describe())
-    echo(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+    echo(f"{counted(found.same, 'profile is', 'profiles are')} the same" + (" in every value" if found.equal else ""))
     return 0 if found.equal else 1

@@ -34,6 +34,7 @@ from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.validation import describe_time, profile_spans
+from gliderhpc.wording import counted
 
 RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
@@ -229,7 +230,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     order = time_order(time)
     if len(order) < MIN_SAMPLES:
         raise InputError(
-            f"{source}: {len(order)} samples have a time between 2000 and 2099, which is too few for a current"
+            f"{source}: {counted(len(order), 'sample has', 'samples have')} a time between 2000 and 2099, which is "
+            "too few for a current"
         )
     positions = find_positions(columns)
     depth = columns.depth(positions.fixes)
@@ -251,8 +253,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
         depth = np.where(impossible, np.nan, depth)
     if len(order) < dataset.sizes[columns.dimension]:
         remarks.append(
-            f"{dataset.sizes[columns.dimension] - len(order)} samples without a valid time, or with the time of "
-            "another sample, are left out"
+            f"{counted(dataset.sizes[columns.dimension] - len(order), 'sample')} without a valid time, or with the "
+            "time of another sample, are left out"
         )
     dives = _profiles(columns, order, time, depth)
     profile = _usable(dives, depth, pitch, heading)

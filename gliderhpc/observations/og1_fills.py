@@ -24,6 +24,7 @@ from gliderhpc.observations.og1_variables import (
     sense_of_depth,
 )
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
 
 _NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
 USUAL_FILLS = (*_NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
@@ -129,7 +130,8 @@ def _describe(name: str, what: str, term: Term, values: FloatArray, lost: npt.ND
     first = int(np.flatnonzero(lost)[0])
     impossible = not low <= values[first] <= high
     outside = f"is outside {low:g} to {high:g} {term.unit}" if impossible else "has a usual fill value"
+    count = counted(int(np.count_nonzero(lost)), "sample")
     return (
-        f"{name} {outside} in {np.count_nonzero(lost)} samples, the first {values[first]:g} at sample {first}; these "
+        f"{name} {outside} in {count}, the first {values[first]:g} at sample {first}; these "
         "are treated as missing: declare its fill value"
     )

@@ -414,3 +414,9 @@ def test_times_of_an_unusual_calendar_are_no_texts():
     days = xr.date_range("2024-05-01", periods=records.sizes["time"], freq="s", calendar="noleap", use_cftime=True)
     with pytest.raises(InputError, match="time does not contain numbers"):
         currents(records.assign_coords(time=("time", days)))
+
+
+def test_one_profile_is_no_several_profiles(tmp_path):
+    mission(Glide(dives=1)).to_netcdf(tmp_path / "a.nc")
+    done = program("currents", tmp_path / "a.nc", tmp_path / "out.nc")
+    assert "1 of 1 profile has a current" in done.out
