@@ -190,10 +190,6 @@ def reject_flagged(file: ForeignFile) -> tuple[str, ...]:
     return (f"{file.path.name}: {remark}",) if remark else ()
 
 
-HEADINGS = (-181.0, 361.0)
-"""Range of headings (degree); those outside are undeclared fill values."""
-
-
 def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
     """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad.
 

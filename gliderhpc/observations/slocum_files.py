@@ -21,6 +21,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, UnitError
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
+from gliderhpc.observations.headings import RANGE
 from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
@@ -59,7 +60,7 @@ FLIGHT_SENSORS = (
     Sensor("m_depth", _LENGTH, -10.0, 2000.0, "depth"),
     Sensor("m_pitch", _ANGLE, -89.9, 89.9, "attitude"),
     Sensor("m_roll", _ANGLE, -180.0, 180.0, "attitude"),
-    Sensor("m_heading", _ANGLE, -180.0, 360.0, "attitude"),
+    Sensor("m_heading", _ANGLE, *RANGE, "attitude"),
     Sensor("m_battpos", _LENGTH, -0.5, 0.5, "battery position"),
     Sensor("m_ballast_pumped", _VOLUME, -2000.0, 2000.0),
     Sensor("m_de_oil_vol", _VOLUME, -2000.0, 2000.0),

@@ -15,7 +15,9 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.excursions import in_excursion
+from gliderhpc.observations.headings import describe_impossible, outside, remove_turns
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
 from gliderhpc.observations.slocum_binary import BinaryReader
@@ -117,7 +119,8 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
     Raises
     ------
     InputError
-        No flight record could be read; the message is that of the first unreadable file.
+        No flight record could be read; the message is that of the first unreadable file. Or the depth is negative
+        under water, or the heading in another unit than declared.
     """
     collected = _Collected()
     if files.flight or files.science:
@@ -128,8 +131,9 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
         raise InputError(next(iter(collected.rejected.values())))
     dropped: Counter[str] = Counter()
     dropped_science: Counter[str] = Counter()
-    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped)
-    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science)
+    source = next(path for path in (*files.flight, *files.decoded) if path not in collected.rejected)
+    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped, source), dropped)
+    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science, source)
     dropped.update({f"science: {reason}": count for reason, count in dropped_science.items()})
     return Mission(
         vehicles=tuple(collected.vehicles),
@@ -188,8 +192,11 @@ def _segments_in_order(rows: Rows, path: Path) -> Rows:
     return rows.where(order.rows)
 
 
-def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
-    """Join the rows, sort them by time and remove junk, which includes single rows with a damaged time."""
+def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str], source: Path) -> Rows:
+    """Join the rows, sort them by time and remove junk, which includes single rows with a damaged time.
+
+    Messages name `source`, the first file.
+    """
     parts = [keep_rows(part, ~in_excursion(part.time, brief=True), NOT_INCREASING, dropped) for part in parts]
     rows = join_rows(parts, [sensor.name for sensor in sensors])
     rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
@@ -198,8 +205,16 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
     rows = keep_rows(rows, increasing(rows.time), NOT_INCREASING, dropped)
     for sensor in sensors:
         values = rows[sensor.name]
-        junk = (values < sensor.low) | (values > sensor.high)
+        if sensor.name == "m_heading":
+            values[:], turns = remove_turns(values)
+            if turns:
+                log.warning("%s: m_heading %s", source, turns)
+        if sensor.name == "m_depth":
+            refuse_negative_depth(values, str(source), sensor.name)
+        junk = outside(values, (sensor.low, sensor.high))
         if junk.any():
+            if sensor.name == "m_heading":
+                describe_impossible(values, junk, f"{source}: {sensor.name}")
             dropped[f"{sensor.name} out of range"] += int(np.count_nonzero(junk))
             values[junk] = np.nan
     return rows
