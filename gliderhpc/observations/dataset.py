@@ -288,7 +288,7 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         if path.is_dir():
             return _records(open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
         return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
-    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
+    except (OSError, KeyError, RuntimeError, TypeError, AttributeError, UnicodeEncodeError) as error:
         content = describe_content(path) if path.is_file() else ""
         if content:
             raise InputError(f"{path}: {content}") from error

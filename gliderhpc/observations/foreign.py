@@ -19,6 +19,7 @@ from gliderhpc.observations.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import check_resolution
+from gliderhpc.output_files import fault_of_name
 
 log = logging.getLogger(__name__)
 
@@ -33,13 +34,16 @@ _HEADS = (
 
 
 def describe_content(path: Path) -> str:
-    """Describe a file that is not netCDF, and the remedy; empty if its first bytes do not reveal the content.
+    """Describe why a file cannot be opened as netCDF, and the remedy; empty if name and first bytes do not reveal it.
 
     Parameters
     ----------
     path : Path
         The file.
     """
+    fault = fault_of_name(path)
+    if fault:
+        return fault
     try:
         with path.open("rb") as stream:
             head = stream.read(64)
@@ -202,7 +206,7 @@ class ForeignFile(NamedColumns):
             raise InputError(f"{path}: is not a regular file")
         try:
             self._file = netCDF4.Dataset(path, "r")
-        except (OSError, RuntimeError, UnicodeDecodeError) as error:
+        except (OSError, RuntimeError, UnicodeError) as error:
             raise self._unreadable(error) from error
 
     def __enter__(self) -> Self:
