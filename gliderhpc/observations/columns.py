@@ -64,6 +64,10 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
 """Conversion factors by the wanted unit and the spelling of the declared unit, in lower case."""
 
 
+NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
+USUAL_FILLS = (*NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
+"""Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
+
 _FROM_NORTH, _DOWNWARD = r"clockwise from (?:true |geographic )?north", r"positive down(?:wards?)?"
 
 _SENSE = re.compile(

@@ -223,7 +223,8 @@ def _describe_processing(found: list[Record]) -> dict[str, str]:
         "fix_comment": "the file's GPS positions without repetitions; those that no drift below "
         f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
         "quality_comment": "times, depth, attitude, controls and fixes flagged bad or missing are left out",
-        "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged 3, 4 or 9",
+        "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged bad or "
+        "missing",
         "reference_comment": "the producer's own current and speed through the water, for comparison; no estimate uses "
         "them",
     }

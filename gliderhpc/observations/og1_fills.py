@@ -7,7 +7,7 @@ declared; these are left to the checks of the profiles, which name the variable 
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.columns import Term
+from gliderhpc.observations.columns import NEGATIVE_FILLS, USUAL_FILLS, Term
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.format import CONTROLS, VARIABLES
 from gliderhpc.observations.headings import MIN_DISTINCT, RANGE, describe_impossible, remove_turns
@@ -24,10 +24,6 @@ from gliderhpc.observations.og1_variables import (
 )
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.wording import counted
-
-_NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
-USUAL_FILLS = (*_NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
-"""Usual values of missing samples; no sensor of a glider reads exactly these."""
 
 HUGE = 1e30
 """Magnitude from which a value is a fill value, such as the netCDF library's 9.96921e36."""
@@ -96,7 +92,7 @@ def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.
         usual = np.abs(stored) >= HUGE
         outside = (values < low) | (values > high)
     # A depth in centimetres may well be 9999, but in metres it is not.
-    usual |= np.isin(stored, _NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
+    usual |= np.isin(stored, NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
     if what == "heading":
         # An impossible heading would become another angle.
         return np.asarray(usual | outside)

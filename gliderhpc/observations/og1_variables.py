@@ -18,7 +18,7 @@ from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
 from gliderhpc.observations.headings import North, file_declination, north_of
 from gliderhpc.observations.profiles import MIN_DEPTH
-from gliderhpc.observations.quality_flags import REJECTED
+from gliderhpc.observations.quality_flags import find_rejected
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns
 from gliderhpc.observations.validation import Span
@@ -206,33 +206,15 @@ def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
         except UnitError as error:
             remarks.append(f"{error}; it is left out")
             continue
-        good = ~_is_flagged(file, name, len(values))
-        if np.isfinite(values).any() and not np.isfinite(values[good]).any():
+        used = find_rejected(file, [name]).without(name, values)
+        if np.isfinite(values).any() and not np.isfinite(used).any():
             remarks.append(
-                f"{file.path.name}: every value of {name} is flagged bad or missing by {name}_QC, so it is left out; "
-                "if the values are right, correct or remove the flags"
+                f"{file.path.name}: every value of {name} is flagged bad or missing, so it is left out; if the values "
+                "are right, correct or remove the flags"
             )
             continue
-        found[what] = np.where(good, values, np.nan)
+        found[what] = used
     return found, tuple(remarks)
-
-
-def _is_flagged(file: ForeignFile, name: str, count: int) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the values of a variable that ``NAME_QC`` flags as bad or missing.
-
-    Raises
-    ------
-    InputError
-        There is another number of flags.
-    """
-    if f"{name}_QC" not in file:
-        return np.zeros(count, dtype=bool)
-    flags = file.flags(f"{name}_QC")
-    if len(flags) != count:
-        raise InputError(
-            f"{file.path}: {name}_QC has {len(flags)} values and {name} has {count}; they must have the same length"
-        )
-    return np.isin(flags, REJECTED)
 
 
 def read_gps(file: ForeignFile) -> Fixes:

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, UnitError
+from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, NEGATIVE_FILLS, UnitError
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
 from gliderhpc.observations.headings import RANGE
@@ -331,11 +331,7 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
         log.warning("%s; it is left out", error)
         return np.full(array.shape, np.nan)
     values = np.asarray(array.values, dtype=np.float64)
-    return convert(np.where(np.isfinite(values) & ~np.isin(values, _FILLS), values, np.nan))
-
-
-_FILLS = (-999.0, -9999.0, -99999.0)
-"""Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
+    return convert(np.where(np.isfinite(values) & ~np.isin(values, NEGATIVE_FILLS), values, np.nan))
 
 
 _POSITIONS = ("m_gps_lat", "m_gps_lon")
