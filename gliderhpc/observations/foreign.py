@@ -14,45 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.classic_netcdf import refuse_cut_off
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
+from gliderhpc.observations.file_content import describe_content, describe_failure
 from gliderhpc.observations.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import check_resolution
-from gliderhpc.output_files import fault_of_name
 
 log = logging.getLogger(__name__)
-
-_HEADS = (
-    (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
-    (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
-    (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
-    (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
-    (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
-    (b"<", "is a web page or XML, not the file itself; download it again"),
-)
-
-
-def describe_content(path: Path) -> str:
-    """Describe why a file cannot be opened as netCDF, and the remedy; empty if name and first bytes do not reveal it.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
-    fault = fault_of_name(path)
-    if fault:
-        return fault
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(64)
-    except OSError:
-        return ""
-    if not head:
-        return "is empty; copy it again"
-    return next((words for start, words in _HEADS if head.lstrip().startswith(start)), "")
-
 
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 
@@ -205,6 +175,7 @@ class ForeignFile(NamedColumns):
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is not a regular file")
         try:
+            refuse_cut_off(path)
             self._file = netCDF4.Dataset(path, "r")
         except (OSError, RuntimeError, UnicodeError) as error:
             raise self._unreadable(error) from error
@@ -376,7 +347,7 @@ class ForeignFile(NamedColumns):
         return known.get("scale_factor", 1.0), known.get("add_offset", 0.0)
 
     def _unreadable(self, error: Exception) -> InputError:
-        content = describe_content(self.path)
+        content = describe_failure(self.path, error)
         if content:
             return InputError(f"{self.path}: {content}")
-        return InputError(f"{self.path}: cannot be read as netCDF, it may have been truncated ({error})")
+        return InputError(f"{self.path}: cannot be read as netCDF ({error})")

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.classic_netcdf import refuse_cut_off
 
 PACKING = ("scale_factor", "add_offset")
 """Attributes by which stored values are multiplied, and to which they are added."""
@@ -21,10 +22,12 @@ def open_dataset(path: Path, **options: Any) -> xr.Dataset:
     Raises
     ------
     InputError
-        An attribute `scale_factor` or `add_offset` is no number.
+        An attribute `scale_factor` or `add_offset` is no number, or the file is truncated.
     OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError
         As for `xarray.open_dataset`.
     """
+    if path.is_file():
+        refuse_cut_off(path)
     dataset = xr.open_dataset(path, **options)
     packing = [variable.encoding.get(name) for variable in dataset.variables.values() for name in PACKING]
     if not any(isinstance(plain_value(value), str) for value in packing):

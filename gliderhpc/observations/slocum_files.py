@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, NEGATIVE_FILLS, UnitError
+from gliderhpc.observations.file_content import describe_failure
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
+from gliderhpc.observations.foreign import name_compressed, refuse_compressed
 from gliderhpc.observations.headings import RANGE
 from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
@@ -288,7 +289,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
     except (OSError, RuntimeError, ValueError) as error:
-        content = describe_content(path) or "cannot be read as netCDF, it may be truncated; copy it again"
+        content = describe_failure(path, error) or f"cannot be read as netCDF ({first_line(error)})"
         raise InputError(f"{path}: {content}") from error
     if FLIGHT_CLOCK not in dataset.variables:
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")

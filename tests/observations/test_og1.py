@@ -266,7 +266,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
         ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),
-        (None, "cannot be read as netCDF, it may have been truncated"),
+        (None, "is truncated or damaged; copy it again"),
     ],
 )
 def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, spoil, words):

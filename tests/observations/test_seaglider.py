@@ -193,7 +193,7 @@ def changed(**changes):
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (truncated, "cannot be read as netCDF, it may have been truncated"),
+        (truncated, "is truncated or damaged; copy it again"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
         (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no sample of roll"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),

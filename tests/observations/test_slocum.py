@@ -331,7 +331,7 @@ def test_a_bad_file_is_left_out_alone(tmp_path):
     summary = import_slocum([tmp_path], out)
     assert set(summary.rejected) == {lame.name, short.name}
     assert "has no m_roll (attitude)" in summary.rejected[lame.name]
-    assert "it may be truncated" in summary.rejected[short.name]
+    assert "is truncated or damaged; copy it again" in summary.rejected[short.name]
     assert len(summary.complete) == 1
     answer = program("import", "slocum", tmp_path, out, "--overwrite")
     assert answer.status == 1
