@@ -1,6 +1,7 @@
 """``gliderhpc import`` and ``inspect``: import of an instrument's files, and checks of the records."""
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -236,12 +237,12 @@ def summary_lines(summary: ImportSummary) -> list[str]:
     pieces = summary.pieces
     names = ("file", "files") if pieces == "files" else (f"{pieces.removesuffix('s')} or file", f"{pieces} or files")
     left_out = counted(len(summary.rejected), *names)
+    every = f" every {summary.sample_interval:.4g} s" if math.isfinite(summary.sample_interval) else ""
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
         *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
         *summary.remarks,
-        f"{counted(summary.rows, 'row')} every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
-        f"dropped: {dropped}",
+        f"{counted(summary.rows, 'row')}{every}, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{counted(summary.fixes, 'fix', 'fixes')}; {counted(summary.fixes_dropped, 'implausible one')} left out",
         *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
         f"{counted(len(summary.profiles), 'profile')}, {len(summary.complete)} complete, written to {summary.path}"

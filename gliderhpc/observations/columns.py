@@ -168,7 +168,9 @@ class NamedColumns(ABC):
         declared = self.attribute("units", name).strip() or undeclared or unit
         factor = FACTORS[unit].get(bare_unit(declared).lower())
         if factor is None:
-            raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'")
+            is_pressure = unit == "m" and bare_unit(declared).lower() in FACTORS["dbar"]
+            hint = "; it is a pressure, not a depth: name it so" if is_pressure else ""
+            raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'{hint}")
         return values * factor
 
     def times(self, name: str) -> TimeArray:

@@ -346,10 +346,9 @@ def _submerged(time: TimeArray, depth: FloatArray, profile: IntArray, fixes: Sur
 def _describe_dropouts(time: TimeArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> str:
     """Remark on the depths of a file that are left out."""
     first = int(np.flatnonzero(impossible)[0])
-    return (
-        f"{np.count_nonzero(impossible)} depths that no glider can have reached from those before and after them are "
-        f"left out, the first, {depth[first]:.4g} m, at {describe_time(time[first])}"
-    )
+    reached = "that no glider can have reached from those before and after"
+    left_out = counted(int(np.count_nonzero(impossible)), f"depth {reached} it is", f"depths {reached} them are")
+    return f"{left_out} left out, the first, {depth[first]:.4g} m, at {describe_time(time[first])}"
 
 
 def _without_doubted(fixes: SurfaceFixes, doubts: Sequence[ClockDoubt]) -> SurfaceFixes:

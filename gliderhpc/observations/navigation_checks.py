@@ -38,8 +38,9 @@ def check_pitch(source: str, pitch: FloatArray, depth: FloatArray, surface: floa
     InputError
         The records cannot be used; the message gives the remedy.
     """
-    if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
-        raise InputError(f"{source}: pitch or depth has no value")
+    empty = [name for name, values in (("pitch", pitch), ("depth", depth)) if not np.isfinite(values).any()]
+    if empty:
+        raise InputError(f"{source}: {' and '.join(empty)} without any value that is possible for a glider")
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
     if steepest < MIN_PITCH and deepest > surface:
         raise InputError(

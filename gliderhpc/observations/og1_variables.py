@@ -19,9 +19,11 @@ from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile
 from gliderhpc.observations.headings import North, file_declination, north_of
 from gliderhpc.observations.profiles import MIN_DEPTH
 from gliderhpc.observations.quality_flags import find_rejected
-from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 from gliderhpc.observations.validation import Span
+from gliderhpc.wording import counted
 
 TIME = Term(("TIME",), "s")
 DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
@@ -90,10 +92,13 @@ def check_complete(file: ForeignFile) -> None:
     Raises
     ------
     InputError
-        Variables are missing. The message lists the missing variables, starting with the one that only the glider's
-        own files have, the variables found, and the remedy.
+        There is no row, or variables are missing. The message lists the missing variables, starting with the one that
+        only the glider's own files have, the variables found, and the remedy.
     """
     terms = {"ballast volume": BALLAST, **ATTITUDE, "depth": DEPTH, "time": TIME}
+    clock = TIME.find(file)
+    if clock is not None and not len(file.present(clock)):
+        raise InputError(f"{file.path}: has no rows ({clock} is empty)")
     lacking = {what: term for what, term in terms.items() if term.find(file) is None}
     ballast = BALLAST.find(file)
     if ballast is not None and not np.isfinite(file.numbers(ballast)).any():
@@ -163,7 +168,7 @@ def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ..
     absent: list[str] = []
     for what, term in BATTERY.items():
         name = term.find(file)
-        if name is None:
+        if name is None or not np.isfinite(file.numbers(name)).any():
             absent.append(what)
             controls[what] = np.zeros(count)
         else:
@@ -215,6 +220,18 @@ def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
             continue
         found[what] = used
     return found, tuple(remarks)
+
+
+def describe_clock(file: ForeignFile, time: TimeArray) -> tuple[str, ...]:
+    """Return a remark on the rows whose times ``(n,)`` are missing because the clock was not set."""
+    name = TIME.require(file, "time")
+    lost = np.flatnonzero(file.present(name) & np.isnat(time))
+    if not len(lost):
+        return ()
+    return (
+        f"{file.path.name}: {name} is not between {FIRST_YEAR} and {LAST_YEAR} in {counted(len(lost), 'row')}, the "
+        f"first at row {lost[0]}; these are left out: correct the clock or the unit of time",
+    )
 
 
 def read_gps(file: ForeignFile) -> Fixes:

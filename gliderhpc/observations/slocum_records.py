@@ -32,6 +32,7 @@ from gliderhpc.observations.slocum_files import (
 )
 from gliderhpc.observations.stored_reads import Reads
 from gliderhpc.observations.time_order import order_of_rows
+from gliderhpc.observations.validation import clock_set_back
 
 _NO_PART = -1
 """Number of science records, which need none because profiles consist of flight records."""
@@ -189,6 +190,9 @@ def _segments_in_order(rows: Rows, path: Path) -> Rows:
     order = order_of_rows(rows.time, list(rows.columns.values()))
     for text in order.describe():
         log.warning("%s: %s", path, text)
+    step = clock_set_back(rows.time[~in_excursion(rows.time, brief=True)])
+    if step is not None and not order.describe() and not times_by_two_clocks(rows.time):
+        log.warning("%s: the clock was set back by %.0f s; the times before or after that are wrong", path, step)
     return rows.where(order.rows)
 
 
