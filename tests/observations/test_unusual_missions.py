@@ -10,12 +10,14 @@ import xarray as xr
 from support import seaglider_files as made
 from support.glides import Glide, mission
 from support.missions import program
+from support.seaexplorer_files import write_mission
 from support.slocum_files import flight, write_netcdf
 
 from gliderhpc.api.currents import currents
 from gliderhpc.api.records import kind_of
 from gliderhpc.errors import InputError
 from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.slocum import import_slocum
 
 ROWS = 2 * len(made.og1_rows(1)["TIME"])
@@ -63,6 +65,14 @@ def test_a_file_without_rows_says_so(tmp_path):
     slocum = write_netcdf(tmp_path / "slocum.nc", {name: values[:0] for name, values in flight().items()})
     with pytest.raises(InputError, match=r"slocum.nc: no usable flight record \(it has no rows\)"):
         import_slocum([slocum], tmp_path / "out.nc")
+
+
+def test_an_empty_file_of_a_seaexplorer_is_called_so(tmp_path):
+    folder = write_mission(tmp_path / "m")
+    empty = folder / "sea099.3.gli.sub.6"
+    empty.write_text("")
+    summary = import_seaexplorer([folder], tmp_path / "out.nc")
+    assert summary.rejected == {"cycle 6": f"{empty}: is empty; copy it again"}
 
 
 def test_a_single_row_has_no_interval(tmp_path):
