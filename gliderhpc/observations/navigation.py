@@ -231,7 +231,7 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     if len(order) < MIN_SAMPLES:
         raise InputError(
             f"{source}: {counted(len(order), 'sample has', 'samples have')} a time between 2000 and 2099, which is "
-            "too few for a current"
+            f"too few for a current{columns.describe_clock()}"
         )
     positions = find_positions(columns)
     depth = columns.depth(positions.fixes)

@@ -40,7 +40,8 @@ def check_pitch(source: str, pitch: FloatArray, depth: FloatArray, surface: floa
     """
     empty = [name for name, values in (("pitch", pitch), ("depth", depth)) if not np.isfinite(values).any()]
     if empty:
-        raise InputError(f"{source}: {' and '.join(empty)} without any value that is possible for a glider")
+        verb = "has" if len(empty) == 1 else "have"
+        raise InputError(f"{source}: {' and '.join(empty)} {verb} no value that is possible for a glider")
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
     if steepest < MIN_PITCH and deepest > surface:
         raise InputError(

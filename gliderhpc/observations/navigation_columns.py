@@ -118,6 +118,13 @@ class NavigationColumns(NamedColumns):
             check_resolution(self._values(name), unit, f"{self.source}: {name}")
         return self._rejected.without_times(name, super().times(name))
 
+    def describe_clock(self) -> str:
+        """Clause on times without a unit; empty if they have one, or need none."""
+        name = self.find("time")
+        if self._dataset[name].dtype.kind not in "fiu" or self.attribute("units", name):
+            return ""
+        return f"; {name} has no units, so it is taken as {DEFAULT_UNITS}: declare its unit"
+
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""
         return texts_in(self._values(name)) if self._dataset[name].dtype.kind in "OSUT" else None

@@ -7,6 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from support import observation_files
 from support import seaglider_files as made
 from support.glides import Glide, mission
 from support.missions import program
@@ -16,6 +17,7 @@ from support.slocum_files import flight, write_netcdf
 from gliderhpc.api.currents import currents
 from gliderhpc.api.records import kind_of
 from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.slocum import import_slocum
@@ -107,7 +109,7 @@ def test_a_depth_in_decibars_is_called_a_pressure(tmp_path):
 
 def test_a_pitch_without_any_value_is_named():
     records = mission(Glide())
-    with pytest.raises(InputError, match="dataset: pitch without any value that is possible for a glider"):
+    with pytest.raises(InputError, match="dataset: pitch has no value that is possible for a glider"):
         currents(records.assign(pitch=records["pitch"].where(False)))
 
 
@@ -117,3 +119,20 @@ def test_a_single_impossible_depth_is_counted_as_one():
     depth[10] = 900.0
     found = currents(records.assign(depth=("time", depth, records["depth"].attrs)))
     assert "1 depth that no glider can have reached from those before and after it is left" in found.attrs["comment"]
+
+
+def test_times_without_a_unit_are_named():
+    records = mission(Glide())
+    seconds = (records["time"].values - records["time"].values[0]) / np.timedelta64(1, "s")
+    with pytest.raises(InputError, match="time has no units, so it is taken as seconds since 1970-01-01: declare its"):
+        currents(records.drop_vars("time").assign(time=("time", seconds)))
+
+
+def test_a_negative_depth_of_an_observation_file_is_called_so(tmp_path):
+    path = observation_files.edited(tmp_path, lambda records: records.assign(depth=-records["depth"].assign_attrs()))
+    with xr.open_dataset(path, decode_times=False) as stored:
+        stored.load()["depth"].attrs["units"] = "m"
+        stored.to_netcdf(tmp_path / "up.nc")
+    with open_observations(tmp_path / "up.nc") as found:
+        fault = "profile 1: depth is negative under water (-10.1394 m at sample 36); make it positive down"
+        assert found.faults[1] == fault
