@@ -244,6 +244,11 @@ class ForeignFile(NamedColumns):
                 check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
         return self._rejected.without_times(name, super().times(name))
 
+    def present(self, name: str) -> npt.NDArray[np.bool_]:
+        """Mask ``(n,)`` of the values of a variable that are neither missing nor rejected."""
+        there, rejected = super().present(name), self._rejected.masks.get(name)
+        return there if rejected is None else there & ~rejected
+
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""
         if not self._is_text(name):

@@ -100,7 +100,7 @@ def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
     Parameters
     ----------
     texts : (n,) array
-        Texts in the file; empty, ``nan`` or ``NaT`` where missing.
+        Texts in the file; empty, ``nan``, ``NaT``, ``NA`` or ``null`` where missing.
     where : str
         Names of the file and the variable in messages.
 
@@ -115,7 +115,7 @@ def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
         A text is in another format; the message gives it.
     """
     stripped = np.char.strip(texts.astype("U"))
-    absent = np.isin(np.char.lower(stripped), ("", "nan", "nat"))
+    absent = np.isin(np.char.lower(stripped), ("", "nan", "nat", "na", "null"))
     odd = next((text for text in stripped[~absent].tolist() if not _DATE.match(text)), None)
     if odd is not None:
         raise InputError(

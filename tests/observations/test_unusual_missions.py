@@ -21,6 +21,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.og1 import import_og1
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.observations.tables import read_table
 
 ROWS = 2 * len(made.og1_rows(1)["TIME"])
 
@@ -136,3 +137,37 @@ def test_a_negative_depth_of_an_observation_file_is_called_so(tmp_path):
     with open_observations(tmp_path / "up.nc") as found:
         fault = "profile 1: depth is negative under water (-10.1394 m at sample 36); make it positive down"
         assert found.faults[1] == fault
+
+
+TABLE = "time,depth\nUTC,m\n2024-05-01T00:00:00Z,1.0\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty; copy it again"),
+        (gzip.compress(TABLE.encode()), r"is gzip-compressed; unpack it first \(gunzip\)"),
+        (TABLE.replace("m", "°").encode("latin-1"), "is not a text in UTF-8; convert its encoding"),
+        (f"# by a program\n{TABLE}".encode(), "begins with a comment; remove it"),
+    ],
+)
+def test_a_table_that_is_none_is_called_what_it_is(tmp_path, content, words):
+    (tmp_path / "a.csv").write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        read_table(tmp_path / "a.csv")
+
+
+def test_usual_words_for_missing_values_of_a_table_are_read(tmp_path):
+    rows = "2024-05-01T00:00:01Z,NA\nNA,null\n2024-05-01T00:00:03Z,n/a\n"
+    (tmp_path / "a.csv").write_text(TABLE + rows)
+    found = read_table(tmp_path / "a.csv")
+    np.testing.assert_array_equal(found["depth"], [1.0, np.nan, np.nan, np.nan])
+    assert np.isnat(found["time"].values).tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize(("content", "words"), [(b"", "is empty; copy"), (gzip.compress(b"dbd"), "is gzip-compressed")])
+def test_a_binary_file_of_a_slocum_that_is_none_is_called_what_it_is(tmp_path, content, words):
+    pytest.importorskip("dbdreader")
+    (tmp_path / "a.dbd").write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        import_slocum([tmp_path / "a.dbd"], tmp_path / "out.nc")
