@@ -47,7 +47,7 @@ def missing_bytes(path: Path) -> int:
             return 0
         try:
             length = _Header(stream, magic[3]).file_length()
-        except (struct.error, KeyError, IndexError):
+        except (struct.error, KeyError, IndexError, OverflowError, ValueError, OSError):
             # The library refuses a header that is cut off or damaged.
             return 0
         return max(length - stream.seek(0, 2), 0)

@@ -51,6 +51,19 @@ def test_other_files_lack_nothing(tmp_path):
         assert missing_bytes(tmp_path / "a.nc") == 0
 
 
+@pytest.mark.parametrize("version", [1, 2, 5])
+def test_a_damaged_header_is_left_to_the_library(tmp_path, version):
+    rng = np.random.default_rng(version)
+    path = write(tmp_path / "a.nc", FORMATS[(1, 2, 5).index(version)], {"a": 5, "b": 5})
+    whole = path.read_bytes()
+    for _ in range(300):
+        content = bytearray(whole)
+        for place in rng.integers(4, 400, 6):
+            content[place] = rng.choice([0, 1, 127, 255])
+        path.write_bytes(content)
+        assert missing_bytes(path) >= 0
+
+
 def test_every_reader_refuses_a_cut_file_in_one_line(tmp_path):
     with xr.open_dataset(observation_files.write(tmp_path), decode_times=False) as dataset:
         records = dataset.load()
