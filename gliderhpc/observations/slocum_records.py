@@ -121,7 +121,7 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
     ------
     InputError
         No flight record could be read; the message is that of the first unreadable file. Or the depth is negative
-        under water, or the heading in another unit than declared.
+        under water, or an angle in another unit than declared.
     """
     collected = _Collected()
     if files.flight or files.science:
@@ -217,8 +217,8 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
             refuse_negative_depth(values, str(source), sensor.name)
         junk = outside(values, (sensor.low, sensor.high))
         if junk.any():
-            if sensor.name == "m_heading":
-                describe_impossible(values, junk, f"{source}: {sensor.name}")
+            if sensor.required == "attitude":
+                describe_impossible(values, junk, f"{source}: {sensor.name}", (sensor.low, sensor.high))
             dropped[f"{sensor.name} out of range"] += int(np.count_nonzero(junk))
             values[junk] = np.nan
     return rows

@@ -93,6 +93,15 @@ def test_a_slocum_s_clock_that_was_set_back_by_days_is_named(tmp_path, caplog):
     assert "a.nc: the clock was set back by 8639996 s; the times before or after that are wrong" in caplog.text
 
 
+def test_a_slocum_s_pitch_in_another_unit_than_declared_is_refused(tmp_path):
+    """It had been called missing."""
+    flown = flight()
+    flown["m_pitch"] = np.degrees(flown["m_pitch"]) + np.sin(np.arange(len(flown["m_pitch"])))
+    words = r"a.nc: m_pitch is outside -89.9 to 89.9 degree in .* of 450 samples, .*; convert it, or set its units to"
+    with pytest.raises(InputError, match=words):
+        import_slocum([write_netcdf(tmp_path / "a.nc", flown)], tmp_path / "out.nc")
+
+
 def test_a_compressed_file_of_any_kind_is_called_so(tmp_path):
     path = tmp_path / "a.nc.gz"
     path.write_bytes(gzip.compress(made.write_og1(tmp_path / "a.nc").read_bytes()))
