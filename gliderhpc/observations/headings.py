@@ -124,7 +124,7 @@ MIN_DISTINCT = 10
 
 
 _TENTHS = ((0.0, 3600.0), (-1800.0, 1800.0))
-"""Ranges of headings in tenths of a degree; an unwrapped heading within one of them cannot be told from these."""
+"""Ranges of headings in tenths of a degree; an unwrapped one within them looks the same."""
 
 
 def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
