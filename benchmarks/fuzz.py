@@ -3,7 +3,7 @@
 Usage: ``python -m benchmarks.fuzz [--seconds 600] [--seed 0] [--tree PATH] [--kinds archive,yaml] [--out DIR]`` (``make
 fuzz``); ``python -m benchmarks.fuzz --replay FILE`` runs one case again. Inputs are drawn by hypothesis from a seed, and
 every command is a fork of one process that has loaded the program of ``--tree`` (default: this one; a worktree of another
-version may be given). What counts is not a message but invariants: an exit status of 0, 1, 2 or 130; no traceback; an end
+version may be given). What counts is not a message but invariants: an exit status of 0, 1, 2, 130 or 141; no traceback; an end
 within ``--limit`` seconds and 2 GiB; inputs, and whatever lies next to the outputs, unchanged; archives equal or refused;
 no result that cannot be. Failing cases are left in DIR, one JSON file for each cause; the table goes to DIR/table.json.
 ``--kills 100`` kills each long command so many times at moments drawn from the seed, and nothing else.

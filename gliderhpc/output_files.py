@@ -4,6 +4,7 @@ import os
 import secrets
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -34,7 +35,7 @@ def check_output(
     ------
     InputError
         It is a folder, a device, a pipe or a dangling link; it exists and may not be replaced; it is one of the inputs
-        or lies in one; or its folder does not exist or cannot be written to.
+        or lies in one; or its folder is a file, does not exist or cannot be written to.
     """
     folder = _target(out).parent
     if out.is_dir():
@@ -46,12 +47,39 @@ def check_output(
     _check_no_input(out, inputs, instead)
     if out.exists() and not overwrite:
         raise InputError(f"{out}: this file exists; give {instead} or replace it with --overwrite")
+    check_parents(out, instead)
     if not folder.is_dir():
         raise InputError(f"{out}: the folder {folder} does not exist; create it first or give {instead}")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(
             f"{out}: cannot be written, you have no write permission in the folder {folder}; give {instead}"
         )
+
+
+def check_parents(out: Path, instead: str) -> None:
+    """Refuse a path in a file.
+
+    Raises
+    ------
+    InputError
+        The path goes through a file as if it were a folder; the message names that file.
+    """
+    there = next((path for path in _target(out).parents if path.exists()), None)
+    if there is not None and not there.is_dir():
+        raise InputError(f"{out}: cannot be written, {there} is a file and not a folder; give {instead}")
+
+
+def fault_of_name(path: Path) -> str:
+    """Fault of a path that libraries cannot encode, with the remedy; empty if they can.
+
+    Python opens such files, but the netCDF library does not.
+    """
+    encoding = sys.getfilesystemencoding()
+    try:
+        str(path).encode(encoding)
+    except UnicodeEncodeError:
+        return f"has characters in its path that are not valid in {encoding}; rename it, or use a locale with UTF-8"
+    return ""
 
 
 @contextmanager
@@ -70,7 +98,8 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
     Raises
     ------
     InputError
-        `check_output` refuses the file, before the block; or another program has written the file meanwhile.
+        `check_output` refuses the file, before the block; or its path cannot be encoded; or another program has written
+        the file meanwhile.
     OSError
         The file system refuses the operation.
     """
@@ -84,6 +113,11 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
             aside.replace(target)
         else:
             _rename_unless_there(aside, target, out)
+    except UnicodeEncodeError as error:
+        fault = fault_of_name(aside)
+        if not fault:
+            raise
+        raise InputError(f"{out}: {fault}") from error
     finally:
         aside.unlink(missing_ok=True)
 

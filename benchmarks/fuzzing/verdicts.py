@@ -15,7 +15,7 @@ import xarray as xr
 from benchmarks.fuzzing.program import Ended
 
 CLASSES = ("tracebacks", "hangs", "memory", "status", "changed", "wrong", "lost")
-STATUSES = (0, 1, 2, 130)
+STATUSES = (0, 1, 2, 130, 141)
 MAX_CURRENT = 5.0
 """Speed of a current (m/s) that no ocean has."""
 

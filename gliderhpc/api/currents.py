@@ -166,7 +166,7 @@ def navigation_of(
 _NETCDF = (".nc", ".nc4")
 """Endings of netCDF files."""
 
-_WITH_DECLINATION = ("slocum", "seaexplorer")
+_WITH_DECLINATION = ("slocum", "seaexplorer", "seaglider")
 """Kinds of records whose importers replace the declination in the files by a given one; OG1 is read directly."""
 
 

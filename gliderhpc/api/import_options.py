@@ -39,7 +39,7 @@ FOLDERS = ("cache",)
 BY_KIND: Mapping[str, tuple[str, ...]] = {
     "seaexplorer": ("linear_scale", "linear_zero", "include_surfacing", "declination"),
     "slocum": ("cache", "declination", "battery_scale", "battery_zero"),
-    "seaglider": (),
+    "seaglider": ("declination",),
     "og1": ("declination",),
 }
 """Names of each importer's options."""

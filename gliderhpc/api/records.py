@@ -17,7 +17,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
-from gliderhpc.observations.foreign import ForeignFile, importer_of
+from gliderhpc.observations.foreign import ForeignFile, importer_of, refuse_compressed
 from gliderhpc.observations.importing import ImportSummary
 from gliderhpc.observations.in_memory import Records, opened_records, read_records
 from gliderhpc.observations.navigation_columns import NavigationColumns
@@ -95,7 +95,7 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     kind : str, optional
         ``"seaexplorer"``, ``"slocum"``, ``"seaglider"`` or ``"og1"``; detected from the files by default.
     **options
-        Options of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2`` (not Seaglider).
+        Options of the importer, such as ``linear_scale=5e-4`` (SeaExplorer), ``declination=-9.2``.
 
     Returns
     -------
@@ -170,6 +170,7 @@ def kind_of(sources: Sequence[Path]) -> str:
         )
     if not kinds:
         _refuse_with_needs(sources)
+        refuse_compressed(path for source in sources for path in _files(source))
         raise InputError(
             f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; "
             f"give their kind, one of {', '.join(IMPORTERS)} (`gliderhpc import KIND`)"

@@ -16,6 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.report.facts import facts, flatten_settings
 from gliderhpc.store_schema import (
     check_archive,
+    committed_chunk_faults,
     damaged_chunks,
     missing_chunks,
     other_version,
@@ -23,9 +24,11 @@ from gliderhpc.store_schema import (
     read_commits,
     read_profiles,
     structure_differences,
+    version_note,
 )
 from gliderhpc.store_schema.compare import compare_archives
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import counted
 
 SHOWN_MESSAGES = 20
 
@@ -47,8 +50,9 @@ def info(archive: Place, all_messages: bool) -> int:
         # An archive of another version has other variables, so chunks of this version would seem to be missing.
         other = other_version(archive)
         missing = [] if other else missing_chunks(archive)
-    if other:
-        echo(f"note: {other}", err=True)
+        note = version_note(archive) or other
+    if note:
+        echo(f"note: {note}", err=True)
     for line in missing:
         echo(f"{archive}: {line}", err=True)
     return 1 if missing else 0
@@ -125,7 +129,8 @@ def check(archive: Place, deep: bool) -> int:
 
     It also looks for missing chunks, and compares the tables with the commits of the profiles. Exit status 1: there are
     differences, each reported in one line. With --deep every chunk is read; one that was truncated, deleted or changed
-    is reported by profile and variable, with the command that repairs it.
+    is reported by profile and variable, with the command that repairs it. Of an archive of another minor version of the
+    schema only the chunks of its profiles are checked.
 
     \b
     Examples:
@@ -133,10 +138,11 @@ def check(archive: Place, deep: bool) -> int:
       gliderhpc check mission.zarr --deep
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with archive_errors(archive):
-        differences = check_archive(archive)
-        if not differences:
+        note = version_note(archive)
+        differences = committed_chunk_faults(archive, deep=deep) if note else check_archive(archive)
+        if not differences and not note:
             differences = list(attribute_faults(read_attributes(archive)))
-        if not differences:
+        if not differences and not note:
             differences = damaged_chunks(archive) if deep else missing_chunks(archive)
     for line in differences:
         echo(line)
@@ -145,8 +151,13 @@ def check(archive: Place, deep: bool) -> int:
         return 1
     with archive_errors(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
+    count = f"{committed} of {counted(profiles, 'profile')}"
+    if note:
+        chunks = "no chunk of its profiles is missing or changed" if deep else "no chunk of its profiles is missing"
+        echo(f"{archive}: {note}; {chunks}, and it is not compared with the schema of that version; {count} committed")
+        return 0
     scope = "schema and digests" if deep else "schema, no chunk is missing"
-    echo(f"{archive}: conforms to its {scope}; {committed} of {profiles} profiles committed")
+    echo(f"{archive}: conforms to its {scope}; {count} committed")
     return 0
 
 
@@ -175,8 +186,8 @@ def compare(first: Place, second: Place) -> int:
     for place, numbers in ((first, found.only_first), (second, found.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            echo(f"only in {place}: {len(numbers)} profiles ({shown})")
+            echo(f"only in {place}: {counted(len(numbers), 'profile')} ({shown})")
     for variable in found.variables:
         echo(variable.describe())
-    echo(f"{found.same} profiles are the same" + (" in every value" if found.equal else ""))
+    echo(f"{counted(found.same, 'profile is', 'profiles are')} the same" + (" in every value" if found.equal else ""))
     return 0 if found.equal else 1

@@ -63,7 +63,8 @@ def currents(
     if found.attrs["comment"] != "none":
         echo(found.attrs["comment"])
     known = int(np.isfinite(found["dac_north"]).sum())
-    echo(f"{known} of {found.sizes['profile']} profiles have a current; written to {out}")
+    verb = "has" if known == 1 else "have"
+    echo(f"{known} of {counted(found.sizes['profile'], 'profile')} {verb} a current; written to {out}")
     return DONE if known else FAILED
 
 

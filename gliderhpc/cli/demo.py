@@ -35,6 +35,7 @@ from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES
 from gliderhpc.studies.request import Request
 from gliderhpc.twins.windows import STUDY as WINDOWS
+from gliderhpc.wording import counted
 
 
 @click.command("demo")
@@ -137,7 +138,8 @@ def run_demo(out: Path, announce: Announce, show: ShowTable, *, full: bool = Fal
         announce("compiling the kernels, once for this machine: about half a minute")
     with ExitStack() as opened:
         with compile_in_background("kernels"):
-            announce(f"simulating {scenario.profiles} dives of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
+            dives = counted(scenario.profiles, "dive")
+            announce(f"simulating {dives} of {PLATFORM} over {_days(scenario):.0f} days, seed {SEED}")
             executor = opened.enter_context(local_executor(default_workers(), warm_simulator))
             simulate_mission(platform, observations, scenario=scenario, seed=SEED, run=executor.run, overwrite=True)
             announce(_describe_light_currents(observations))

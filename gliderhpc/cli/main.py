@@ -3,6 +3,7 @@
 import importlib
 import io
 import os
+import signal
 import sys
 import warnings
 
@@ -17,6 +18,9 @@ from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: done; something failed during the run; wrong usage or input; interrupted."""
+
+UNREAD = 128 + signal.SIGPIPE
+"""Exit status if the reader of the output, such as `head`, ended first, as of any program in a shell's pipe."""
 
 VERBS = {
     "run-mission": "run_mission",
@@ -163,6 +167,8 @@ def completion_script(shell: str) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Run the program, report any error in one line, and exit with the status."""
     _open_standard_streams()
+    # Figures are drawn to files only. Matplotlib cannot be imported with an unknown backend.
+    os.environ["MPLBACKEND"] = "agg"
     verb = next((word for word in (sys.argv[1:] if arguments is None else arguments) if word in VERBS), "")
     status = _run(arguments, verb)
     sys.exit(_flush_output(status))
@@ -190,9 +196,15 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         return _report_end(str(error), UNUSABLE)
     except (KeyboardInterrupt, click.Abort):
         return _report_interruption(verb, remedy)
+    except SystemExit as end:
+        # Click ends the program if the reader of the output has ended.
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        _discard("stdout")
+        return UNREAD
     except BrokenPipeError:
         _discard("stdout")
-        return FAILED  # the reader of the output, such as `head`, has ended, so no message can be shown
+        return UNREAD
     except MemoryError:
         return _report_end(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
     except OSError as error:
@@ -247,7 +259,7 @@ def _flush_output(status: int) -> int:
             getattr(sys, name).flush()
         except BrokenPipeError:
             _discard(name)
-            status = max(status, FAILED)
+            status = status or UNREAD
         except OSError as error:
             _discard(name)
             status = _report_end(f"the output cannot be written ({error.strerror})", max(status, FAILED))

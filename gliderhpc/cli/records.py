@@ -1,6 +1,7 @@
 """``gliderhpc import`` and ``inspect``: import of an instrument's files, and checks of the records."""
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -180,8 +181,14 @@ def slocum(
 @import_.command("seaglider")
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@click.option(
+    "--declination",
+    type=options.Finite(*NUMBERS["declination"].limits),
+    metavar="DEGREE",
+    help="Magnetic declination, east positive, instead of that in the files.",
+)
 @options.overwrite
-def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
+def seaglider(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import a Seaglider mission from the basestation's per-dive netCDF.
 
     SOURCE is a folder of pGGGDDDD.nc files, or the files themselves.
@@ -190,7 +197,7 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     Example:
       gliderhpc import seaglider sg249/ mission.nc
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _print_summary(import_seaglider(sources, out, overwrite=overwrite), results())
+    return _print_summary(import_seaglider(sources, out, declination=declination, overwrite=overwrite), results())
 
 
 @import_.command("og1")
@@ -199,7 +206,8 @@ def seaglider(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 @click.option(
     "--declination",
     type=options.Finite(*NUMBERS["declination"].limits),
-    help="Magnetic declination (degree), instead of that in the files.",
+    metavar="DEGREE",
+    help="Magnetic declination, east positive, instead of that in the files.",
 )
 @options.overwrite
 def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
@@ -229,12 +237,12 @@ def summary_lines(summary: ImportSummary) -> list[str]:
     pieces = summary.pieces
     names = ("file", "files") if pieces == "files" else (f"{pieces.removesuffix('s')} or file", f"{pieces} or files")
     left_out = counted(len(summary.rejected), *names)
+    every = f" every {summary.sample_interval:.4g} s" if math.isfinite(summary.sample_interval) else ""
     return [
         *(profile.fault for profile in summary.profiles if profile.fault),
         *(f"{what}: no profile: {reason}" for what, reason in summary.without_profile.items()),
         *summary.remarks,
-        f"{counted(summary.rows, 'row')} every {summary.sample_interval:.4g} s, {summary.ctd_samples} with CTD; "
-        f"dropped: {dropped}",
+        f"{counted(summary.rows, 'row')}{every}, {summary.ctd_samples} with CTD; dropped: {dropped}",
         f"{counted(summary.fixes, 'fix', 'fixes')}; {counted(summary.fixes_dropped, 'implausible one')} left out",
         *(f"{what}: left out: {reason}" for what, reason in summary.rejected.items()),
         f"{counted(len(summary.profiles), 'profile')}, {len(summary.complete)} complete, written to {summary.path}"

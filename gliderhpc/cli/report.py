@@ -130,7 +130,7 @@ def currents(archive: Place, out: Path, deployment: Path | None, overwrite: bool
     described = {} if deployment is None else read_deployment(deployment)
     profiles, left_out = export_currents(archive, out, described=described, overwrite=overwrite)
     print_left_out(left_out)
-    echo(f"currents of {len(profiles)} profiles, written to {out}")
+    echo(f"currents of {counted(len(profiles), 'profile')}, written to {out}")
     return DONE
 
 

@@ -29,6 +29,7 @@ from gliderhpc.observations import Observations, open_observations
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -168,7 +169,7 @@ def summary_table(result: MissionResult) -> Table:
 def closing_line(result: MissionResult, store: str) -> str:
     """Summarise a run in one line: counts of profiles, median current, duration and archive."""
     done = [row for row in result.rows.values() if row["status"] == "done"]
-    parts = [f"{len(done)} of {len(result.rows)} profiles done"]
+    parts = [f"{len(done)} of {counted(len(result.rows), 'profile')} done"]
     if result.reused:
         parts[0] += f" ({len(result.reused)} of them in an earlier run)"
     if result.failed:
@@ -176,7 +177,7 @@ def closing_line(result: MissionResult, store: str) -> str:
     current = adopted_current(_current_columns(done))
     if current.known.any():
         speed = np.median(np.hypot(current.north, current.east)[current.known])
-        parts.append(f"median current {speed:.3f} m/s over {current.known.sum()} profiles ({current.label})")
+        parts.append(f"median current {speed:.3f} m/s over {counted(current.known.sum(), 'profile')} ({current.label})")
     return f"{'; '.join(parts)}; {result.seconds:.1f} s; {store}"
 
 

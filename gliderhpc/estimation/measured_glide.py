@@ -16,6 +16,7 @@ from gliderhpc.flight.glide_polar import GlidePolar, with_drag
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
             continue
         refusals += [velocity.refusal] if velocity.refusal and velocity.is_empty else []
         found += _half_difference(series, velocity)
-    remarks = (f"in {len(refusals)} profiles, the first of them: {refusals[0]}",) if refusals else ()
+    remarks = (f"in {counted(len(refusals), 'profile')}, the first of them: {refusals[0]}",) if refusals else ()
     if not found:
         return polar, remarks
     corrected, remark = _corrected(polar, found)
@@ -116,7 +117,8 @@ def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePo
         )
     deviation = math.sqrt(float(np.sum(weights * (logarithms - mean) ** 2) / weights.sum()))
     changed = replace(polar, platform=with_drag(polar.platform, math.exp(mean)), deviation=deviation)
-    return changed, f"drag over lift from the measured velocity relative to the water in {len(found)} profiles"
+    where = counted(len(found), "profile")
+    return changed, f"drag over lift from the measured velocity relative to the water in {where}"
 
 
 def _half_difference(series: ProfileSeries, velocity: RelativeVelocity) -> list[_HalfDifference]:

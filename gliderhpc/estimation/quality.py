@@ -107,8 +107,8 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
     named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
-        f"{len(unfinished)} of {len(windows)} windows did not converge ({named}): flagged in quality, and the "
-        "smoothed estimate is better there"
+        f"{len(unfinished)} of {counted(len(windows), 'window')} did not converge ({named}): flagged in quality, and "
+        "the smoothed estimate is better there"
     ]
 
 
@@ -159,7 +159,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
         count = sum(window.outcome == outcome for window in estimate.solution.windows)
         if count:
-            lines.append(f"{count} of {len(estimate.solution.windows)} windows: {outcome.sentence}")
+            lines.append(f"{count} of {counted(len(estimate.solution.windows), 'window')}: {outcome.sentence}")
     lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
         lines.append(f"{series.gap_seconds:.0f} s of gaps in the record have no weight")

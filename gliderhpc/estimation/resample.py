@@ -21,6 +21,7 @@ from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform, Sensors
+from gliderhpc.wording import counted
 
 HARMONICS = ("sin", "cos", "sin 2", "cos 2")
 """Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
@@ -211,7 +212,8 @@ def _present(record: ProfileRecord, name: str) -> npt.NDArray[np.int64]:
     """Find the samples in which the variable `name` is present."""
     indices = np.flatnonzero(np.isfinite(getattr(record, name)))
     if len(indices) < 2:
-        raise ProfileError(f"profile {record.number}: {name} has {len(indices)} samples, but at least 2 are needed")
+        count = counted(len(indices), "sample")
+        raise ProfileError(f"profile {record.number}: {name} has {count}, but at least 2 are needed")
     return indices
 
 

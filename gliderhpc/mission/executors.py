@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from gliderhpc.errors import RunStoppedError, message_line
 from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message, default_workers
+from gliderhpc.wording import counted
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -37,7 +38,7 @@ class WorkerKilledError(Exception):
     """All workers of a job died, while running it or while it was queued behind a job that kills workers."""
 
     def __init__(self, deaths: int) -> None:
-        super().__init__(f"the worker was killed or ran out of memory {deaths} times")
+        super().__init__(f"the worker was killed or ran out of memory {counted(deaths, 'time')}")
 
 
 @dataclass(frozen=True, eq=False)

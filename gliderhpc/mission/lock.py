@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gliderhpc.errors import InputError, RunStoppedError
-from gliderhpc.output_files import link_unless_there
+from gliderhpc.output_files import check_parents, link_unless_there
 from gliderhpc.store_schema.place import Place, absolute, is_address, network_errors, with_suffix
 
 log = logging.getLogger(__name__)
@@ -242,6 +242,8 @@ def locked(archive: Place) -> Iterator[str]:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
+        if isinstance(error, FileExistsError | NotADirectoryError):
+            check_parents(Path(absolute(archive)), "another place with --store")
         raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with --store") from None
     stop = threading.Event()
     refresher = threading.Thread(target=_keep_refreshing, args=(place, holder, stop), daemon=True)

@@ -208,7 +208,8 @@ def prepare_archive(
     for index in validity.outstanding:
         rows.begin(index)
     if validity.outstanding:
-        mark_studies_outdated(store, f"made before {len(validity.outstanding)} profiles were computed again or added")
+        recomputed = counted(len(validity.outstanding), "profile was", "profiles were")
+        mark_studies_outdated(store, f"made before {recomputed} computed again or added")
     write_coordinates(store)
     write_mission_table(store, validity.valid)
     set_attributes(store, attributes)

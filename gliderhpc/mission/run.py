@@ -34,6 +34,7 @@ from gliderhpc.store_schema.place import Place, absolute, place_in_memory, remov
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.store_schema.schema import COMMITS, DISTURBANCE_PRIOR
 from gliderhpc.version import __version__
+from gliderhpc.wording import counted
 
 log = logging.getLogger(__name__)
 
@@ -279,7 +280,8 @@ def _log_result(done: ProfileResult) -> None:
         log.info("profile %d: only its fixes have changed, so only its currents were recomputed", done.number)
         return
     detail = (
-        f" in {row['run_seconds']:.1f} s: {row['window_count']} windows, {row['converged_fraction']:.0%} converged"
+        f" in {row['run_seconds']:.1f} s: {counted(row['window_count'], 'window')}, "
+        f"{row['converged_fraction']:.0%} converged"
         if row["status"] == "done"
         else ""
     )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import decode_times, parse_times, plausible_times
+from gliderhpc.observations.times import decode_texts, decode_times
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
 """Unit of times in a file that gives none."""
@@ -63,6 +63,10 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
 }
 """Conversion factors by the wanted unit and the spelling of the declared unit, in lower case."""
 
+
+NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
+USUAL_FILLS = (*NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
+"""Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
 
 _FROM_NORTH, _DOWNWARD = r"clockwise from (?:true |geographic )?north", r"positive down(?:wards?)?"
 
@@ -164,7 +168,9 @@ class NamedColumns(ABC):
         declared = self.attribute("units", name).strip() or undeclared or unit
         factor = FACTORS[unit].get(bare_unit(declared).lower())
         if factor is None:
-            raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'")
+            is_pressure = unit == "m" and bare_unit(declared).lower() in FACTORS["dbar"]
+            hint = "; it is a pressure, not a depth: name it so" if is_pressure else ""
+            raise UnitError(f"{self.source}: {name} is in '{declared}', which cannot be converted to '{unit}'{hint}")
         return values * factor
 
     def times(self, name: str) -> TimeArray:
@@ -179,8 +185,7 @@ class NamedColumns(ABC):
         """
         texts = self.texts(name)
         if texts is not None:
-            written = parse_times(texts, f"{self.source}: {name}")
-            return np.where(plausible_times(written), written, np.datetime64("NaT", "ns"))
+            return decode_texts(texts, f"{self.source}: {name}").time
         values = self.numbers(name)
         units, calendar = (" ".join(self.attribute(key, name).split()) for key in ("units", "calendar"))
         units = units or DEFAULT_UNITS

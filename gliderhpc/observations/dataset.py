@@ -17,8 +17,8 @@ import xarray as xr
 from gliderhpc.errors import InputError, ProfileError, first_line
 from gliderhpc.observations.control_gaps import unlogged_movements
 from gliderhpc.observations.dive_phases import dive_notes
+from gliderhpc.observations.file_content import describe_failure
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
-from gliderhpc.observations.foreign import describe_content
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
@@ -288,8 +288,8 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         if path.is_dir():
             return _records(open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
         return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
-    except (OSError, KeyError, RuntimeError, TypeError, AttributeError) as error:
-        content = describe_content(path) if path.is_file() else ""
+    except (OSError, KeyError, RuntimeError, TypeError, AttributeError, UnicodeEncodeError) as error:
+        content = describe_failure(path, error) if path.is_file() else ""
         if content:
             raise InputError(f"{path}: {content}") from error
         kind = "a Zarr group" if path.is_dir() else "a netCDF file"

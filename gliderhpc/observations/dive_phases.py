@@ -4,7 +4,7 @@ A glider that parks, lies on the bottom or is held by ice does not glide. A reco
 the way to the surface. Both make a current wrong unless they are considered.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -72,6 +72,16 @@ def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, 
     deep = around(low, count).min(axis=1) > MIN_DEPTH
     ends = [(begin * _BIN, (end - 1) * _BIN + WINDOW) for begin, end in stretches(np.asarray(narrow & deep))]
     return [(time[0] + first, time[0] + last) for first, last in ends if last - first >= MIN_STATIONARY]
+
+
+_SHARE_OF_ONE_VALUE = 0.8
+"""Share of the samples of stationary stretches that have the same depth, from which the sensor may be stuck."""
+
+
+def _is_one_value(time: FloatArray, depth: FloatArray, still: Sequence[tuple[float, float]]) -> bool:
+    """Return whether most depths in each stretch are the same to the last digit; all depths are known."""
+    parts = [depth[(time >= first) & (time <= last)] for first, last in still]
+    return all(np.mean(part == np.median(part)) >= _SHARE_OF_ONE_VALUE for part in parts)
 
 
 def _extremes(time: FloatArray, depth: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
@@ -176,6 +186,8 @@ def dive_notes(time: FloatArray, depth: FloatArray, attitude: FloatArray) -> Ite
         level = np.median(np.interp(np.mean(still, axis=1), time[known], depth[known]))
         parts = f", in {len(still)} parts" if len(still) > 1 else ""
         cause = "parked, on the bottom, under ice or at a density step"
+        if _is_one_value(time[known], depth[known], still):
+            cause += "; or the pressure sensor is stuck, as the depth is the same to the last digit"
         yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} ({cause})"
     begin, end = (
         float(np.interp(time[at], time[known], depth[known]))

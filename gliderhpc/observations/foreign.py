@@ -14,40 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.classic_netcdf import refuse_cut_off
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
+from gliderhpc.observations.file_content import describe_content, describe_failure
+from gliderhpc.observations.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import check_resolution
 
 log = logging.getLogger(__name__)
-
-_HEADS = (
-    (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
-    (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
-    (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
-    (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
-    (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
-    (b"<", "is a web page or XML, not the file itself; download it again"),
-)
-
-
-def describe_content(path: Path) -> str:
-    """Describe a file that is not netCDF, and the remedy; empty if its first bytes do not reveal the content.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(64)
-    except OSError:
-        return ""
-    if not head:
-        return "is empty; copy it again"
-    return next((words for start, words in _HEADS if head.lstrip().startswith(start)), "")
-
 
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 
@@ -200,8 +175,9 @@ class ForeignFile(NamedColumns):
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is not a regular file")
         try:
+            refuse_cut_off(path)
             self._file = netCDF4.Dataset(path, "r")
-        except (OSError, RuntimeError, UnicodeDecodeError) as error:
+        except (OSError, RuntimeError, UnicodeError) as error:
             raise self._unreadable(error) from error
 
     def __enter__(self) -> Self:
@@ -267,6 +243,11 @@ class ForeignFile(NamedColumns):
             if stored.dtype.kind == "f":
                 check_resolution(stored, self.attribute("units", name) or DEFAULT_UNITS, f"{self.path}: {name}")
         return self._rejected.without_times(name, super().times(name))
+
+    def present(self, name: str) -> npt.NDArray[np.bool_]:
+        """Mask ``(n,)`` of the values of a variable that are neither missing nor rejected."""
+        there, rejected = super().present(name), self._rejected.masks.get(name)
+        return there if rejected is None else there & ~rejected
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""
@@ -348,20 +329,30 @@ class ForeignFile(NamedColumns):
         return str(values.ravel()[0]) if values.size and values.dtype.kind in "OU" else ""
 
     def _read(self, name: str) -> Any:
+        variable = self._file.variables[name]
+        packing = self._packing_in_text(name)
+        if packing is not None:
+            variable.set_auto_scale(False)
         try:
-            # The library only warns of an invalid scale factor, and returns the values unscaled.
-            # Of other attributes that it cannot use, such as a missing_value of another type, it makes no use.
+            # Of attributes that the library cannot use, such as a missing_value of another type, it only warns.
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)
-                warnings.filterwarnings("error", ".*(scale_factor|add_offset)", UserWarning)
-                return self._file.variables[name][...]
-        except (UserWarning, TypeError) as error:
-            raise InputError(f"{self.path}: {name} cannot be decoded ({error})") from error
+                values = variable[...]
         except (OSError, RuntimeError, UnicodeDecodeError, ValueError) as error:
             raise self._unreadable(error) from error
+        return values if packing is None else values * packing[0] + packing[1]
+
+    def _packing_in_text(self, name: str) -> tuple[float, float] | None:
+        """Scale factor and offset of a variable if at least one is written as text; the library uses numbers only."""
+        variable = self._file.variables[name]
+        given = {each: variable.getncattr(each) for each in PACKING if each in variable.ncattrs()}
+        if not any(isinstance(plain_value(value), str | np.ndarray) for value in given.values()):
+            return None
+        known = {each: packing_number(value, f"{self.path}: {name}", each) for each, value in given.items()}
+        return known.get("scale_factor", 1.0), known.get("add_offset", 0.0)
 
     def _unreadable(self, error: Exception) -> InputError:
-        content = describe_content(self.path)
+        content = describe_failure(self.path, error)
         if content:
             return InputError(f"{self.path}: {content}")
-        return InputError(f"{self.path}: cannot be read as netCDF, it may have been truncated ({error})")
+        return InputError(f"{self.path}: cannot be read as netCDF ({error})")

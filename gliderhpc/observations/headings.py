@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+import numpy.typing as npt
 
+from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import NamedColumns, find_name
 from gliderhpc.observations.profiles import IntArray, equal_runs
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
 
 
 class North(Enum):
@@ -108,6 +111,99 @@ def file_declination(columns: NamedColumns, names: Iterable[str]) -> FileDeclina
     values = columns.converted(name, "degree", undeclared=_UNDECLARED.get(wanted))
     known = values[np.isfinite(values) & (np.abs(np.nan_to_num(values)) <= 180.0)]
     return FileDeclination(_SIGNS[wanted] * float(np.median(known)), name) if known.size else None
+
+
+RANGE = (-181.0, 361.0)
+"""Range of headings (degree); those outside differ from one inside by whole turns, or are impossible."""
+
+_ONE_TURN_MORE = (-360.0, 540.0)
+"""Range of headings that are angles too: those of both usual ranges, turned by half a turn, or by a declination."""
+
+MIN_DISTINCT = 10
+"""Number of different impossible values from which they are no fill values."""
+
+
+_TENTHS = ((0.0, 3600.0), (-1800.0, 1800.0))
+"""Ranges of headings in tenths of a degree; an unwrapped one within them looks the same."""
+
+
+def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
+    """Remove whole turns from headings outside their range, if these are angles.
+
+    They are angles up to about one turn around the range. Beyond it, they are angles if the heading is continuous, as
+    an unwrapped one is, and cannot be in tenths of a degree.
+
+    Parameters
+    ----------
+    heading : (n,) array
+        Headings (degree) in the order of time, NaN where missing.
+
+    Returns
+    -------
+    (n,) array
+        The headings, those outside `RANGE` from 0 to 360 if they are angles, else unchanged.
+    str
+        The change in words, to follow the name of the variable; empty if there is none.
+    """
+    far = outside(heading, _ONE_TURN_MORE)
+    turned = outside(heading) & ~far
+    if len(np.unique(heading[far])) >= MIN_DISTINCT:
+        unwrapped = _is_continuous(heading) and all(outside(heading, limits).any() for limits in _TENTHS)
+        turned = outside(heading) & unwrapped
+    if not turned.any():
+        return heading, ""
+    first = int(np.flatnonzero(turned)[0])
+    text = (
+        f"is beyond -180 to 360 degree in {counted(int(np.count_nonzero(turned)), 'sample')}, the first "
+        f"{heading[first]:g} at sample {first}; whole turns are removed"
+    )
+    return np.where(turned, np.mod(heading, 360.0), heading), text
+
+
+def _is_continuous(heading: FloatArray) -> bool:
+    """Return whether a heading (degree) has no step of more than half a turn, as where it passes north."""
+    return bool((np.abs(np.diff(heading[np.isfinite(heading)])) <= 180.0).all())
+
+
+def outside(angle: FloatArray, limits: tuple[float, float] = RANGE) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the angles (degree) outside a range; missing ones are not."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((angle < limits[0]) | (angle > limits[1]))
+
+
+def describe_impossible(
+    angle: FloatArray, lost: npt.NDArray[np.bool_], where: str, limits: tuple[float, float] = RANGE
+) -> str:
+    """Count the impossible values of an angle, and name the first.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        Values (degree), NaN where missing.
+    lost : (n,) array of bool
+        Mask of the impossible ones, at least one.
+    where : str
+        Names of the file and the variable in the error.
+    limits : tuple of float
+        Range of possible values.
+
+    Raises
+    ------
+    InputError
+        Many different values are impossible, and they are most of all or those of a continuous heading: they are in
+        another unit than declared, or unwrapped.
+    """
+    first = int(np.flatnonzero(lost)[0])
+    found, count = np.count_nonzero(lost), np.count_nonzero(np.isfinite(angle))
+    text = (
+        f"is outside {limits[0]:g} to {limits[1]:g} degree in {found} of {counted(int(count), 'sample')}, the first "
+        f"{angle[first]:g} at sample {first}"
+    )
+    is_heading = limits == RANGE
+    if len(np.unique(angle[lost])) >= MIN_DISTINCT and (found > 0.5 * count or (is_heading and _is_continuous(angle))):
+        unwrapped = "; a heading over several turns must be written modulo 360" if is_heading else ""
+        raise InputError(f"{where} {text}; convert it, or set its units to those that it is in{unwrapped}")
+    return text
 
 
 MIN_FROZEN, MIN_CHANGES = 20, 0.3

@@ -34,6 +34,7 @@ from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.validation import describe_time, profile_spans
+from gliderhpc.wording import counted
 
 RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
@@ -229,7 +230,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     order = time_order(time)
     if len(order) < MIN_SAMPLES:
         raise InputError(
-            f"{source}: {len(order)} samples have a time between 2000 and 2099, which is too few for a current"
+            f"{source}: {counted(len(order), 'sample has', 'samples have')} a time between 2000 and 2099, which is "
+            f"too few for a current{columns.describe_clock()}"
         )
     positions = find_positions(columns)
     depth = columns.depth(positions.fixes)
@@ -251,8 +253,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
         depth = np.where(impossible, np.nan, depth)
     if len(order) < dataset.sizes[columns.dimension]:
         remarks.append(
-            f"{dataset.sizes[columns.dimension] - len(order)} samples without a valid time, or with the time of "
-            "another sample, are left out"
+            f"{counted(dataset.sizes[columns.dimension] - len(order), 'sample')} without a valid time, or with the "
+            "time of another sample, are left out"
         )
     dives = _profiles(columns, order, time, depth)
     profile = _usable(dives, depth, pitch, heading)
@@ -344,10 +346,9 @@ def _submerged(time: TimeArray, depth: FloatArray, profile: IntArray, fixes: Sur
 def _describe_dropouts(time: TimeArray, depth: FloatArray, impossible: npt.NDArray[np.bool_]) -> str:
     """Remark on the depths of a file that are left out."""
     first = int(np.flatnonzero(impossible)[0])
-    return (
-        f"{np.count_nonzero(impossible)} depths that no glider can have reached from those before and after them are "
-        f"left out, the first, {depth[first]:.4g} m, at {describe_time(time[first])}"
-    )
+    reached = "that no glider can have reached from those before and after"
+    left_out = counted(int(np.count_nonzero(impossible)), f"depth {reached} it is", f"depths {reached} them are")
+    return f"{left_out} left out, the first, {depth[first]:.4g} m, at {describe_time(time[first])}"
 
 
 def _without_doubted(fixes: SurfaceFixes, doubts: Sequence[ClockDoubt]) -> SurfaceFixes:

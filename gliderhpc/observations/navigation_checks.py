@@ -38,8 +38,10 @@ def check_pitch(source: str, pitch: FloatArray, depth: FloatArray, surface: floa
     InputError
         The records cannot be used; the message gives the remedy.
     """
-    if not np.isfinite(pitch).any() or not np.isfinite(depth).any():
-        raise InputError(f"{source}: pitch or depth has no value")
+    empty = [name for name, values in (("pitch", pitch), ("depth", depth)) if not np.isfinite(values).any()]
+    if empty:
+        verb = "has" if len(empty) == 1 else "have"
+        raise InputError(f"{source}: {' and '.join(empty)} {verb} no value that is possible for a glider")
     steepest, deepest = float(np.nanmax(np.abs(np.degrees(pitch)))), float(np.nanmax(depth))
     if steepest < MIN_PITCH and deepest > surface:
         raise InputError(

@@ -11,26 +11,30 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, UnitError, find_name
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
-from gliderhpc.observations.headings import VEHICLE_COLUMNS, North, file_declination, north_of
+from gliderhpc.observations.headings import (
+    RANGE,
+    VEHICLE_COLUMNS,
+    North,
+    describe_impossible,
+    file_declination,
+    north_of,
+    outside,
+    remove_turns,
+)
 from gliderhpc.observations.navigation_checks import check_depth_unit
-from gliderhpc.observations.og1_variables import HEADINGS
 from gliderhpc.observations.packed import PACKING
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
-from gliderhpc.observations.times import check_resolution
+from gliderhpc.observations.times import check_resolution, texts_in
 
 _LIMITS = {
-    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": HEADINGS,
+    "depth": (-20.0, 11_000.0), "pressure": (-20.0, 11_500.0), "pitch": (-89.9, 89.9), "heading": RANGE,
     "roll": (-180.0, 180.0), "fix_latitude": (-90.0, 90.0), "fix_longitude": (-180.0, 360.0),
     "latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0), "profile": (0.0, 2.0**31),
     **dict.fromkeys(VELOCITY, (-MAX_VELOCITY, MAX_VELOCITY)),
 }  # fmt: skip
 """Plausible ranges; values outside are undeclared fill values and are treated as missing."""
-
-
-MIN_DISTINCT = 10
-"""Number of different impossible values from which they are no fill values."""
 
 
 class NavigationColumns(NamedColumns):
@@ -114,16 +118,16 @@ class NavigationColumns(NamedColumns):
             check_resolution(self._values(name), unit, f"{self.source}: {name}")
         return self._rejected.without_times(name, super().times(name))
 
+    def describe_clock(self) -> str:
+        """Clause on times without a unit; empty if they have one, or need none."""
+        name = self.find("time")
+        if self._dataset[name].dtype.kind not in "fiu" or self.attribute("units", name):
+            return ""
+        return f"; {name} has no units, so it is taken as {DEFAULT_UNITS}: declare its unit"
+
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""
-        kind = self._dataset[name].dtype.kind
-        if kind not in "OSUT":
-            return None
-        values = self._values(name)
-        if kind == "S":
-            return np.char.decode(values, "utf-8", "replace")
-        # Other objects are times of an unusual calendar.
-        return np.asarray(values.astype("U")) if all(isinstance(value, str) for value in values.ravel()) else None
+        return texts_in(self._values(name)) if self._dataset[name].dtype.kind in "OSUT" else None
 
     def find(self, quantity: str) -> str:
         """Name of a quantity's variable; empty if there is none."""
@@ -141,6 +145,8 @@ class NavigationColumns(NamedColumns):
     def quantity(self, quantity: str, sign: float = 1.0) -> FloatArray:
         """Values of a quantity, multiplied by a sign; NaN where missing or impossible."""
         values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
+        if quantity == "heading":
+            values, _ = remove_turns(values)
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
@@ -213,7 +219,7 @@ class NavigationColumns(NamedColumns):
         return [f"no units are declared for {', '.join(taken)}"] if taken else []
 
     def out_of_range(self) -> list[str]:
-        """Remarks on impossible values of pitch and heading, which are treated as missing.
+        """Remarks on whole turns in the heading, and on impossible values of pitch and heading, treated as missing.
 
         Raises
         ------
@@ -223,19 +229,15 @@ class NavigationColumns(NamedColumns):
         remarks = []
         for quantity in ("pitch", "heading"):
             name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
-            values, (low, high) = self.converted(name, unit), _LIMITS[quantity]
-            with np.errstate(invalid="ignore"):
-                lost = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
-            if not len(lost):
-                continue
-            count = int(np.count_nonzero(np.isfinite(values)))
-            text = (
-                f"{name} is outside {low:g} to {high:g} {unit} in {len(lost)} of {count} samples, the first "
-                f"{values[lost[0]]:g} at sample {lost[0]}"
-            )
-            if len(lost) > 0.5 * count and len(np.unique(values[lost])) >= MIN_DISTINCT:
-                raise InputError(f"{self.source}: {text}; convert it, or set its units to those that it is in")
-            remarks.append(f"{text}; these are treated as missing: check its unit, or declare its fill value")
+            values, limits = self.converted(name, unit), _LIMITS[quantity]
+            if quantity == "heading":
+                values, turns = remove_turns(values)
+                remarks += [f"{name} {turns}"] if turns else []
+            lost = outside(values, limits)
+            if lost.any():
+                text = describe_impossible(values, lost, f"{self.source}: {name}", limits)
+                remedy = "these are treated as missing: check its unit, or declare its fill value"
+                remarks.append(f"{name} {text}; {remedy}")
         return remarks
 
     def depth(self, fixes: SurfaceFixes) -> FloatArray:

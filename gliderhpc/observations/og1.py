@@ -27,6 +27,7 @@ from gliderhpc.observations.og1_variables import (
     TIME,
     Declination,
     check_complete,
+    describe_clock,
     describe_fixes,
     find_declination,
     read_controls,
@@ -223,7 +224,8 @@ def _describe_processing(found: list[Record]) -> dict[str, str]:
         "fix_comment": "the file's GPS positions without repetitions; those that no drift below "
         f"{MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
         "quality_comment": "times, depth, attitude, controls and fixes flagged bad or missing are left out",
-        "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged 3, 4 or 9",
+        "ctd_comment": "temperature, salinity and pressure of the rows with attitude, without those flagged bad or "
+        "missing",
         "reference_comment": "the producer's own current and speed through the water, for comparison; no estimate uses "
         "them",
     }
@@ -249,6 +251,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     rejected = (*reject_flagged(file), *reject_fills(file))
     samples, turned, absent, unusable = _read_samples(file, declination)
     doubt = _check_heading(file)
+    clock = describe_clock(file, samples["time"].astype("datetime64[ns]"))
     order = _order(file, samples)
     samples = {name: values[order.rows] for name, values in samples.items()}
     depth = floats(samples["depth"])
@@ -262,7 +265,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
     samples = chosen_samples(samples, ordered)
     own, contradicting = drop_contradicting(numbers[rows], time, depth[rows], in_order)
-    found = find_dives(own[in_order], time[in_order], depth[ordered])
+    found = find_dives(own[in_order], time[in_order], depth[ordered], is_whole=not contradicting)
     profile = number_samples(found.spans, len(ordered))
     _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
     dives = {number: span for number, span in found.spans.items() if number not in lost}
@@ -286,7 +289,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         without_dive=found.without,
         lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in contradicting.items()},
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*rejected, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
+        remarks=(*rejected, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )
 
 

@@ -113,7 +113,9 @@ def drop_contradicting(
     return np.where(np.isin(numbers, list(lost)), _NO_DIVE, numbers), lost
 
 
-def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> Dives:
+def find_dives(
+    numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray, *, is_whole: bool = True
+) -> Dives:
     """Find the sample range of each dive.
 
     Parameters
@@ -124,18 +126,23 @@ def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: Float
         Increasing times (UTC).
     depth : (n,) array
         Depth (m), NaN where missing.
+    is_whole : bool
+        Whether no dive has been dropped, whose samples have no number.
 
     Notes
     -----
     In most files the first dive is number one, and zero means no dive; in others it is number zero. Samples numbered
-    zero are therefore a dive if they go down and come up again once. If no sample has another number, the dives are
-    detected from depth. A counter that restarts, such as that of a Slocum's segments with each mission, gives the same
-    number to several dives. If the numbers do not increase from one dive to the next, or begin with zero, the dives are
-    numbered from one in the order of time.
+    zero are therefore a dive if they go down and come up again once. If no sample has another number, or all have the
+    same although the glider came up between dives, the dives are detected from depth. A counter that restarts, such as
+    that of a Slocum's segments with each mission, gives the same number to several dives. If the numbers do not
+    increase from one dive to the next, or begin with zero, the dives are numbered from one in the order of time.
     """
-    if len(numbers) and numbers.max() == 0:
-        detected = find_dives(detect_dives(time, depth), time, depth)
-        return replace(detected, remark="its dive counter is always 0: the dives are detected from depth")
+    if (only := _only_number(numbers)) is not None:
+        detected = detect_dives(time, depth)
+        count = len(np.unique(detected[detected != _NO_DIVE]))
+        if only == 0 or (is_whole and (count > 1 or (count and only < 1))):
+            what = "has no value" if only == _NO_DIVE else f"is always {only}"
+            return replace(find_dives(detected, time, depth), remark=f"its dive counter {what}: {_FROM_DEPTH}")
     found: list[tuple[int, Span]] = []
     without: dict[int, str] = {}
     for number, start, stop in _stretches(_without_strays(numbers, time, depth), depth):
@@ -152,6 +159,17 @@ def find_dives(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: Float
     what = "begins with 0" if own[0] == 0 and len(set(own)) == len(own) else "restarts or decreases"
     remark = f"its dive counter {what}: the dives are numbered from 1 in the order of time"
     return Dives({place: span for place, (_, span) in enumerate(found, 1)}, without, remark)
+
+
+_FROM_DEPTH = "the dives are detected from depth"
+
+
+def _only_number(numbers: IntArray) -> int | None:
+    """Number of all samples that have one, -1 if none has; None if there are several."""
+    found = np.unique(numbers[numbers != _NO_DIVE])
+    if len(found) > 1:
+        return None
+    return int(found[0]) if len(found) else _NO_DIVE
 
 
 def _without_strays(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:

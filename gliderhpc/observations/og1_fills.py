@@ -7,10 +7,10 @@ declared; these are left to the checks of the profiles, which name the variable 
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import Term
+from gliderhpc.observations.columns import NEGATIVE_FILLS, USUAL_FILLS, Term
 from gliderhpc.observations.foreign import ForeignFile
 from gliderhpc.observations.format import CONTROLS, VARIABLES
+from gliderhpc.observations.headings import MIN_DISTINCT, RANGE, describe_impossible, remove_turns
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
     BALLAST,
@@ -18,22 +18,15 @@ from gliderhpc.observations.og1_variables import (
     DEPTH,
     FIX_LATITUDE,
     FIX_LONGITUDE,
-    HEADINGS,
     RUDDER,
     SEAWATER,
     sense_of_depth,
 )
 from gliderhpc.observations.records import FloatArray
-
-_NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
-USUAL_FILLS = (*_NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
-"""Usual values of missing samples; no sensor of a glider reads exactly these."""
+from gliderhpc.wording import counted
 
 HUGE = 1e30
 """Magnitude from which a value is a fill value, such as the netCDF library's 9.96921e36."""
-
-MIN_DISTINCT = 10
-"""Number of different impossible values from which they are no fill values."""
 
 _TERMS: dict[str, Term] = {
     "depth": DEPTH,
@@ -63,10 +56,13 @@ def reject_fills(file: ForeignFile) -> tuple[str, ...]:
         if name is None:
             continue
         values = _in_our_unit(file, what, term, name)
-        lost = _fills(file.numbers(name), values, what)
         if what == "heading":
-            _check_headings(values, lost, f"{file.path}: {name}")
+            values, turns = remove_turns(values)
+            remarks += [f"{file.path.name}: {name} {turns}"] if turns else []
+        lost = _fills(file.numbers(name), values, what)
         if lost.any():
+            if what == "heading":
+                describe_impossible(values, lost, f"{file.path}: {name}")
             masks[name] = lost
             remarks.append(f"{file.path.name}: {_describe(name, what, term, values, lost)}")
     file.reject(masks)
@@ -86,7 +82,7 @@ def _range(what: str) -> tuple[float, float]:
     """Range of possible values; controls have none, since few different ones may well be in another unit."""
     if what in CONTROLS:
         return float("-inf"), float("inf")
-    return HEADINGS if what == "heading" else (VARIABLES[what].low, VARIABLES[what].high)
+    return RANGE if what == "heading" else (VARIABLES[what].low, VARIABLES[what].high)
 
 
 def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.bool_]:
@@ -96,7 +92,7 @@ def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.
         usual = np.abs(stored) >= HUGE
         outside = (values < low) | (values > high)
     # A depth in centimetres may well be 9999, but in metres it is not.
-    usual |= np.isin(stored, _NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
+    usual |= np.isin(stored, NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
     if what == "heading":
         # An impossible heading would become another angle.
         return np.asarray(usual | outside)
@@ -106,30 +102,14 @@ def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.
     return np.asarray(usual if in_another_unit else usual | outside)
 
 
-def _check_headings(values: FloatArray, lost: npt.NDArray[np.bool_], where: str) -> None:
-    """Refuse headings most of which are impossible and differ from each other.
-
-    Raises
-    ------
-    InputError
-        The headings are in another unit than declared.
-    """
-    count = int(np.count_nonzero(np.isfinite(values)))
-    found = np.count_nonzero(lost)
-    if found > 0.5 * count and len(np.unique(values[lost])) >= MIN_DISTINCT:
-        raise InputError(
-            f"{where} is outside {HEADINGS[0]:g} to {HEADINGS[1]:g} degree in {found} of {count} samples, the first "
-            f"{values[lost][0]:g}; convert it, or set its units to those that it is in"
-        )
-
-
 def _describe(name: str, what: str, term: Term, values: FloatArray, lost: npt.NDArray[np.bool_]) -> str:
     """Sentence that counts the fill values of a variable, with the remedy."""
     low, high = _range(what)
     first = int(np.flatnonzero(lost)[0])
     impossible = not low <= values[first] <= high
     outside = f"is outside {low:g} to {high:g} {term.unit}" if impossible else "has a usual fill value"
+    count = counted(int(np.count_nonzero(lost)), "sample")
     return (
-        f"{name} {outside} in {np.count_nonzero(lost)} samples, the first {values[first]:g} at sample {first}; these "
+        f"{name} {outside} in {count}, the first {values[first]:g} at sample {first}; these "
         "are treated as missing: declare its fill value"
     )

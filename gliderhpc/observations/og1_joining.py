@@ -121,7 +121,7 @@ def _joined(first: Record, second: Record) -> Record | None:
     samples = {name: values[rows] for name, values in samples.items()}
     depth = floats(samples["depth"])
     counter = detect_dives(time, depth) if by_depth else np.concatenate([first.counter, second.counter])[rows]
-    found = find_dives(counter, time, depth)
+    found = find_dives(counter, time, depth, is_whole=not (first.lost or second.lost))
     lost = first.lost | second.lost
     dives = {number: span for number, span in found.spans.items() if number not in lost}
     return replace(

@@ -18,10 +18,12 @@ from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
 from gliderhpc.observations.headings import North, file_declination, north_of
 from gliderhpc.observations.profiles import MIN_DEPTH
-from gliderhpc.observations.quality_flags import REJECTED
-from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.quality_flags import find_rejected
+from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 from gliderhpc.observations.validation import Span
+from gliderhpc.wording import counted
 
 TIME = Term(("TIME",), "s")
 DEPTH = Term(("DEPTH", "GLIDER_DEPTH"), "m")
@@ -90,10 +92,13 @@ def check_complete(file: ForeignFile) -> None:
     Raises
     ------
     InputError
-        Variables are missing. The message lists the missing variables, starting with the one that only the glider's
-        own files have, the variables found, and the remedy.
+        There is no row, or variables are missing. The message lists the missing variables, starting with the one that
+        only the glider's own files have, the variables found, and the remedy.
     """
     terms = {"ballast volume": BALLAST, **ATTITUDE, "depth": DEPTH, "time": TIME}
+    clock = TIME.find(file)
+    if clock is not None and not len(file.present(clock)):
+        raise InputError(f"{file.path}: has no rows ({clock} is empty)")
     lacking = {what: term for what, term in terms.items() if term.find(file) is None}
     ballast = BALLAST.find(file)
     if ballast is not None and not np.isfinite(file.numbers(ballast)).any():
@@ -163,7 +168,7 @@ def read_controls(file: ForeignFile, count: int) -> tuple[Columns, tuple[str, ..
     absent: list[str] = []
     for what, term in BATTERY.items():
         name = term.find(file)
-        if name is None:
+        if name is None or not np.isfinite(file.numbers(name)).any():
             absent.append(what)
             controls[what] = np.zeros(count)
         else:
@@ -190,10 +195,6 @@ def reject_flagged(file: ForeignFile) -> tuple[str, ...]:
     return (f"{file.path.name}: {remark}",) if remark else ()
 
 
-HEADINGS = (-181.0, 361.0)
-"""Range of headings (degree); those outside are undeclared fill values."""
-
-
 def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
     """Temperature (degC), practical salinity and pressure (dbar), ``(n,)`` each; NaN where missing or bad.
 
@@ -210,33 +211,27 @@ def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:
         except UnitError as error:
             remarks.append(f"{error}; it is left out")
             continue
-        good = ~_is_flagged(file, name, len(values))
-        if np.isfinite(values).any() and not np.isfinite(values[good]).any():
+        used = find_rejected(file, [name]).without(name, values)
+        if np.isfinite(values).any() and not np.isfinite(used).any():
             remarks.append(
-                f"{file.path.name}: every value of {name} is flagged bad or missing by {name}_QC, so it is left out; "
-                "if the values are right, correct or remove the flags"
+                f"{file.path.name}: every value of {name} is flagged bad or missing, so it is left out; if the values "
+                "are right, correct or remove the flags"
             )
             continue
-        found[what] = np.where(good, values, np.nan)
+        found[what] = used
     return found, tuple(remarks)
 
 
-def _is_flagged(file: ForeignFile, name: str, count: int) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the values of a variable that ``NAME_QC`` flags as bad or missing.
-
-    Raises
-    ------
-    InputError
-        There is another number of flags.
-    """
-    if f"{name}_QC" not in file:
-        return np.zeros(count, dtype=bool)
-    flags = file.flags(f"{name}_QC")
-    if len(flags) != count:
-        raise InputError(
-            f"{file.path}: {name}_QC has {len(flags)} values and {name} has {count}; they must have the same length"
-        )
-    return np.isin(flags, REJECTED)
+def describe_clock(file: ForeignFile, time: TimeArray) -> tuple[str, ...]:
+    """Return a remark on the rows whose times ``(n,)`` are missing because the clock was not set."""
+    name = TIME.require(file, "time")
+    lost = np.flatnonzero(file.present(name) & np.isnat(time))
+    if not len(lost):
+        return ()
+    return (
+        f"{file.path.name}: {name} is not between {FIRST_YEAR} and {LAST_YEAR} in {counted(len(lost), 'row')}, the "
+        f"first at row {lost[0]}; these are left out: correct the clock or the unit of time",
+    )
 
 
 def read_gps(file: ForeignFile) -> Fixes:

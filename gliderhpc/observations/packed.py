@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.classic_netcdf import refuse_cut_off
 
 PACKING = ("scale_factor", "add_offset")
 """Attributes by which stored values are multiplied, and to which they are added."""
@@ -21,13 +22,15 @@ def open_dataset(path: Path, **options: Any) -> xr.Dataset:
     Raises
     ------
     InputError
-        An attribute `scale_factor` or `add_offset` is no number.
+        An attribute `scale_factor` or `add_offset` is no number, or the file is truncated.
     OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError
         As for `xarray.open_dataset`.
     """
+    if path.is_file():
+        refuse_cut_off(path)
     dataset = xr.open_dataset(path, **options)
     packing = [variable.encoding.get(name) for variable in dataset.variables.values() for name in PACKING]
-    if not any(isinstance(_plain(value), str) for value in packing):
+    if not any(isinstance(plain_value(value), str) for value in packing):
         return dataset
     dataset.close()
     return _with_numbers(path, options)
@@ -40,8 +43,8 @@ def _with_numbers(path: Path, options: dict[str, Any]) -> xr.Dataset:
     try:
         for name, variable in stored.variables.items():
             for attribute in PACKING:
-                if isinstance(text := _plain(variable.attrs.get(attribute)), str):
-                    variable.attrs[attribute] = _number(text, f"{path}: {name}", attribute)
+                if isinstance(text := plain_value(variable.attrs.get(attribute)), str):
+                    variable.attrs[attribute] = packing_number(text, f"{path}: {name}", attribute)
     except InputError:
         stored.close()
         raise
@@ -49,14 +52,30 @@ def _with_numbers(path: Path, options: dict[str, Any]) -> xr.Dataset:
     return decoded.load() if options.get("cache") else decoded
 
 
-def _plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
+    """Return the only value of an array of size 1; anything else unchanged."""
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
 
 
-def _number(text: str, where: str, attribute: str) -> float:
+def packing_number(value: Any, where: str, attribute: str) -> float:
+    """Number that an attribute `scale_factor` or `add_offset` gives, also as text.
+
+    Parameters
+    ----------
+    value : str, number or array of size 1
+        The attribute.
+    where, attribute : str
+        Names of the file and variable, and of the attribute, in messages.
+
+    Raises
+    ------
+    InputError
+        It is no number.
+    """
+    plain = plain_value(value)
     try:
-        return float(text)
-    except ValueError:
+        return float(plain)
+    except (TypeError, ValueError):
         raise InputError(
-            f"{where} has the {attribute} '{text}', which is not a number; correct this attribute"
+            f"{where} has the {attribute} '{plain}', which is not a number; correct this attribute"
         ) from None

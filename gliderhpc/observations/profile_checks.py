@@ -172,6 +172,9 @@ def check_values(variable: Variable, values: FloatArray, number: int, start: int
         Sample number of the first value in the file.
     """
     bad = np.flatnonzero(outside_range(variable, values))
+    if len(bad) and variable.name == "depth" and np.nanmedian(values) < 0.0:
+        first = f"{values[bad[0]]:g} m at sample {start + bad[0]}"
+        return f"profile {number}: depth is negative under water ({first}); make it positive down"
     if len(bad):
         return (
             f"profile {number}: {variable.name} is {values[bad[0]]:g} {variable.unit} at sample {start + bad[0]}, "

@@ -144,7 +144,6 @@ CLOCK_STEP = np.timedelta64(1, "D")
 WRONG_FIELDS = "wrong number of fields"
 UNREADABLE = "unreadable value"
 CLOCK_NOT_SET = "clock not set"
-OUT_OF_RANGE = "value out of range"
 
 _DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (\d\d:\d\d:\d\d(?:\.\d+)?)")
 
@@ -224,6 +223,8 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     """Read the rows of a file, and count the dropped rows by reason."""
     dropped: Counter[str] = Counter()
     header, *lines = _lines(path)
+    if not header:
+        raise InputError(f"{path}: is empty; copy it again")
     fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
@@ -301,11 +302,11 @@ def _unreadable_value(parts: Sequence[str], clock: str, fields: Sequence[str], n
 
 def _drop_implausible(rows: Rows, ranges: Mapping[str, tuple[float, float]], dropped: Counter[str]) -> Rows:
     """Drop the rows with a value outside the open range of its column."""
-    plausible = np.ones(len(rows), dtype=bool)
     for name, (low, high) in ranges.items():
         # An empty field (NaN) compares false: it is missing, and not out of range.
-        plausible &= ~((rows[name] <= low) | (rows[name] >= high))
-    return keep_rows(rows, plausible, OUT_OF_RANGE, dropped)
+        plausible = ~((rows[name] <= low) | (rows[name] >= high))
+        rows = keep_rows(rows, plausible, f"{name} out of range", dropped)
+    return rows
 
 
 def _drop_unset_clock(rows: Rows, where: str, dropped: Counter[str]) -> Rows:

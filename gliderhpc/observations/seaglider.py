@@ -85,7 +85,12 @@ def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
 
 
 def import_seaglider(
-    sources: Sequence[Path], out: Path, *, overwrite: bool = False, reads: Reads = read_directly
+    sources: Sequence[Path],
+    out: Path,
+    *,
+    declination: float | None = None,
+    overwrite: bool = False,
+    reads: Reads = read_directly,
 ) -> ImportSummary:
     """Turn a Seaglider's per-dive files into an observation file.
 
@@ -98,6 +103,8 @@ def import_seaglider(
         ``pGGGDDDD.nc`` files of one glider, or folders of them.
     out : Path
         The netCDF file to write.
+    declination : float, optional
+        Declination to add to the heading (degree, east positive), instead of the one in the files.
     overwrite : bool
         Replace an existing file.
     reads : Reads
@@ -114,10 +121,11 @@ def import_seaglider(
         The sources are not one glider's dives, none of them can be used, or `out` exists and may not be replaced, or
         cannot be written.
     """
-    return import_mission(partial(_read_mission, reads=reads), is_seaglider_file, sources, out, overwrite=overwrite)
+    read = partial(_read_mission, declination=declination, reads=reads)
+    return import_mission(read, is_seaglider_file, sources, out, overwrite=overwrite)
 
 
-def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
+def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
     """Read every readable dive; positions refer to the centres in the first file that has them."""
     glider, files = find_files(sources)
     found: dict[int, _DiveFile] = {}
@@ -131,7 +139,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
             without[f"dive {number}"] = str(error)
         except InputError as error:
             rejected[f"dive {number}"] = str(error)
-    declination_remarks = _complete_declinations(found)
+    declination_remarks = _complete_declinations(found, declination)
     for number, why in contradicting_dives([dive.records for dive in found.values()]).items():
         rejected[f"dive {number}"] = f"{files[number]}: {why} (time)"
         del found[number]
@@ -153,7 +161,7 @@ def _read_mission(sources: Sequence[Path], reads: Reads) -> MissionRecords:
         spans=spans,
         parts={number: (number,) for number in spans},
         fixes=fixes,
-        comments=_describe_processing(dives, centres),
+        comments=_describe_processing(dives, centres, declination),
         rejected=rejected,
         without_profile=without,
         rows_dropped=rows_dropped,
@@ -227,17 +235,21 @@ def _check_heading(dives: Sequence[_DiveFile], source: str) -> str | None:
     return check_heading_unit(joined, {0: (0, len(joined))}, source, "eng_head")
 
 
-def _complete_declinations(found: dict[int, _DiveFile]) -> tuple[str, ...]:
+def _complete_declinations(found: dict[int, _DiveFile], given: float | None) -> tuple[str, ...]:
     """Give dives without a declination that of the dive before, else after them; return remarks on these dives.
 
-    The declination of a mission changes slowly. Without any, the headings remain magnetic.
+    The declination of a mission changes slowly. Without any, the headings remain magnetic. A declination that the user
+    gives replaces those of all dives.
     """
+    if given is not None:
+        found |= {number: item.with_dive(item.dive.turned(given)) for number, item in found.items()}
+        return ()
     known = {number: item.dive.declination for number, item in found.items() if np.isfinite(item.dive.declination)}
     lacking = [number for number in found if number not in known]
     if lacking and not known:
         return (
-            f"{_dives(lacking)}: heading left magnetic, because no file has a declination (magnetic_variation), so the "
-            "currents will be rotated by it: add magnetic_variation (degree, east positive) to the files",
+            f"{_dives(lacking)}: heading left magnetic, because no file has a declination (magnetic_variation): give "
+            "--declination, or the currents will be rotated by it",
         )
     for number in lacking:
         source = max((other for other in known if other < number), default=min(known))
@@ -279,9 +291,17 @@ def _describe_layout(file: ForeignFile) -> str:
     return ", ".join(columns + tables)
 
 
-def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, str | float]:
+def _describe_heading(dives: list[_DiveFile], given: float | None) -> str:
+    if given is not None:
+        return f"magnetic heading plus the given declination, {given:g} degree"
+    known = [item.dive.declination for item in dives if np.isfinite(item.dive.declination)]
+    if not known:
+        return "heading left magnetic: no file has a declination"
+    return f"magnetic heading plus the file's declination, {min(known):g} to {max(known):g} degrees"
+
+
+def _describe_processing(dives: list[_DiveFile], centres: Centres, given: float | None) -> dict[str, str | float]:
     layouts = "; ".join(dict.fromkeys(item.layout for item in dives))
-    declinations = [item.dive.declination for item in dives if np.isfinite(item.dive.declination)]
     return {
         "control_columns": layouts,
         "battery_position_comment": "minus the file's position (cm, increasing aft) over 100",
@@ -293,10 +313,7 @@ def _describe_processing(dives: list[_DiveFile], centres: Centres) -> dict[str, 
         "ballast_volume_zero_count": centres[BALLAST],
         "control_comment": "positions are referred to the first dive's centres (counts of the position sensors); "
         "between the runs of the motors in the gc tables they are interpolated",
-        "heading_comment": f"magnetic heading plus the file's declination, {min(declinations):g} to "
-        f"{max(declinations):g} degrees"
-        if declinations
-        else "heading left magnetic: no file has a declination",
+        "heading_comment": _describe_heading(dives, given),
         "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
         "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
         f"that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",

@@ -23,6 +23,7 @@ from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.foreign import ForeignFile
+from gliderhpc.observations.headings import RANGE, describe_impossible, outside, remove_turns
 from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -180,7 +181,7 @@ class Dive:
     rows_dropped : int
         Number of dropped samples, whose time was missing or did not increase.
     remarks : tuple of str
-        Sentences on variables of the water that are left out.
+        Sentences on impossible headings, and on variables of the water that are left out.
     """
 
     variables: Columns
@@ -225,18 +226,18 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     if depth_name is None:
         raise InputError(f"{file.path}: has no depth")
     declination = _declination(file)
+    remarks: list[str] = []
     samples: Columns = {
         "time": time,
         "depth": file.converted(depth_name, "m"),
         "roll": file.converted("eng_rollAng", "degree"),
         "pitch": file.converted("eng_pitchAng", "degree"),
-        "heading": np.mod(file.converted("eng_head", "degree") + np.nan_to_num(declination), 360.0),
+        "heading": np.mod(_magnetic_heading(file, remarks) + np.nan_to_num(declination), 360.0),
         # The file's positions increase aft.
         "battery_position": -0.01 * position(file, PITCH, time, centres),
         "battery_rotation": position(file, ROLL, time, centres),
         "ballast_volume": position(file, BALLAST, time, centres),
     }
-    remarks: list[str] = []
     pressure = _water(file, "pressure", "dbar", remarks) if "pressure" in file else None
     if pressure is not None:
         samples["pressure"] = pressure
@@ -249,6 +250,23 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     refuse_negative_depth(depth, str(file.path), depth_name)
     start, stop = _submerged(file, depth)
     return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)), tuple(remarks))
+
+
+def _magnetic_heading(file: ForeignFile, remarks: list[str]) -> FloatArray:
+    """Magnetic heading (degree), NaN with a remark where it is impossible.
+
+    Raises
+    ------
+    InputError
+        Most headings are impossible and differ from each other.
+    """
+    heading, _ = remove_turns(file.converted("eng_head", "degree"))
+    lost = outside(heading)
+    if not lost.any():
+        return heading
+    describe_impossible(heading, lost, f"{file.path}: eng_head")
+    remarks.append(f"values of eng_head outside {RANGE[0]:g} to {RANGE[1]:g} degree are treated as missing")
+    return np.where(lost, np.nan, heading)
 
 
 def _check_clock(file: ForeignFile, time: TimeArray) -> None:

@@ -160,7 +160,8 @@ def _check_mission(mission: Mission, source: Path) -> None:
         first, second = mission.vehicles[:2]
         raise InputError(f"the sources contain records of {first} and of {second}; import one glider at a time")
     if len(mission.flight) == 0:
-        raise InputError(f"{source}: no usable flight record ({describe_reasons(mission.dropped)})")
+        reasons = describe_reasons(mission.dropped) if mission.dropped else "it has no rows"
+        raise InputError(f"{source}: no usable flight record ({reasons})")
 
 
 def _ballast_sensor(rows: Rows) -> str:

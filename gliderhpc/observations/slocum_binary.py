@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.file_content import describe_content
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows
 from gliderhpc.observations.slocum_files import Sensor, conversion, is_compressed, rows_of_seconds
@@ -346,7 +347,8 @@ def _next_block(decompressor: Any) -> bytes | None:
 def _header(path: Path, content: bytes) -> dict[str, str]:
     """Read the text header of a file, and check it and the list of sensors that may follow."""
     if not content.startswith(b"dbd_label:"):
-        raise InputError(f"{path}: is not a binary Slocum file (it does not begin with dbd_label); leave it out")
+        what = describe_content(path) or "is not a binary Slocum file (it does not begin with dbd_label); leave it out"
+        raise InputError(f"{path}: {what}")
     text = content[:4096].decode("ascii", errors="replace").split("\n")
     pairs = (line.split(":", 1) for line in text if ":" in line)
     header = {pair[0]: pair[1].strip() for pair in pairs if pair[0] in _KEYS}

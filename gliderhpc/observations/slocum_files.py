@@ -17,10 +17,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gliderhpc.errors import InputError
-from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, UnitError
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.columns import DEFAULT_UNITS, FACTORS, NEGATIVE_FILLS, UnitError
+from gliderhpc.observations.file_content import describe_failure
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.foreign import describe_content, name_compressed, refuse_compressed
+from gliderhpc.observations.foreign import name_compressed, refuse_compressed
+from gliderhpc.observations.headings import RANGE
 from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
@@ -59,7 +61,7 @@ FLIGHT_SENSORS = (
     Sensor("m_depth", _LENGTH, -10.0, 2000.0, "depth"),
     Sensor("m_pitch", _ANGLE, -89.9, 89.9, "attitude"),
     Sensor("m_roll", _ANGLE, -180.0, 180.0, "attitude"),
-    Sensor("m_heading", _ANGLE, -180.0, 360.0, "attitude"),
+    Sensor("m_heading", _ANGLE, *RANGE, "attitude"),
     Sensor("m_battpos", _LENGTH, -0.5, 0.5, "battery position"),
     Sensor("m_ballast_pumped", _VOLUME, -2000.0, 2000.0),
     Sensor("m_de_oil_vol", _VOLUME, -2000.0, 2000.0),
@@ -287,7 +289,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
     except (OSError, RuntimeError, ValueError) as error:
-        content = describe_content(path) or "cannot be read as netCDF, it may be truncated; copy it again"
+        content = describe_failure(path, error) or f"cannot be read as netCDF ({first_line(error)})"
         raise InputError(f"{path}: {content}") from error
     if FLIGHT_CLOCK not in dataset.variables:
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")
@@ -330,11 +332,7 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
         log.warning("%s; it is left out", error)
         return np.full(array.shape, np.nan)
     values = np.asarray(array.values, dtype=np.float64)
-    return convert(np.where(np.isfinite(values) & ~np.isin(values, _FILLS), values, np.nan))
-
-
-_FILLS = (-999.0, -9999.0, -99999.0)
-"""Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
+    return convert(np.where(np.isfinite(values) & ~np.isin(values, NEGATIVE_FILLS), values, np.nan))
 
 
 _POSITIONS = ("m_gps_lat", "m_gps_lon")

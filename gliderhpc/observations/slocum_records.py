@@ -15,7 +15,9 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.excursions import in_excursion
+from gliderhpc.observations.headings import describe_impossible, outside, remove_turns
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
 from gliderhpc.observations.slocum_binary import BinaryReader
@@ -30,6 +32,7 @@ from gliderhpc.observations.slocum_files import (
 )
 from gliderhpc.observations.stored_reads import Reads
 from gliderhpc.observations.time_order import order_of_rows
+from gliderhpc.observations.validation import clock_set_back
 
 _NO_PART = -1
 """Number of science records, which need none because profiles consist of flight records."""
@@ -117,7 +120,8 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
     Raises
     ------
     InputError
-        No flight record could be read; the message is that of the first unreadable file.
+        No flight record could be read; the message is that of the first unreadable file. Or the depth is negative
+        under water, or an angle in another unit than declared.
     """
     collected = _Collected()
     if files.flight or files.science:
@@ -128,8 +132,9 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
         raise InputError(next(iter(collected.rejected.values())))
     dropped: Counter[str] = Counter()
     dropped_science: Counter[str] = Counter()
-    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped), dropped)
-    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science)
+    source = next(path for path in (*files.flight, *files.decoded) if path not in collected.rejected)
+    flight = _without_hung(_in_order(collected.flight, FLIGHT_SENSORS, dropped, source), dropped)
+    science = _in_order(collected.science, SCIENCE_SENSORS, dropped_science, source)
     dropped.update({f"science: {reason}": count for reason, count in dropped_science.items()})
     return Mission(
         vehicles=tuple(collected.vehicles),
@@ -185,11 +190,17 @@ def _segments_in_order(rows: Rows, path: Path) -> Rows:
     order = order_of_rows(rows.time, list(rows.columns.values()))
     for text in order.describe():
         log.warning("%s: %s", path, text)
+    step = clock_set_back(rows.time[~in_excursion(rows.time, brief=True)])
+    if step is not None and not order.describe() and not times_by_two_clocks(rows.time):
+        log.warning("%s: the clock was set back by %.0f s; the times before or after that are wrong", path, step)
     return rows.where(order.rows)
 
 
-def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str]) -> Rows:
-    """Join the rows, sort them by time and remove junk, which includes single rows with a damaged time."""
+def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str], source: Path) -> Rows:
+    """Join the rows, sort them by time and remove junk, which includes single rows with a damaged time.
+
+    Messages name `source`, the first file.
+    """
     parts = [keep_rows(part, ~in_excursion(part.time, brief=True), NOT_INCREASING, dropped) for part in parts]
     rows = join_rows(parts, [sensor.name for sensor in sensors])
     rows = keep_rows(rows, ~np.isnat(rows.time), CLOCK_NOT_SET, dropped)
@@ -198,8 +209,16 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
     rows = keep_rows(rows, increasing(rows.time), NOT_INCREASING, dropped)
     for sensor in sensors:
         values = rows[sensor.name]
-        junk = (values < sensor.low) | (values > sensor.high)
+        if sensor.name == "m_heading":
+            values[:], turns = remove_turns(values)
+            if turns:
+                log.warning("%s: m_heading %s", source, turns)
+        if sensor.name == "m_depth":
+            refuse_negative_depth(values, str(source), sensor.name)
+        junk = outside(values, (sensor.low, sensor.high))
         if junk.any():
+            if sensor.required == "attitude":
+                describe_impossible(values, junk, f"{source}: {sensor.name}", (sensor.low, sensor.high))
             dropped[f"{sensor.name} out of range"] += int(np.count_nonzero(junk))
             values[junk] = np.nan
     return rows

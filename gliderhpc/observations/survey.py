@@ -21,7 +21,7 @@ from gliderhpc.observations.profile_checks import (
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.sign_checks import GLIDE, check_signs
-from gliderhpc.observations.times import DecodedTimes, decode_times
+from gliderhpc.observations.times import DecodedTimes, decode_texts, decode_times, texts_in
 from gliderhpc.observations.validation import (
     Span,
     check_clock,
@@ -68,9 +68,11 @@ class StoredVariables:
         """Read a slice of one of the time variables."""
         if name in self._whole:
             return self._whole[name].part(start, stop)
-        attributes = self.dataset[name].attrs
+        attributes, where = self.dataset[name].attrs, f"{self.path}: {name}"
         units, calendar = (str(attributes.get(key, "")) for key in ("units", "calendar"))
-        decoded = decode_times(self._read(name, start, stop), units, calendar, f"{self.path}: {name}")
+        values = self._read(name, start, stop)
+        texts = texts_in(values)
+        decoded = decode_times(values, units, calendar, where) if texts is None else decode_texts(texts, where)
         if start == 0 and stop == self.dataset[name].size:
             self._whole[name] = decoded
         return decoded

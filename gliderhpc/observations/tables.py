@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.file_content import describe_content
 from gliderhpc.observations.times import parse_times
 
 _UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
@@ -17,6 +18,9 @@ _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.
 
 _NUMERIC_UNITS = ("1", "1e-3", "0.001")
 """Units of dimensionless quantities."""
+
+_MISSING = ("", "nan", "na", "n/a", "null")
+"""Missing values as programs write them, in lower case."""
 
 _TIME_UNIT = "utc"
 """Unit in ERDDAP tables of times in ISO 8601."""
@@ -48,8 +52,12 @@ def read_table(path: Path) -> xr.Dataset:
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise InputError(f"{path}: cannot be read as an ERDDAP table ({reason})") from error
+        what = describe_content(path)
+        if not what and isinstance(error, UnicodeDecodeError):
+            what = "is not a text in UTF-8; convert its encoding"
+        raise InputError(f"{path}: {what or f'cannot be read as an ERDDAP table ({first_line(error)})'}") from error
+    if table.columns[0].startswith("#"):
+        raise InputError(f"{path}: begins with a comment; remove it, so that the names of the columns come first")
     _check_separator([str(column) for column in table.columns], path)
     heads = [_UNIT_IN_HEAD.match(str(column)) for column in table.columns]
     if any(heads):
@@ -106,7 +114,7 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
     if unit.lower() == _TIME_UNIT:
         return parse_times(texts, f"{path}: {name}"), {"standard_name": "time"}
     numbers = pd.to_numeric(pd.Series(texts).replace("", "NaN"), errors="coerce").to_numpy(dtype=np.float64)
-    missing = np.isin(np.char.lower(texts), ("", "nan"))
+    missing = np.isin(np.char.lower(texts), _MISSING)
     odd = np.flatnonzero(np.isnan(numbers) & ~missing)
     if not len(odd):
         return numbers, {"units": unit} if unit else {}

@@ -3,6 +3,7 @@
 import re
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,7 +100,7 @@ def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
     Parameters
     ----------
     texts : (n,) array
-        Texts in the file; empty, ``nan`` or ``NaT`` where missing.
+        Texts in the file; empty, ``nan``, ``NaT``, ``NA`` or ``null`` where missing.
     where : str
         Names of the file and the variable in messages.
 
@@ -114,7 +115,7 @@ def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
         A text is in another format; the message gives it.
     """
     stripped = np.char.strip(texts.astype("U"))
-    absent = np.isin(np.char.lower(stripped), ("", "nan", "nat"))
+    absent = np.isin(np.char.lower(stripped), ("", "nan", "nat", "na", "null"))
     odd = next((text for text in stripped[~absent].tolist() if not _DATE.match(text)), None)
     if odd is not None:
         raise InputError(
@@ -128,6 +129,22 @@ def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:
             return plain.astype("datetime64[ns]")
     except ValueError as error:
         raise InputError(f"{where} has a time that is not in ISO 8601 format ({error})") from error
+
+
+def texts_in(values: npt.NDArray[Any]) -> npt.NDArray[np.str_] | None:
+    """Texts in an array of strings, bytes or objects; None if it has other values, as times of an unusual calendar."""
+    if values.dtype.kind == "S":
+        return np.char.decode(values, "utf-8", "replace")
+    if values.dtype.kind not in "OUT" or not all(isinstance(value, str) for value in values.ravel()):
+        return None
+    return np.asarray(values.astype("U"))
+
+
+def decode_texts(texts: npt.NDArray[np.str_], where: str) -> DecodedTimes:
+    """Decode times that are written in ISO 8601, as `decode_times` does numbers; for errors see `parse_times`."""
+    time = parse_times(texts, where)
+    implausible = ~plausible_times(time) & ~np.isnat(time)
+    return DecodedTimes(np.where(implausible, np.datetime64("NaT", "ns"), time), implausible)
 
 
 def check_time_unit(units: str, calendar: str, where: str) -> None:

@@ -16,7 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
 from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_resolution, check_time_unit
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_resolution, check_time_unit, texts_in
 
 MAX_PROFILE_NUMBER = 1_000_000
 """Greatest profile number; greater values are undeclared fill values."""
@@ -204,8 +204,11 @@ def _check_complete(names: Sequence[str], path: str) -> None:
 def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:
     _check_dimension(array, dimension, path)
     if not np.issubdtype(array.dtype, np.number):
+        if texts_in(array.values) is not None:
+            return
         raise InputError(
-            f"{path}: {array.name} contains {array.dtype} values; it must contain numbers in a CF unit of time"
+            f"{path}: {array.name} contains {array.dtype} values; it must contain numbers in a CF unit of time, or "
+            "texts in ISO 8601"
         )
     units, calendar = (str(array.attrs.get(key, "")) for key in ("units", "calendar"))
     check_time_unit(units, calendar, f"{path}: {array.name}")

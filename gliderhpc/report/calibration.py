@@ -13,6 +13,7 @@ from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.tuning.segment_errors import LATERAL
 from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
+from gliderhpc.wording import counted
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
 DIRECTIONS = ("singular value", "main parameters")
@@ -179,7 +180,7 @@ def figures(values: np.ndarray) -> list[str]:
 
 def _numbers(score: Score) -> str:
     plural = "s" if len(score.profiles) > 1 else ""
-    return f"{score.segments} segments of profile{plural} {', '.join(map(str, score.profiles))}"
+    return f"{counted(score.segments, 'segment')} of profile{plural} {', '.join(map(str, score.profiles))}"
 
 
 def _sentence(p: CalibratedParameter) -> str:

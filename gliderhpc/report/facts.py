@@ -80,7 +80,7 @@ def facts_of(data: ProfileData, truth: xr.Dataset | None) -> list[str]:
     """Return lines on the results of a profile; `message_lines` has its message."""
     attributes, table = data.attributes, data.table
     facts = (
-        f"preset {attributes.get('preset', 'unknown')} · {int(table['window_count'])} windows, "
+        f"preset {attributes.get('preset', 'unknown')} · {counted(int(table['window_count']), 'window')}, "
         f"{table['converged_fraction']:.1%} converged · {data.time[-1] / 60.0:.0f} min, "
         f"to {table['max_depth']:.0f} m"
     )

@@ -27,6 +27,7 @@ from gliderhpc.report.surfacing_message import (
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
 from gliderhpc.vocabulary import QUALITY
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -221,7 +222,7 @@ def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
     if gated > _MANY_GATED * samples:
-        remarks.append(f"the filter rejected {gated} of {samples} samples")
+        remarks.append(f"the filter rejected {gated} of {counted(samples, 'sample')}")
     if data.estimate != SMOOTHED:
         remarks.append("the smoother diverged; the filter's estimate is used")
     for meaning, share in _SHARES.items():

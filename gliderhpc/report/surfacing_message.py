@@ -5,6 +5,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.report.facts import polar, with_deviation
+from gliderhpc.wording import counted
 
 MESSAGE_VERSION = "1.2"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
@@ -201,7 +202,8 @@ class SurfacingMessage(_Part):
         if self.inversion.status != "done":
             parts.append(f"failed: {self.inversion.message}")
         elif self.inversion.converged_fraction is not None:
-            parts.append(f"{self.inversion.converged_fraction:.0%} of {self.inversion.windows} windows converged")
+            windows = counted(self.inversion.windows, "window")
+            parts.append(f"{self.inversion.converged_fraction:.0%} of {windows} converged")
         if self.odd:
             parts.append(f"anomalies: {'; '.join(self.odd)}")
         return "; ".join(parts)

@@ -1,10 +1,10 @@
 """Mission archive: its schema as data, and creation, writing, verification and comparison of archives."""
 
-from gliderhpc.store_schema.check import check_archive, other_version, structure_differences
+from gliderhpc.store_schema.check import check_archive, other_version, structure_differences, version_note
 from gliderhpc.store_schema.commits import Commit, read_commits
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_archive, set_attributes
-from gliderhpc.store_schema.deep_check import damaged_chunks, missing_chunks
+from gliderhpc.store_schema.deep_check import committed_chunk_faults, damaged_chunks, missing_chunks
 from gliderhpc.store_schema.digests import Digests
 from gliderhpc.store_schema.place import Place, is_archive
 from gliderhpc.store_schema.rows import (
@@ -45,6 +45,7 @@ __all__ = [
     "Place",
     "check_archive",
     "clear_marker",
+    "committed_chunk_faults",
     "consolidate",
     "create_archive",
     "create_study",
@@ -62,6 +63,7 @@ __all__ = [
     "set_study_attributes",
     "structure_differences",
     "study_attributes",
+    "version_note",
     "write_coordinates",
     "write_manifests",
     "write_mission_table",

@@ -77,6 +77,23 @@ def other_version(place: Place) -> str:
     return _other_version(_opened(place))
 
 
+def version_note(place: Place) -> str:
+    """Return what can be done with an archive of another minor version of the schema; empty for any other archive.
+
+    Raises
+    ------
+    InputError
+        There is no archive of this program.
+    """
+    version = str(_opened(place).attrs.get("schema_version"))
+    if version == MISSION.version or version.partition(".")[0] != MISSION.version.partition(".")[0]:
+        return ""
+    return (
+        f"the archive has schema version {version}, and this program's is {MISSION.version}: it can be opened, studied "
+        "and reported, but not resumed or appended to"
+    )
+
+
 def _other_version(root: zarr.Group) -> str:
     version = root.attrs.get("schema_version")
     if version == MISSION.version:

@@ -17,6 +17,7 @@ from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_comm
 from gliderhpc.store_schema.place import Place, group_at
 from gliderhpc.store_schema.rows import read_attributes, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE
+from gliderhpc.wording import counted
 
 TIMED = ("run_seconds",)
 """Variables of computing time, which differ between any two runs."""
@@ -48,10 +49,10 @@ class Difference:
 
     def describe(self) -> str:
         """Describe the difference in one line."""
-        where = f"{self.variable}: differs in {len(self.profiles)} profiles ({_some(self.profiles)})"
+        where = f"{self.variable}: differs in {counted(len(self.profiles), 'profile')} ({_some(self.profiles)})"
         if np.isfinite(self.largest):
             where += f", by {self.largest:.3g} at most (root mean square of the values {self.typical:.3g})"
-        return where + (f", {self.missing} values missing in only one of the two" if self.missing else "")
+        return where + (f", {counted(self.missing, 'value')} missing in only one of the two" if self.missing else "")
 
 
 @dataclass(frozen=True)

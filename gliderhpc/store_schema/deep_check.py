@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,42 @@ def missing_chunks(place: Place) -> list[str]:
         Lines like those of :func:`damaged_chunks`.
     """
     return as_lines(_missing(place))
+
+
+def committed_chunk_faults(place: Place, *, deep: bool) -> list[str]:
+    """List the chunks of committed profiles that are missing, in an archive of any minor version of the schema.
+
+    The commits list the chunks, whatever the variables are. Tables and studies are not compared.
+
+    Parameters
+    ----------
+    place : str or Path
+        The archive.
+    deep : bool
+        Also list the chunks whose digest is another one.
+
+    Returns
+    -------
+    list of str
+        Lines like those of :func:`damaged_chunks`.
+    """
+    return as_lines(_committed_chunk_faults(place, deep))
+
+
+def _committed_chunk_faults(place: Place, deep: bool) -> Iterator[Fault]:
+    remedy = "resume it with the version of gliderhpc that made it, or run the mission again"
+    numbers, commits = read_profiles(place), read_commits(place)
+    for fault in _commit_faults(commits, numbers):
+        yield replace(fault, remedy=remedy)
+    stored, store = stored_keys(place), store_at(place, read_only=True)
+    for index, commit in _valid(commits).items():
+        profile = f"profile {numbers[index]}"
+        if not deep:
+            yield from _missing_of(commit.manifest, stored, profile, remedy)
+            continue
+        names = {key: key.rpartition("/")[0] for key, digest in commit.manifest.items() if digest is not None}
+        for damage in compared(index, names, commit.manifest, stored_digests(store, names)):
+            yield Fault(profile, damage.variable, damage.what, remedy)
 
 
 def damaged_studies(place: Place) -> list[str]:

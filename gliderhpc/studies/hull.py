@@ -33,6 +33,7 @@ from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.hull_changes import PROBABLE, HullChange, find_changes
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -191,8 +192,8 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: Hu
     mission = read_dives(archive, numbers)
     if not mission.dives:
         raise InputError(
-            f"{NAME}: none of the {len(numbers)} profiles has information on the hull, because the smoother has no "
-            "estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
+            f"{NAME}: none of the {counted(len(numbers), 'profile')} has information on the hull, because the smoother "
+            "has no estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
     mission, check = agreeing_dives(archive, mission, robust=settings.robust)

@@ -22,7 +22,7 @@ from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.steady_balance import SteadyMotion
-from gliderhpc.wording import most_frequent_reason
+from gliderhpc.wording import counted, most_frequent_reason
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -228,7 +228,7 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     found = _average(series, bounds, steady, velocity)
     steady_mask = _steady(series, bounds, found, platform, steady)
     if not steady_mask.any():
-        raise ProfileError(f"profile {series.number}: none of {len(found)} segments is in steady flight")
+        raise ProfileError(f"profile {series.number}: none of {counted(len(found), 'segment')} is in steady flight")
     return found.select(steady_mask)
 
 

@@ -110,9 +110,7 @@ def test_a_parked_glider_does_not_move_by_itself():
     np.testing.assert_allclose(found["dac_north"], glide.current[0], atol=5e-3)
     np.testing.assert_allclose(found["dac_east"], glide.current[1], atol=5e-3)
     messages = [str(message) for message in found["message"].values]
-    assert all("at 100 m (parked, on the bottom, under ice or at a density step)" in message for message in messages), (
-        messages
-    )
+    assert all("at 100 m (parked, on the bottom, under ice or at a density step" in message for message in messages)
 
 
 @pytest.mark.parametrize("missing", [0.2, 0.4, 0.7])

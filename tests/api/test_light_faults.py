@@ -291,7 +291,8 @@ def test_a_given_declination_replaces_the_one_in_a_slocums_own_files(tmp_path):
     )
 
 
-def test_a_given_declination_is_not_added_to_a_seagliders_own_files(tmp_path):
+def test_a_given_declination_replaces_the_one_in_a_seagliders_own_files(tmp_path):
     path = seaglider_files.write_dive(tmp_path, 1, columns=True)
-    np.testing.assert_array_equal(_heading(path, 3.0), _heading(path, None))
-    assert any("is not added" in remark for remark in navigation_of([path], 3.0).remarks)
+    turned = _heading(path, None) - _heading(path, 3.0)
+    assert np.mod(turned, 360.0) == pytest.approx(seaglider_files.DECLINATION - 3.0)
+    assert not any("is not added" in remark for remark in navigation_of([path], 3.0).remarks)

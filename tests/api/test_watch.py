@@ -558,8 +558,8 @@ def test_options_are_those_of_the_importers():
     check_option_values(
         {"declination": None, "cache": None, "linear_zero": np.float32(60.0), "include_surfacing": True}
     )
-    with pytest.raises(InputError, match="the import of seaglider has no option 'declination'; it has none"):
-        FileImport("seaglider", {"declination": 3.0})
+    with pytest.raises(InputError, match="the import of seaglider has no option 'cache'; the options are declination"):
+        FileImport("seaglider", {"cache": None})
 
 
 def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypatch):

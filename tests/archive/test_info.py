@@ -129,5 +129,5 @@ def test_an_archive_of_another_version_is_not_called_damaged(archive):
     consolidate(archive)
     result = CliRunner().invoke(info, [str(archive)])
     assert result.exit_code == 0, result.output
-    assert "use the version of gliderhpc that made it" in result.stderr
+    assert "it can be opened, studied and reported, but not resumed or appended to" in result.stderr
     assert "damaged" not in result.stderr

@@ -553,7 +553,7 @@ def test_the_summary_shows_messages_as_they_are():
     text = console.export_text()
     assert "pitch [deg] is missing" in text
     assert " - " in text
-    assert closing_line(result, "a.zarr") == "0 of 1 profiles done; 1 failed: 3; 0.0 s; a.zarr"
+    assert closing_line(result, "a.zarr") == "0 of 1 profile done; 1 failed: 3; 0.0 s; a.zarr"
 
 
 def test_a_margin_as_long_as_the_default_window_is_refused(brief, tmp_path):

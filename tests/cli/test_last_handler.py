@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 import pytest
 from support.missions import program, program_apart
+from support.observation_files import write
 
 from gliderhpc.cli.console import logging_to
 from gliderhpc.cli.main import VERBS, Verbs
@@ -128,8 +129,23 @@ def test_output_that_nobody_reads():
     with subprocess.Popen(PLATFORMS, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         run.stdout.close()
         err = run.stderr.read()
-    assert run.returncode == 1
+    assert run.returncode == 141
     assert err == ""
+
+
+def test_an_unknown_backend_of_matplotlib_is_not_used(monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    answer = program_apart("demo", "--help")
+    assert (answer.status, answer.err) == (0, "")
+
+
+def test_a_locale_of_ascii_reads_other_names_or_refuses_them(monkeypatch, tmp_path):
+    for name, value in (("LC_ALL", "C"), ("PYTHONUTF8", "0"), ("PYTHONCOERCECLOCALE", "0")):
+        monkeypatch.setenv(name, value)
+    path = write(tmp_path).rename(tmp_path / "größe.nc")
+    answer = program_apart("currents", path, tmp_path / "out.nc")
+    assert answer.status == 2
+    assert "not valid in ascii; rename it, or use a locale with UTF-8" in answer.line
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,11 @@
 
 import logging
 import os
+import shutil
 import stat
 
 import pytest
+from support import seaglider_files as made
 from support.missions import program
 from support.observation_files import write
 from support.slocum_files import flight, write_netcdf
@@ -86,6 +88,7 @@ def test_places_that_are_refused(tmp_path):
     store = tmp_path / "records.zarr"
     store.mkdir()
     (store / "zarr.json").write_text("{}")
+    records = write(tmp_path).rename(tmp_path / "records.nc")
     dangling = tmp_path / "dangling.nc"
     dangling.symlink_to(tmp_path / "nowhere.nc")
     for out, words in (
@@ -93,9 +96,33 @@ def test_places_that_are_refused(tmp_path):
         (dangling, "it is a broken link"),
         (tmp_path / "absent" / "out.nc", "absent does not exist"),
         (store / "out.nc", "lies within the input"),
+        (records / "out.nc", "records.nc is a file and not a folder; give another name"),
     ):
         with pytest.raises(InputError, match=words):
             check_output(out, overwrite=True, inputs=[store, "petrel-l"])
+
+
+def test_an_archive_in_a_file_is_refused(tmp_path):
+    records = write(tmp_path)
+    answer = program("run-mission", records, "--platform", "petrel-l", "--store", records / "a.zarr", "--workers", "0")
+    assert answer.status == 2
+    assert f"{records} is a file and not a folder; give another place with --store" in answer.line
+
+
+@pytest.mark.parametrize("verb", ["currents", "import"])
+def test_names_that_libraries_cannot_encode_are_refused_in_one_line(tmp_path, verb):
+    """Python reads such names; the netCDF library does not."""
+    records = write(tmp_path) if verb == "currents" else made.write_og1(tmp_path / "og1.nc")
+    command = (verb,) if verb == "currents" else (verb, "og1")
+    odd = tmp_path / os.fsdecode(b"odd\xff.nc")
+    shutil.copy(records, odd)
+    folder = tmp_path / os.fsdecode(b"odd\xff")
+    folder.mkdir()
+    for arguments in ((odd, tmp_path / "out.nc"), (records, folder / "out.nc")):
+        answer = program(*command, *arguments)
+        assert answer.status == 2
+        assert "has characters in its path that are not valid in utf-8; rename it, or use a loc" in answer.line
+    assert sorted(tmp_path.iterdir()) == sorted([records, odd, folder])
 
 
 def test_a_link_stays_and_its_file_is_replaced(tmp_path):

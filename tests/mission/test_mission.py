@@ -611,10 +611,10 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert program("compare", store, swift_store).status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
-        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profiles were computed again or added"
+        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profile was computed again or added"
         assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
-    assert "made before 1 profiles" in " ".join(program("info", store).out.split())
+    assert "made before 1 profile" in " ".join(program("info", store).out.split())
     answer = program("run-mission", swift, *WHOLE, "--store", store, "--append")
     assert "3 profiles are valid; nothing to compute" in answer.err
 
@@ -746,8 +746,8 @@ def test_compare_says_what_differs(swift_store, own_copy):
     answer = program("compare", swift_store, own_copy)
     assert answer.status == 1
     assert "engine: lanes and scipy" in answer.out
-    assert "series/depth: differs in 1 profiles (2), by 1 at most" in answer.out
-    assert "series/B_cu: differs in 1 profiles (2), " in answer.out
+    assert "series/depth: differs in 1 profile (2), by 1 at most" in answer.out
+    assert "series/B_cu: differs in 1 profile (2), " in answer.out
     assert "values missing in only one of the two" in answer.out
     assert "2 profiles are the same" in answer.out
 

@@ -5,6 +5,7 @@ import pytest
 from support.missions import program
 from support.seaexplorer_files import NAVIGATION, edit, write_mission
 from support.seaglider_files import depths, write_dive
+from support.slocum_files import flight, write_netcdf
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.depth_sign import refuse_negative_depth
@@ -35,6 +36,15 @@ def test_a_seaglider_s_depth_that_is_positive_up_is_refused(tmp_path):
     assert answer.status == 2
     assert "no dive can be used; 2 of 2: dive 1: " in answer.line
     assert "p0990001.nc: depth is negative under water (-100 m at the deepest); make it positive down" in answer.line
+
+
+def test_a_slocum_s_depth_that_is_positive_up_is_refused(tmp_path):
+    flown = flight()
+    flown["m_depth"] = -flown["m_depth"]
+    path = write_netcdf(tmp_path / "a.nc", flown)
+    answer = program("import", "slocum", path, tmp_path / "out.nc")
+    assert answer.status == 2
+    assert f"{path}: m_depth is negative under water (-60 m at the deepest); make it positive down" in answer.line
 
 
 @pytest.mark.parametrize(

@@ -147,9 +147,12 @@ def test_a_record_without_depth_or_pitch():
 
 def test_notes():
     assert notes(*dive()) == []
-    assert notes(*dive(still=1200.0)) == [
-        "stationary for 20 min at 100 m (parked, on the bottom, under ice or at a density step)"
-    ]
+    stationary = "stationary for 20 min at 100 m (parked, on the bottom, under ice or at a density step"
+    stuck = "; or the pressure sensor is stuck, as the depth is the same to the last digit"
+    time, depth, *others = dive(still=1200.0)
+    assert notes(time, depth, *others) == [f"{stationary}{stuck})"]
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(depth))
+    assert notes(time, depth + noise, *others) == [f"{stationary})"]
     time, depth, _ = cut(65.0, climbing=True)
     unrecorded = "so the unrecorded distance adds to the current's error"
     assert notes(time, depth) == [f"the record ends at 65 m depth, {unrecorded}"]

@@ -156,17 +156,30 @@ def test_a_temperature_in_an_unknown_unit_is_left_out_with_a_remark(tmp_path):
         assert "temperature" not in found
 
 
-@pytest.mark.parametrize("flag", [9.0, 4.0])
-def test_a_temperature_with_every_value_flagged_is_left_out(tmp_path, flag):
+def test_a_temperature_with_every_value_flagged_is_left_out(tmp_path):
     """It had been a temperature without any value, without a remark."""
-    count = 2 * ROWS
-    summary, found = imported(tmp_path, TEMP_QC=np.full(count, flag))
+    summary, found = imported(tmp_path, TEMP_QC=np.full(2 * ROWS, 4.0))
     (remark,) = summary.remarks
-    assert remark.startswith(
-        "sg099_delayed.nc: every value of TEMP is flagged bad or missing by TEMP_QC, so it is left"
-    )
+    assert remark.startswith("sg099_delayed.nc: every value of TEMP is flagged bad or missing, so it is left out; ")
     assert "temperature" not in found
     assert (summary.ctd_samples, len(summary.complete)) == (0, 2)
+
+
+def test_flags_of_a_temperature_that_were_never_set_are_not_used(tmp_path):
+    """As those of the flight: every value is flagged missing, although it is there."""
+    summary, found = imported(tmp_path, TEMP_QC=np.full(2 * ROWS, 9.0))
+    assert summary.remarks == ()
+    assert summary.ctd_samples == 2 * (ROWS - 3)
+    assert np.isfinite(found["temperature"].values).any()
+
+
+def test_flags_of_the_water_have_the_meanings_of_the_file(tmp_path):
+    """QARTOD's 3 is suspect, not bad."""
+    path = made.write_og1(tmp_path / "sg099.nc", TEMP_QC=np.where(np.arange(2 * ROWS) == 60, 3.0, 1.0))
+    with netCDF4.Dataset(path, "a") as file:
+        meanings = "pass not_evaluated suspect fail missing"
+        file["TEMP_QC"].setncatts({"flag_values": [1.0, 2.0, 3.0, 4.0, 9.0], "flag_meanings": meanings})
+    assert import_og1([path], tmp_path / "out.nc").ctd_samples == 2 * (ROWS - 3)
 
 
 def test_flags_of_the_water_may_be_characters(tmp_path):
@@ -253,7 +266,7 @@ def test_the_producers_solution_is_carried_along(tmp_path):
         ({"VBD_CC": None}, "has no ballast volume.*there is nothing to invert"),
         ({"DEPTH": None}, "has no depth"),
         ({"TIME": np.full(2 * (made.AFLOAT + made.HALF) + 3, np.nan)}, "has no sample with both time and attitude"),
-        (None, "cannot be read as netCDF, it may have been truncated"),
+        (None, "is truncated or damaged; copy it again"),
     ],
 )
 def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, corrupt, words):

@@ -157,10 +157,10 @@ def test_junk_rows_are_dropped_and_counted(tmp_path):
     edit(folder, 5, corrupt)
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
     assert summary.rows_dropped == {
+        "Heading out of range": 1,
         "clock not set": 2,
         "time not increasing": 1,
         "unreadable value": 2,
-        "value out of range": 1,
         "wrong number of fields": 1,
     }
     with open_observations(tmp_path / "out.nc") as observations:
@@ -186,7 +186,7 @@ def test_a_row_with_a_value_that_no_sensor_gives_is_dropped(tmp_path, column, ta
             lines[index] = ";".join(fields)
 
     edit(folder, 5, put)
-    assert import_seaexplorer([folder], tmp_path / "out.nc").rows_dropped == {"value out of range": 1}
+    assert import_seaexplorer([folder], tmp_path / "out.nc").rows_dropped == {f"{column} out of range": 1}
 
 
 def test_the_battery_s_scale_is_half_a_millimetre_a_unit_unless_given(tmp_path):
@@ -358,7 +358,7 @@ def test_a_navigation_file_that_cannot_be_read_costs_its_cycle(tmp_path):
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [5, 7]
     assert list(summary.rejected) == ["cycle 6"]
-    assert "has no column Timestamp" in summary.rejected["cycle 6"]
+    assert "is empty; copy it again" in summary.rejected["cycle 6"]
     assert "cycle 6" not in summary.without_profile
 
 

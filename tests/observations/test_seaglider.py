@@ -193,7 +193,7 @@ def changed(**changes):
 @pytest.mark.parametrize(
     ("corrupt", "words"),
     [
-        (truncated, "cannot be read as netCDF, it may have been truncated"),
+        (truncated, "is truncated or damaged; copy it again"),
         (changed(eng_pitchAng=None), "has no variable eng_pitchAng"),
         (changed(eng_rollAng=np.full(2 * (made.AFLOAT + made.HALF), np.nan)), "has no sample of roll"),
         (changed(gc_st_secs=None), "has neither eng_pitchCtl nor a table of guidance and control"),
@@ -237,11 +237,27 @@ def test_a_mission_without_declination_remains_magnetic_and_says_so(tmp_path, gi
     assert len(summary.complete) == 2
     (remark,) = summary.remarks
     assert "2 dives from 1 to 2: heading left magnetic, because no file has a declination" in remark
-    assert "the currents will be rotated by it: add magnetic_variation (degree, east positive) to the files" in remark
+    assert "give --declination, or the currents will be rotated by it" in remark
     with xr.open_dataset(tmp_path / "out.nc") as found:
         assert found["heading"].values == pytest.approx(350.0)
         assert north_of(found.attrs["heading_comment"]) is North.MAGNETIC
         assert np.isnan(found["reference_declination"].values).all()
+
+
+def test_a_given_declination_replaces_those_of_the_files(tmp_path):
+    for dive, declination in ((1, None), (2, 15.0)):
+        made.write_dive(tmp_path / "m", dive, columns=True, magnetic_variation=declination)
+    done = program("import", "seaglider", tmp_path / "m", tmp_path / "out.nc", "--declination", "20")
+    assert done.status == 0
+    assert "magnetic" not in done.out + done.err
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert found["heading"].values == pytest.approx(10.0)
+        assert found.attrs["heading_comment"] == "magnetic heading plus the given declination, 20 degree"
+        assert north_of(found.attrs["heading_comment"]) is North.TRUE
+        assert found["reference_declination"].values.tolist() == [20.0, 20.0]
+    currents = program("currents", tmp_path / "m", tmp_path / "currents.nc", "--declination", "20")
+    assert currents.status == 0
+    assert "not used" not in currents.out + currents.err
 
 
 def test_a_declination_of_the_fixes_is_used_where_that_of_the_dive_is_missing(tmp_path):

@@ -331,7 +331,7 @@ def test_a_bad_file_is_left_out_alone(tmp_path):
     summary = import_slocum([tmp_path], out)
     assert set(summary.rejected) == {lame.name, short.name}
     assert "has no m_roll (attitude)" in summary.rejected[lame.name]
-    assert "it may be truncated" in summary.rejected[short.name]
+    assert "is truncated or damaged; copy it again" in summary.rejected[short.name]
     assert len(summary.complete) == 1
     answer = program("import", "slocum", tmp_path, out, "--overwrite")
     assert answer.status == 1
@@ -489,7 +489,7 @@ def test_a_file_cut_short_gives_what_it_holds(card, tmp_path):
     answer = program("import", "slocum", card, tmp_path / "out.nc", "--overwrite")
     assert answer.status == 0
     assert f"{path}: ends before its closing mark" in answer.out
-    for size, fault in ((0, FOREIGN), (8, FOREIGN), (100, CUT_HEADER), (300, CUT_HEADER)):
+    for size, fault in ((0, "is empty; copy it again"), (8, FOREIGN), (100, CUT_HEADER), (300, CUT_HEADER)):
         path.write_bytes(whole[:size])
         (reason,) = import_slocum([card], tmp_path / "out.nc", overwrite=True).rejected.values()
         assert fault in reason, size

@@ -55,7 +55,7 @@ def test_a_table_of_erddap_gives_the_current_of_its_netcdf(tmp_path, units_in_he
             "time is '2020-01-01T.* insert a row of units",
         ),
         ("depth,name\n1.5,a\n2,b\n", "depth is '1.5'.* insert a row of units, such as UTC, degrees_north, m"),
-        ("", "cannot be read as an ERDDAP table"),
+        ("", "is empty; copy it again"),
     ],
 )
 def test_a_faulty_table_takes_one_line(tmp_path, text, words):

@@ -148,11 +148,24 @@ def test_attributes_that_the_library_cannot_use_are_not_used(tmp_path, attribute
     assert len(import_og1([path], tmp_path / "out.nc").complete) == 2
 
 
-@pytest.mark.parametrize("factor", ["x", "0.1"])
-def test_a_scale_factor_that_the_library_cannot_use_is_refused(tmp_path, factor):
+@pytest.mark.parametrize("kind", ["og1", "seaglider"])
+def test_a_scale_factor_written_as_text_is_a_number_for_importers(tmp_path, kind):
+    if kind == "og1":
+        path, name, read = made.write_og1(tmp_path / "og1.nc"), "PITCH", import_og1
+    else:
+        path, name, read = made.write_dive(tmp_path, 1, columns=True), "eng_pitchAng", import_seaglider
+    read([path], tmp_path / "expected.nc")
+    rewritten(path, lambda file: file[name].setncatts({"scale_factor": "0.5", "add_offset": np.array([1.0])}))
+    read([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "expected.nc") as expected, xr.open_dataset(tmp_path / "out.nc") as found:
+        np.testing.assert_allclose(found["pitch"], 0.5 * expected["pitch"] + 1.0)
+
+
+@pytest.mark.parametrize("factor", ["x", [0.1, 0.2]])
+def test_a_scale_factor_that_is_no_number_is_refused_by_importers(tmp_path, factor):
     path = made.write_og1(tmp_path / "og1.nc")
     rewritten(path, lambda file: file["PITCH"].setncattr("scale_factor", factor))
-    with ForeignFile(path) as file, pytest.raises(InputError, match="PITCH cannot be decoded"):
+    with ForeignFile(path) as file, pytest.raises(InputError, match=r"PITCH has the scale_factor .*, which is not a"):
         file.numbers("PITCH")
 
 
@@ -357,6 +370,27 @@ def test_times_of_currents_may_be_texts(tmp_path, stored):
     np.testing.assert_allclose(found["dac_north"].values, currents(records)["dac_north"].values, rtol=1e-9)
 
 
+@pytest.mark.parametrize("characters", [False, True], ids=["strings", "characters"])
+def test_times_of_an_observation_file_may_be_texts(tmp_path, characters):
+    whole = observation_files.write(tmp_path)
+    records = open_records(whole)
+    texts = {name: in_iso(records[name].values) for name in ("time", "fix_time")}
+    if characters:
+        texts = {name: values.astype("S24") for name, values in texts.items()}
+    written = records.drop_vars(list(texts)).assign(
+        {name: (name.removesuffix("_time"), t) for name, t in texts.items()}
+    )
+    written.to_netcdf(tmp_path / "texts.nc")
+    with open_observations(tmp_path / "texts.nc") as found, open_observations(whole) as expected:
+        assert found.profile_digest(2) == expected.profile_digest(2)
+        assert found.fix_digest(2) == expected.fix_digest(2)
+    np.testing.assert_array_equal(open_records(tmp_path / "texts.nc")["time"].values, records["time"].values)
+    texts["time"][5] = "noon"
+    written.assign(time=("time", texts["time"])).to_netcdf(tmp_path / "odd.nc")
+    with pytest.raises(InputError, match=r"odd.nc: time has a time that is not in ISO 8601 format \('noon'\)"):
+        open_observations(tmp_path / "odd.nc")
+
+
 @pytest.mark.parametrize("text", ["01/05/2024 12:00", "20240501", "noon"])
 def test_texts_that_are_no_times_are_refused_in_one_line(tmp_path, text):
     path = made.write_og1(tmp_path / "a.nc")
@@ -380,3 +414,9 @@ def test_times_of_an_unusual_calendar_are_no_texts():
     days = xr.date_range("2024-05-01", periods=records.sizes["time"], freq="s", calendar="noleap", use_cftime=True)
     with pytest.raises(InputError, match="time does not contain numbers"):
         currents(records.assign_coords(time=("time", days)))
+
+
+def test_one_profile_is_no_several_profiles(tmp_path):
+    mission(Glide(dives=1)).to_netcdf(tmp_path / "a.nc")
+    done = program("currents", tmp_path / "a.nc", tmp_path / "out.nc")
+    assert "1 of 1 profile has a current" in done.out

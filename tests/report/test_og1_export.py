@@ -355,7 +355,7 @@ def test_a_failed_profile_is_left_out_and_reported(changed, tmp_path):
 
 @pytest.mark.parametrize(
     ("status", "words"),
-    [("pending", "unfinished, 1 of 3 profiles are still to be done; finish it with"), ("failed", "nothing to export")],
+    [("pending", "unfinished, 1 of 3 profiles is still to be done; finish it with"), ("failed", "nothing to export")],
 )
 def test_an_archive_without_results_takes_one_line(changed, tmp_path, status, words):
     rows = (0,) if status == "pending" else (0, 1, 2)

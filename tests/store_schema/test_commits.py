@@ -15,7 +15,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.lock import SUFFIX, FileLock, check_held, locked
-from gliderhpc.store_schema import ArchiveRows, damaged_chunks, read_commits
+from gliderhpc.store_schema import ArchiveRows, consolidate, damaged_chunks, read_commits, set_attributes
 
 pytestmark = pytest.mark.compiled
 
@@ -132,6 +132,29 @@ def test_any_flipped_byte_of_a_chunk_is_found(own_copy):
         content[place] ^= 1 << (place % 8)
         path.write_bytes(content)
         assert any("dac_north" in line for line in damaged_chunks(own_copy)), place
+
+
+@pytest.mark.spoils
+@pytest.mark.parametrize("deep", [False, True])
+def test_check_of_an_archive_of_an_earlier_minor_version_looks_at_the_chunks_of_its_profiles(own_copy, deep):
+    set_attributes(own_copy, {"schema_version": "1.8"})
+    shutil.rmtree(own_copy / "dac_north_filter")
+    consolidate(own_copy)
+    options = ["--deep"] if deep else []
+    answer = program("check", own_copy, *options)
+    assert (answer.status, answer.out.count("\n")) == (0, 1)
+    assert "the archive has schema version 1.8, and this program's is " in answer.out
+    assert "it can be opened, studied and reported, but not resumed or appended to; no chunk of its pro" in answer.out
+    assert "3 of 3 profiles committed" in answer.out
+    chunk = own_copy / "series" / "B_cu" / "c.1.0"
+    if deep:
+        flip(chunk)
+    else:
+        chunk.unlink()
+    answer = program("check", own_copy, *options)
+    assert answer.status == 1
+    fault = "damaged" if deep else "missing"
+    assert f"profile 2, series/B_cu: the chunk is {fault}; resume it with the version of gliderhpc that" in answer.out
 
 
 def test_a_chunk_that_should_not_be_there_is_found(own_copy):

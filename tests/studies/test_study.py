@@ -240,14 +240,14 @@ def test_an_archive_lists_its_studies_and_outdated_ones(archive):
     assert failed == {5: "no fix"}
     assert flown[["profile", "pitch_rmse"]].to_numpy().tolist() == [[2, 1.5]]
     assert column_medians(table) == {"pitch_rmse": 1.5}
-    set_study_attributes(archive, "validation", {"outdated": "made before 1 profiles were added"})
+    set_study_attributes(archive, "validation", {"outdated": "made before 1 profile was added"})
     with open_for_reading(archive) as opened:
         assert provenance_of(opened, "validation").remarks[1:] == (
-            "this study was made before 1 profiles were added; run it again",
+            "this study was made before 1 profile was added; run it again",
         )
         (remark,) = outdated_input_remarks(opened, "validation", "currents")
         assert remark == (
-            "this study uses the study validation, which was made before 1 profiles were added; run validation again, "
+            "this study uses the study validation, which was made before 1 profile was added; run validation again, "
             "and then this study"
         )
 

@@ -7,6 +7,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_output
 from gliderhpc.store_schema import STATUS
 from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import counted
 
 
 def check_place(archive: Place, out: Path, overwrite: bool) -> None:
@@ -34,9 +35,10 @@ def unfit_profiles(archive: Place, tree: Archive) -> dict[int, str]:
     states = {int(n): str(s) for n, s in zip(table["profile"].values, table["status"].values, strict=True)}
     pending = sum(status == STATUS[0] for status in states.values())
     if pending:
+        verb = "is" if pending == 1 else "are"
         raise InputError(
-            f"{archive}: unfinished, {pending} of {len(states)} profiles are still to be done; finish it with "
-            "`gliderhpc run-mission --resume`"
+            f"{archive}: unfinished, {pending} of {counted(len(states), 'profile')} {verb} still to be done; finish it "
+            "with `gliderhpc run-mission --resume`"
         )
     messages = dict(zip(states, map(str, table["message"].values), strict=True))
     return {number: messages[number] for number, status in states.items() if status == "failed"}

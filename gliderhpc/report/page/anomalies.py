@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from gliderhpc.archive.mission import Summary
 from gliderhpc.report.facts import failure_text
 from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.wording import counted
 
 POORLY_CONVERGED = 0.8
 """Share of converged windows below which a profile is listed as an anomaly."""
@@ -45,7 +46,7 @@ def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
     for remarks in common[:_LISTED]:
         if len(remarks) > 1 and len(remarks) >= _COMMON * done:
             example = remarks[0] if len(set(remarks)) == 1 else f"{remarks[0]} (values of the first)"
-            yield f"in {len(remarks)} of {done} profiles: {example}"
+            yield f"in {len(remarks)} of {counted(done, 'profile')}: {example}"
 
 
 def _failures(summary: Summary) -> Iterator[str]:

@@ -181,7 +181,7 @@ def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
             "reproduction", "How to reproduce this", (Commands("This command writes all pages again:", (command,)),)
         ),
     )
-    return Page(f"Fleet of {len(members)} missions", _subtitle(members), sections, "fleet.css")
+    return Page(f"Fleet of {counted(len(members), 'mission')}", _subtitle(members), sections, "fleet.css")
 
 
 def _subtitle(members: Sequence[_Member]) -> str:
@@ -200,7 +200,6 @@ def _map_block(members: Sequence[_Member]) -> Block:
     missing = [str(track.number) for track in tracks if not len(track.fixes)]
     caption = f"{_MAP_CAPTION} Without fixes: {', '.join(missing)}." if missing else _MAP_CAPTION
     currents = sum(track.has_current for track in tracks)
-    alternative = (
-        f"Map of the tracks of {len(tracks) - len(missing)} missions, with the last current of {currents} as arrows."
-    )
+    drawn = counted(len(tracks) - len(missing), "mission")
+    alternative = f"Map of the tracks of {drawn}, with the last current of {currents} as arrows."
     return Picture("fleet_map", caption, alternative, figure)

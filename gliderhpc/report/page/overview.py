@@ -128,8 +128,9 @@ def _map_caption(table: MissionTable) -> str:
 def _map_alternative(table: MissionTable) -> str:
     latitude, longitude = table.middle
     known = np.isfinite(latitude)
+    dives = counted(int(known.sum()), "dive")
     return (
-        f"Map of {known.sum()} dives between {np.min(latitude[known]):.2f} and {np.max(latitude[known]):.2f} degrees "
+        f"Map of {dives} between {np.min(latitude[known]):.2f} and {np.max(latitude[known]):.2f} degrees "
         f"north, {np.min(longitude[known]):.2f} and {np.max(longitude[known]):.2f} degrees east, with an arrow for "
         "the current of each."
     )
@@ -145,7 +146,7 @@ _PROFILES_CAPTION = (
 
 def _profiles_alternative(table: MissionTable) -> str:
     return (
-        f"{len(table.number)} profiles over {table.days[table.done].max():.1f} days: maximum depth "
+        f"{counted(len(table.number), 'profile')} over {table.days[table.done].max():.1f} days: maximum depth "
         f"{np.nanmin(table.depth):.0f} to {np.nanmax(table.depth):.0f} m, median share of converged windows "
         f"{median(table.converged):.0%}, and the components of the current."
     )

@@ -31,6 +31,7 @@ from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
 from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
+from gliderhpc.wording import counted
 
 _MAX_COLUMNS = 14
 """Maximum number of columns of a study's table on the page, except for the publication's own tables."""
@@ -189,7 +190,7 @@ def windows_section(twins: Path | None, platform: str) -> Section:
     if content.get("quick"):
         blocks.append(Notice("a quick study with few twins and settings: a preview, not a result"))
     hulls, seeds = ", ".join(content["platforms"]), len(content["seeds"])
-    caption = f"{hulls}, {seeds} twins per setting. {_WINDOWS_CAPTION}"
+    caption = f"{hulls}, {counted(seeds, 'twin')} per setting. {_WINDOWS_CAPTION}"
     shown = "Yaw moment by sliding and by separate windows with the truth, and scores over the windows' length."
     blocks.append(Picture("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
     blocks += [

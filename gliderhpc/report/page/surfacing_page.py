@@ -103,7 +103,7 @@ def _inversion(message: SurfacingMessage) -> str:
     inversion = message.inversion
     if inversion.status != "done" or inversion.converged_fraction is None:
         return f"{inversion.status}: {inversion.message}"
-    return f"{inversion.converged_fraction:.0%} of {inversion.windows} windows converged"
+    return f"{inversion.converged_fraction:.0%} of {counted(inversion.windows, 'window')} converged"
 
 
 def _anomalies(message: SurfacingMessage) -> tuple[Block, ...]:
@@ -121,7 +121,7 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
         + (", and the next dive must confirm it" if change.is_shown_only_by(message.profile) else "")
         for change in message.hull_changes
     }
-    return Words(f"Changes of the hull over the last {message.hull_changes[0].dives} dives."), Facts(rows)
+    return Words(f"Changes of the hull over the last {counted(message.hull_changes[0].dives, 'dive')}."), Facts(rows)
 
 
 def _trim(message: SurfacingMessage) -> tuple[Block, ...]:

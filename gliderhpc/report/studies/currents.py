@@ -42,6 +42,7 @@ from gliderhpc.studies.library.passband import Passband, describe_bin_averaging,
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
+from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -308,7 +309,7 @@ def show(archive: Archive) -> Findings:
     refused, retrieved = failed_profiles(table)
     remarks = made.remarks
     if refused:
-        remarks = (*remarks, f"{len(refused)} of {len(table)} profiles: {next(iter(refused.values()))}")
+        remarks = (*remarks, f"{len(refused)} of {counted(len(table), 'profile')}: {next(iter(refused.values()))}")
     facts = shared_facts(made) | {"settings": settings.model_dump(), "medians": column_medians(table)}
     drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
     figures = {stem: partial(_figure_7_of, archive, number, made.estimate, settings) for stem, number in drawn.items()}

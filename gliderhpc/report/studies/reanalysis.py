@@ -25,6 +25,7 @@ from gliderhpc.studies.archived import (
 from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
 from gliderhpc.studies.library.tracks import Current, ellipses_used
 from gliderhpc.studies.reanalysis import COUNTS, NAME, Compared, agreement_rows, agreements, compare, comparisons
+from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -251,5 +252,5 @@ def _left_out(table: pd.DataFrame) -> list[str]:
             reasons = ", ".join(
                 f"{reason.replace('_', ' ')} {reasons.count(reason)}" for reason in COUNTS.values() if reason in reasons
             )
-            remarks.append(f"{name} has no value for {len(without)} of {len(own)} profiles: {reasons}")
+            remarks.append(f"{name} has no value for {len(without)} of {counted(len(own), 'profile')}: {reasons}")
     return remarks

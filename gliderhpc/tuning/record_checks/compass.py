@@ -24,6 +24,7 @@ from gliderhpc.tuning.record_checks.finding import (
     undetermined_if_insensitive,
 )
 from gliderhpc.tuning.record_checks.turns import TurnInformation
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -158,7 +159,7 @@ def compass_findings(
     found there is not determined.
     """
     if len(legs) < MIN_LEGS:
-        why = f"{len(legs)} profiles with a fix on either side, but at least {MIN_LEGS} are needed"
+        why = f"{counted(len(legs), 'profile')} with a fix on either side, but at least {MIN_LEGS} are needed"
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
     fits = [
@@ -202,7 +203,7 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettin
         threshold,
         judge_size(constant, threshold),
         f"--set records.heading_offset={made.heading_offset + constant:.1f}",
-        f"{legs} legs; {_OPEN[fit.unknowns]}",
+        f"{counted(legs, 'leg')}; {_OPEN[fit.unknowns]}",
     )
 
 
@@ -215,7 +216,7 @@ def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
         if fit.quantile(number, checks.level) * error * np.sqrt(legs / number) <= largest
     )
     number = next(enough, None)
-    return f"{legs} legs, but " + (f"about {number} are needed" if number else "many more are needed")
+    return f"{counted(legs, 'leg')}, but " + (f"about {number} are needed" if number else "many more are needed")
 
 
 def _deviation(
@@ -223,9 +224,9 @@ def _deviation(
 ) -> Finding:
     found = [_deviation_of(fit, legs, turns, checks, made) for fit in fits if fit.unknowns > 1]
     if not found:
-        why = f"{legs} legs: too few headings, or currents that differ too much"
+        why = f"{counted(legs, 'leg')}: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, why)
-    remedy = f"{legs} legs and {turns.count} stretches of turns, but more are needed"
+    remedy = f"{counted(legs, 'leg')} and {turns.count} stretches of turns, but more are needed"
     return undetermined_if_insensitive(found[_first_decisive(found, checks)], _largest_threshold(checks), remedy)
 
 
@@ -240,7 +241,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
     harmonics_found = (
         "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"
     )
-    remark = f"{harmonics_found}; {legs} legs, {turns.count} stretches of turns"
+    remark = f"{harmonics_found}; {counted(legs, 'leg')}, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in made.heading_deviation + values)
     return Finding(
         CHECK,

@@ -31,6 +31,7 @@ from gliderhpc.tuning.record_checks.finding import (
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, join_segments, segments_of
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def lag_finding(
         if _rows_inside(profile)[1] - _rows_inside(profile)[0] > MIN_LENGTH * profile.sample_interval / profile.step
     ]
     if len(series) < MIN_PROFILES:
-        return undetermined(*_LAG, f"{len(series)} profiles, but at least {MIN_PROFILES} are needed")
+        return undetermined(*_LAG, f"{counted(len(series), 'profile')}, but at least {MIN_PROFILES} are needed")
     interval = float(np.median([profile.sample_interval for profile in series]))
     lags = interval * np.arange(-REACH, REACH + 1, dtype=np.float64)
     try:
@@ -107,10 +108,10 @@ def lag_finding(
         threshold,
         judge_size(lag, threshold),
         f"--set records.depth_lag={settings.records.depth_lag + lag:.2f}",
-        f"{len(series)} profiles, a sample every {interval:.3g} s; depends on the hull's coefficients",
+        f"{counted(len(series), 'profile')}, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
     limit = max((REACH - 1) * interval, (REACH - 1) * checks.timing_error)
-    return undetermined_if_insensitive(finding, limit, f"{len(series)} profiles, but more are needed")
+    return undetermined_if_insensitive(finding, limit, f"{counted(len(series), 'profile')}, but more are needed")
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:

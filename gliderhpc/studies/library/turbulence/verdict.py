@@ -18,6 +18,7 @@ from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast
 from gliderhpc.studies.library.turbulence.ensembles import MIN_NULLS, Ensembles, finite
 from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, describe_untested, judged_gaussianity
 from gliderhpc.vocabulary import she_leveque
+from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -102,7 +103,7 @@ class TurbulenceVerdict:
             if self.is_supported
             else "the claim of turbulence is not supported"
         )
-        return f"verdict over {self.profiles} profiles: {conclusion} ({outcomes})"
+        return f"verdict over {counted(self.profiles, 'profile')}: {conclusion} ({outcomes})"
 
     def as_json(self) -> dict[str, Any]:
         """Return the verdict as plain values."""
@@ -172,8 +173,8 @@ def _describe_noise_finding(found: Gaussianity) -> str:
         why = "" if untested else ", as the roll hardly changes or there are too few samples"
         return f"no profile in which it can be tested whether lateral disturbances are Gaussian{why}{untested}"
     return (
-        f"lateral disturbances that are not Gaussian in {found.rejected} of the {found.tested} profiles in which this "
-        f"can be tested (at {LEVEL:.0%} each){untested}"
+        f"lateral disturbances that are not Gaussian in {found.rejected} of the {counted(found.tested, 'profile')} in "
+        f"which this can be tested (at {LEVEL:.0%} each){untested}"
     )
 
 
@@ -184,8 +185,8 @@ def _describe_certainty(verdict: TurbulenceVerdict) -> str:
         parts.append(_describe_noise_certainty(verdict.gaussianity))
     if contrast is not None:
         parts.append(
-            f"{contrast.profiles} profiles of Gaussian disturbances would exceed {contrast.nulls} nulls by as much "
-            f"with p = {number(contrast.p_value)}"
+            f"{counted(contrast.profiles, 'profile')} of Gaussian disturbances would exceed {contrast.nulls} nulls by "
+            f"as much with p = {number(contrast.p_value)}"
         )
     if passes is not None:
         use = "as its level allows" if passes.holds else "more than its level allows, so the test decides nothing here"
@@ -202,7 +203,7 @@ def _describe_noise_certainty(found: Gaussianity) -> str:
         "as its level allows" if found.nulls.holds else "more than its level allows, so only the comparison counts"
     )
     return (
-        f"{found.contrast.profiles} profiles of Gaussian lateral disturbances would exceed the kurtosis of "
+        f"{counted(found.contrast.profiles, 'profile')} of Gaussian lateral disturbances would exceed the kurtosis of "
         f"{found.contrast.nulls} nulls by as much with p = {_p_text(found.contrast.p_value)}, and the test rejects "
         f"{found.nulls.passed} of these nulls, {allowed}"
     )

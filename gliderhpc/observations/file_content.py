@@ -1,0 +1,56 @@
+"""Descriptions of files that cannot be opened as netCDF, by their first bytes and names."""
+
+from pathlib import Path
+
+from gliderhpc.output_files import fault_of_name
+
+_HEADS = (
+    (b"\x1f\x8b", "is gzip-compressed; unpack it first (gunzip)"),
+    (b"BZh", "is bzip2-compressed; unpack it first (bunzip2)"),
+    (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
+    (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
+    (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
+    (b"<", "is a web page or XML, not the file itself; download it again"),
+)
+
+
+def describe_content(path: Path) -> str:
+    """Describe why a file cannot be opened as netCDF, and the remedy; empty if name and first bytes do not reveal it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    fault = fault_of_name(path)
+    if fault:
+        return fault
+    head = _head(path)
+    if head == b"":
+        return "is empty; copy it again"
+    return next((words for start, words in _HEADS if head is not None and head.lstrip().startswith(start)), "")
+
+
+def _head(path: Path) -> bytes | None:
+    """First bytes of a file; None if it cannot be opened."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(64)
+    except OSError:
+        return None
+
+
+_NETCDF_HEADS = (b"\x89HDF", b"CDF")
+
+
+def describe_failure(path: Path, error: Exception) -> str:
+    """Describe why a library failed to read a file, as `describe_content` does; empty if its content is not the reason.
+
+    Other errors are about variables and attributes, which were read.
+    """
+    if not isinstance(error, OSError | RuntimeError | UnicodeError):
+        return ""
+    content = describe_content(path)
+    if not content and (_head(path) or b"").startswith(_NETCDF_HEADS):
+        return "is truncated or damaged; copy it again"
+    return content
