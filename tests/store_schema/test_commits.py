@@ -134,7 +134,7 @@ def test_any_flipped_byte_of_a_chunk_is_found(own_copy):
         assert any("dac_north" in line for line in damaged_chunks(own_copy)), place
 
 
-@pytest.mark.spoils
+@pytest.mark.damages_archive
 @pytest.mark.parametrize("deep", [False, True])
 def test_check_of_an_archive_of_an_earlier_minor_version_looks_at_the_chunks_of_its_profiles(own_copy, deep):
     set_attributes(own_copy, {"schema_version": "1.8"})
