@@ -113,7 +113,10 @@ class JoinedWindows:
     def _steer(self, begin: int, end: int) -> None:
         profile, steps, rows = self._profile, slice(begin, end), slice(begin, end + 1)
         disturbances, states = self.disturbances[steps].copy(), self.states[rows].copy()
-        follow(profile.glider.hull, profile.bodies[steps], disturbances, profile.series.step, STEERING_RATE, states)
+        follow(
+            profile.glider.hull, profile.bodies[steps], disturbances, profile.series.step, STEERING_RATE, STEERING_RATE,
+            states,
+        )  # fmt: skip
         if flyable(states):
             self.disturbances[steps], self.states[rows] = disturbances, states
 

@@ -35,6 +35,7 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
+from gliderhpc.tuning.common_errors import variance_ratios, weakened
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
 from gliderhpc.tuning.rounds import RoundSettings
@@ -180,8 +181,8 @@ class HullRounds:
     eta, full_step : (p,), (p,)
         Errors of the hull found, relative to the base, and the full step of the last round, before it was shortened, in
         plausible deviations.
-    divisor : float
-        Divisor of all information of the dives (`DiveRounds`).
+    divisor, turning_divisor : float
+        Divisors of the dives' information, and of that on the terms of sway, roll and yaw (`DiveRounds`).
     """
 
     base: Platform
@@ -194,6 +195,7 @@ class HullRounds:
     eta: Array
     full_step: Array
     divisor: float
+    turning_divisor: float
 
     @property
     def errors(self) -> Gaussian:
@@ -231,7 +233,9 @@ class DiveRounds:
     Errors of the model (rounding, lags that differ among the actuators, the assumed noise) change the scores of all
     dives in the same way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the
     scores of ``n`` dives then has ``1 + misfit n`` times the variance that the dives state, and their information is
-    divided by this factor. With any number of dives, the hull is determined no better than these errors allow.
+    divided by this factor; that on the terms of sway, roll and yaw by a larger one
+    (`gliderhpc.tuning.common_errors.weakened`). With any number of dives, the hull is determined no better than these
+    errors allow.
     """
 
     def __init__(
@@ -264,8 +268,8 @@ class DiveRounds:
             platform = moved_platform(self._base, self._parameters, eta)
             dives = self._smooth_dives(platform, noise_factor)
             known = {each.number: each for each in dives if each.information is not None}
-            divisor = 1.0 + self._settings.misfit * sum(number in known for number in self._fitted)
-            terms = {number: self._term(each, platform, eta, divisor) for number, each in known.items()}
+            ratios = variance_ratios(self._parameters, sum(number in known for number in self._fitted), self._settings)
+            terms = {number: self._term(each, platform, eta, ratios) for number, each in known.items()}
             mission = self._combine(terms, dives)
             noise_factor = noise_factor * pooled_factor([each for each in dives if each.number in self._fitted])
             full_step = mission.overall.mean - eta
@@ -278,7 +282,7 @@ class DiveRounds:
             if converged or blocked or len(moves) >= self._most:
                 break
         held_out = tuple(
-            (number, divisor * value, freedom)
+            (number, float(ratios.min()) * value, freedom)
             for number in self._held_out
             if number in terms
             for value, freedom in [predicted_disagreement(mission, terms[number])]
@@ -286,7 +290,17 @@ class DiveRounds:
         skipped = tuple(each for each in dives if each.information is None)
         found = moved_platform(self._base, self._parameters, eta)
         return HullRounds(
-            self._base, found, self._parameters, mission, held_out, skipped, tuple(moves), eta, full_step, divisor
+            self._base,
+            found,
+            self._parameters,
+            mission,
+            held_out,
+            skipped,
+            tuple(moves),
+            eta,
+            full_step,
+            float(ratios.min()),
+            float(ratios.max()),
         )
 
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
@@ -311,10 +325,10 @@ class DiveRounds:
                 log.warning("profile %d is left out: %s", dive.number, dive.message)
         return sorted(dives, key=lambda each: each.number)
 
-    def _term(self, dive: SmoothedDive, platform: Platform, eta: Array, divisor: float) -> DiveTerm:
+    def _term(self, dive: SmoothedDive, platform: Platform, eta: Array, ratios: Array) -> DiveTerm:
         """Convert a dive's result from plausible deviations of the hull used for the smoothing to those of the base.
 
-        All information is divided by ``divisor``.
+        All information is reduced by the errors that the dives have in common.
         """
         assert dive.score is not None
         assert dive.information is not None
@@ -324,7 +338,7 @@ class DiveRounds:
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
-        score, information = dive.score / ratio / divisor, dive.information / np.outer(ratio, ratio) / divisor
+        score, information = weakened(dive.score / ratio, dive.information / np.outer(ratio, ratio), ratios)
         return DiveTerm(dive.number, dive.time, eta, score, information, current=current)
 
     def _combine(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:

@@ -22,9 +22,14 @@ class RoundSettings(Settings):
         0.1, gt=0, description="the rounds end at a largest move smaller than this, in plausible deviations"
     )
     misfit: float = Field(
-        3.0,
+        1.0,
         ge=0,
         description="variance of the errors common to all dives, relative to the variance stated by one dive",
+    )
+    turning_misfit: float = Field(
+        6.0,
+        ge=0,
+        description="the same, in addition, for the terms of sway, roll and yaw and the lag of the actuators",
     )
     step: float = Field(0.25, ge=1e-3, le=0.25, description="integration step of the rounds, s")
     robust: bool = Field(

@@ -88,7 +88,7 @@ def test_a_short_window_inside_an_overlap_leaves_no_step():
 def test_a_run_that_cannot_be_flown_is_not_used(monkeypatch):
     plain = solve_dive(path_problem(300), Scripted())
 
-    def lost(hull, bodies, b, h, rate, states):
+    def lost(hull, bodies, b, h, lateral, longitudinal, states):
         states[:] = np.nan
 
     monkeypatch.setattr(joining, "follow", lost)
@@ -106,7 +106,7 @@ def steered(offset, rate=0.5, steps=400):
     path[:] = GLIDER.simulate(DIVE.state, controls, np.zeros((steps, 6)), STEP)[:, SENSED]
     states, disturbances = path.copy(), np.zeros((steps, 6))
     states[0] += offset
-    follow(GLIDER.hull, GLIDER.bodies(controls), disturbances, STEP, rate, states)
+    follow(GLIDER.hull, GLIDER.bodies(controls), disturbances, STEP, rate, rate, states)
     return disturbances, states, path
 
 

@@ -13,7 +13,7 @@ from gliderhpc.estimation.smoother import information, iterate
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.estimation.smoother.problem import Gusts, Trajectory, starting_trajectory
-from gliderhpc.estimation.smoother.steered_run import find_gusts, steered_run
+from gliderhpc.estimation.smoother.steered_run import find_gusts, information_path
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.platform import read_platform
@@ -47,9 +47,18 @@ def calm():
     return smoothed_dive(with_white_errors(load_scenario("calm")))
 
 
-def test_the_run_is_a_trajectory_near_the_smoothed_path(calm):
+def run_of(profile, path):
+    """Return the run along the path of a dive for which the filter's path is not needed."""
+
+    def unexpected():
+        raise AssertionError("the run does not follow the glider")
+
+    return information_path(profile, path, unexpected)
+
+
+def test_run_is_a_trajectory_near_the_smoothed_path(calm):
     profile, _, path = calm
-    run = steered_run(profile, path)
+    run = run_of(profile, path)
     controls = controls_of(HULL, profile.series)[:, :4]
     again = profile.glider.simulate(run.states[0], controls, run.disturbances[:-1], profile.series.step)
     np.testing.assert_allclose(again[:, SENSED], run.states[:, SENSED], atol=1e-6)
@@ -59,28 +68,56 @@ def test_the_run_is_a_trajectory_near_the_smoothed_path(calm):
     assert np.abs(apart[:, 4:7]).max() < 0.05
 
 
-def test_the_run_has_less_noise_than_the_smoothed_path(calm):
+def test_run_has_less_noise_than_the_smoothed_path(calm):
     profile, _, path = calm
-    run = steered_run(profile, path)
+    run = run_of(profile, path)
     steady = ~profile.vibrating[1:-1]
     rough, smooth = (np.std(np.diff(each.states[:, 11], 2)[steady]) for each in (path, run))
     assert smooth < 0.2 * rough
 
 
-def test_there_is_no_steered_run_in_yaw_impulses():
+def test_in_water_that_turns_the_glider_only_the_turns_are_those_of_the_filter():
     profile, _, path = smoothed_dive(load_scenario("impulses"))
-    assert steered_run(profile, path) is None
+    filtered = Trajectory(path.states + 0.001, path.disturbances + 0.001)
+    found = information_path(profile, path, lambda: filtered)
+    turning, gliding = [0, 2, 7, 9, 11], [1, 5, 6, 8, 10]
+    np.testing.assert_array_equal(found.states[:, turning], filtered.states[:, turning])
+    np.testing.assert_array_equal(found.disturbances[:-1, 1::2], filtered.disturbances[:-1, 1::2])
+    assert not np.isclose(found.states[1:, gliding], filtered.states[1:, gliding], rtol=1e-9).any(axis=1).all()
+    steady = ~profile.vibrating[:-1]
+    assert np.std(found.disturbances[:-1][steady, 0]) < 0.5 * np.std(path.disturbances[:-1][steady, 0])
+
+
+def test_no_run_represents_a_dive_whose_speed_it_does_not_keep(calm):
+    profile, _, path = calm
+    fast = path.states.copy()
+    fast[:, 6] *= 2.0
+    filtered = Trajectory(path.states + 0.001, path.disturbances)
+    assert information_path(profile, Trajectory(fast, path.disturbances), lambda: filtered) is filtered
 
 
 def errors_about(path, profile, smoothed, monkeypatch):
     """Errors of a dive's estimate of its true hull over their deviations, about the run or the filter's path."""
     with monkeypatch.context() as patch:
         if path == "filter":
-            patch.setattr(information, "steered_run", lambda *_: None)
+            patch.setattr(information, "information_path", lambda *given: given[-1]())
         found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
     posterior = np.eye(len(found.score)) + found.information
     errors = np.linalg.solve(posterior, found.score) / np.sqrt(np.diag(np.linalg.inv(posterior)))
     return dict(zip(found.names, errors, strict=True))
+
+
+def test_a_slow_surge_force_is_not_taken_for_drag(monkeypatch):
+    """About the filter's path, forces that vary within ten minutes to forty reduce the drag."""
+    slow = {"disturbances": {"slow_rms": [0.25, 0.0, 0.0, 0.0, 0.0, 0.0], "impulse_interval": None}}
+    errors = {"filter": [], "run": []}
+    for seed in (1, 2, 3):
+        profile, filtered, _ = flown_dive(load_scenario("impulses").replaced(slow), seed, depth=200.0)
+        smoothed = smooth_dive(profile, filtered, SETTINGS)
+        for way, found in errors.items():
+            found.append(errors_about(way, profile, smoothed, monkeypatch)["viscous.K_D0"])
+    assert np.mean(errors["filter"]) < -1.5
+    assert abs(np.mean(errors["run"])) < 0.5 * abs(np.mean(errors["filter"]))
 
 
 def test_damping_is_not_biased_by_the_noise_of_the_sensors(calm, monkeypatch):
@@ -93,7 +130,7 @@ def test_damping_is_not_biased_by_the_noise_of_the_sensors(calm, monkeypatch):
 def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
     """They roll the glider as no noise of the disturbances does; the run's derivatives do not contain them."""
     profile, smoothed, path = smoothed_dive(load_scenario("paper").replaced({"depth_spread": 5.0}))
-    assert steered_run(profile, path) is not None
+    run_of(profile, path)
     about_filter, about_run = (
         np.array(list(errors_about(way, profile, smoothed, monkeypatch).values())) for way in ("filter", "run")
     )

@@ -271,7 +271,7 @@ def test_starting_from_a_calibrated_hull_is_mentioned_in_notes_and_source(record
 
 def test_errors_that_all_dives_share_limit_what_they_say(records, found):
     """``1 + misfit n`` divides the information of three dives; without it, the deviations are too small."""
-    assert found.dives.rounds.divisor == pytest.approx(1.0 + 3.0 * 3)
+    assert found.dives.rounds.divisor == pytest.approx(1.0 + 1.0 * 3)
     believed = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 2, "misfit": 0.0})
     assert believed.dives.rounds.divisor == 1.0
     std, wider = (each.dives.rounds.mission.overall.std for each in (believed, found))

@@ -1,7 +1,7 @@
 """Information of a dive on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
-from a filter about its own path, or about a run of the model where the water hardly turns the glider (`steered_run`).
+from a filter about a run of the model, or about its own path where no run follows the glider (`steered_run`).
 The sensitivities of the smoothed estimate come from a filter and a smoother about the smoothed path (docs/smoother.md).
 Both use the smoother's final variances and noise.
 """
@@ -19,7 +19,7 @@ from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcin
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
-from gliderhpc.estimation.smoother.steered_run import steered_run
+from gliderhpc.estimation.smoother.steered_run import information_path
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -199,9 +199,9 @@ def dive_information(
     At the true ``eta`` an innovation has zero expectation given the past. The score ``sum h' e / S`` is therefore
     unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
     the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
-    computed about the path of a filter that is linearised about the smoothed one. Where the water hardly turns the
-    glider, a run of the model takes its place; the score is then nearly unbiased whatever noise is assumed
-    (`gliderhpc.estimation.smoother.steered_run.steered_run`).
+    computed about a run of the model; the score is then nearly unbiased whatever noise is assumed. Where no run follows
+    the glider, the path of a filter that is linearised about the smoothed one takes its place
+    (`gliderhpc.estimation.smoother.steered_run.information_path`).
     """
     platform, dive = profile.glider.platform, last.dive
     parameters = hull_parameters(platform)
@@ -214,9 +214,11 @@ def dive_information(
 
     between = segment_rows(dive, rows.tolist())
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
-    path = steered_run(profile, smoothed) or moved(
-        hull, dive, smoothed, between, without_far_rows(about_smoothed.filtered)
-    )
+
+    def filtered() -> Trajectory:
+        return moved(hull, dive, smoothed, between, without_far_rows(about_smoothed.filtered))
+
+    path = information_path(profile, smoothed, filtered)
     at_predicted = _predicted(path.states)[:, MEASURED]
     forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])

@@ -1,15 +1,20 @@
-"""A run of the model that is steered slowly along a path: what the glider would do without noise and without gusts.
+"""Path about which a dive's information on its hull is computed: a run of the model, without noise and without gusts.
 
-It is the path of linearisation for a dive's information on its hull. The score of the hull's errors is unbiased if the
-innovations and their derivatives do not contain the same noise. A filter whose disturbances are not distributed like
-the water's is not optimal: in calm water it follows the noise of its sensors, and in gusts it lags behind. Its
-innovations then depend on past noise, and so does the path at which the derivatives are taken; their product biases the
-hull. The run follows the glider, but hardly any noise or gusts faster than about a hundred seconds. Its derivatives
-come mainly from the motion of the actuators, like an instrumental variable: their product with the innovations has
-little bias, whatever the noise.
+The score of the hull's errors is unbiased if the innovations and their derivatives do not contain the same noise. A
+filter whose disturbances are not distributed like the water's is not optimal: in calm water it follows the noise of its
+sensors, in gusts it lags behind, and slow forces leave it with innovations of one sign for minutes. Its innovations
+then depend on past noise, and so does the path at which the derivatives are taken; their product biases the hull. A
+surge force that varies within ten minutes to forty, for example, reduced the drag by a fifth.
+
+The run has the mean surge force, heave force and pitch moment of each dive and climb, and is otherwise steered slowly
+along the smoothed path. It follows the glider, but hardly any noise or gusts. Its derivatives come mainly from the
+motion of the actuators, like an instrumental variable: their product with the innovations has little bias, whatever the
+noise.
 
 The rates at which path and run turn apart also tell whether gusts roll the glider.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -23,21 +28,29 @@ from gliderhpc.kernels.follow import follow
 
 Array = NDArray[np.float64]
 
-_STEERING_RATE = 0.01
-"""Decay rate of the run's distance from the path, 1/s."""
+_TURNING_RATE, _GLIDING_RATE = 0.01, 0.001
+"""Decay rates of the run's distance from the path, 1/s: in sway, roll and yaw, and in surge, heave and pitch."""
+
+_TRACKING_RATE = 0.3
+"""Decay rate in sway, roll and yaw of a run that has the filter's forces there, 1/s."""
 
 _MEAN = 120.0
-"""Length of the moving mean of the path's disturbances that act on the run, s."""
+"""Length of the moving mean of the path's lateral disturbances that act on the run, s."""
 
-_DEPTH = 5
-"""Index of the depth among the states of eq. 16."""
-_RATES = slice(7, 10)
-"""Indices of p, q and r among the sensed states."""
+_PITCH, _DEPTH = 1, 5
+"""Indices of pitch and depth among the states of eq. 16."""
+_GLIDING, _FORCES = [1, 3, 4, 6, 8], [0, 2, 4]
+"""Indices of pitch, depth, u, w and q among the sensed states, and of surge, heave and pitch among the disturbances."""
+_SPEED, _RATES = 4, slice(7, 10)
+"""Indices of u, and of p, q and r, among the sensed states."""
 
 _MOST = 3.0
 """Largest difference of turning rates, in units of the angles' resolution per sample interval. On twins it was at most
 0.7 in shear and gusts and about 2 in weak yaw impulses, where the run is better, and about 4 in strong impulses, where
 the filter's path is."""
+
+_SLOWEST = 0.25
+"""Largest difference of the speeds, relative to the speed, for a run that represents the dive."""
 
 _GUSTY = 0.6
 """Typical difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.5 on
@@ -54,8 +67,8 @@ _MIN_DEPTH = 5.0
 """Depth above which waves roll the glider, m."""
 
 
-def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | None:
-    """Return the run steered along the smoothed path, or None in water that turns the glider much.
+def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: Callable[[], Trajectory]) -> Trajectory:
+    """Return the path about which the information on the hull is computed.
 
     Parameters
     ----------
@@ -63,23 +76,26 @@ def steered_run(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | 
         The profile on its ``n`` steps.
     smoothed : Trajectory
         Smoothed path.
+    filtered : callable
+        Function that returns the path of a filter; called only where it is needed.
 
     Returns
     -------
-    Trajectory or None
-        The run. None if its rates of pitch or yaw differ from the smoothed ones, root mean square, by more than
-        three units of the angles' resolution per sample interval: then the disturbances drive motion that the run
-        lacks, and the derivatives at the run would be those of another dive. Roll does not count, since gusts
-        roll the glider more than they turn it.
+    Trajectory
+        A run of the model, steered along the smoothed path. Where the water turns the glider so much that the
+        derivatives at that run would be those of another dive, sway, roll and yaw are the filter's, and only surge,
+        heave and pitch are those of a run. Where no run represents the dive, as on a wrong hull, the filter's path.
     """
     run, disturbances = _run_along(profile, smoothed)
-    with np.errstate(over="ignore", invalid="ignore"):
-        apart = np.sqrt(_squared_differences(profile, smoothed, run).mean(axis=0))
-    if not (apart[1:] <= _MOST).all():
-        return None
-    states = smoothed.states.copy()
-    states[:, SENSED] = run
-    return Trajectory(states, np.vstack([disturbances, disturbances[-1]]))
+    if (_distances(profile, smoothed, run)[1:] <= _MOST).all() and _keeps_speed(smoothed, run):
+        return _trajectory(smoothed, run, disturbances)
+    path = filtered()
+    gliding, forces = _run_along(profile, smoothed, turning=path)
+    if not (_distances(profile, smoothed, gliding)[1] <= _MOST and _keeps_speed(smoothed, gliding)):
+        return path
+    run, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
+    run[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
+    return _trajectory(path, run, disturbances)
 
 
 def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
@@ -115,14 +131,43 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
     return Gusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _BURSTS * yaw))
 
 
-def _run_along(profile: PreparedProfile, path: Trajectory) -> tuple[Array, Array]:
-    """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of the run steered along a path."""
+def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:
+    """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of the run along a path, in turns along another one."""
     step, steps = profile.series.step, len(profile.bodies)
-    width = max(1, round(_MEAN / step))
-    mean = scipy.ndimage.uniform_filter1d(path.disturbances[:steps], width, axis=0, mode="nearest")
-    disturbances, run = np.ascontiguousarray(mean), np.ascontiguousarray(path.states[:, SENSED])
-    follow(profile.glider.hull, profile.bodies, disturbances, step, _STEERING_RATE, run)
+    disturbances, run = path.disturbances[:steps].copy(), path.states[:, SENSED].copy()
+    if turning is None:
+        rate, width = _TURNING_RATE, max(1, round(_MEAN / step))
+        disturbances = scipy.ndimage.uniform_filter1d(disturbances, width, axis=0, mode="nearest")
+    else:
+        rate, disturbances = _TRACKING_RATE, turning.disturbances[:steps].copy()
+        run = turning.states[:, SENSED].copy()
+        run[:, _GLIDING] = path.states[:, SENSED][:, _GLIDING]
+    nose_up = path.states[:steps, _PITCH] > 0.0
+    for phase in (nose_up, ~nose_up):
+        if phase.any():
+            disturbances[np.ix_(phase, _FORCES)] = path.disturbances[:steps][phase][:, _FORCES].mean(axis=0)
+    follow(profile.glider.hull, profile.bodies, disturbances, step, rate, _GLIDING_RATE, run)
     return run, disturbances
+
+
+def _trajectory(path: Trajectory, run: Array, disturbances: Array) -> Trajectory:
+    """Trajectory of sensed states ``(n+1, 10)`` and disturbances ``(n, 6)``, with the track of a path."""
+    states = path.states.copy()
+    states[:, SENSED] = run
+    return Trajectory(states, np.vstack([disturbances, disturbances[-1]]))
+
+
+def _keeps_speed(path: Trajectory, run: Array) -> bool:
+    """Return whether the run is about as fast as the path; not if it flies off."""
+    speed = path.states[:, SENSED][:, _SPEED]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.mean((run[:, _SPEED] - speed) ** 2) <= _SLOWEST**2 * np.mean(speed**2))
+
+
+def _distances(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
+    """Root mean square differences ``(3,)`` of the rates p, q and r, in the units of `_squared_differences`."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.sqrt(_squared_differences(profile, path, run).mean(axis=0)))
 
 
 def _squared_differences(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
