@@ -142,10 +142,11 @@ def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory |
         rate, disturbances = _TRACKING_RATE, turning.disturbances[:steps].copy()
         run = turning.states[:, SENSED].copy()
         run[:, _GLIDING] = path.states[:, SENSED][:, _GLIDING]
-    nose_up = path.states[:steps, _PITCH] > 0.0
+    nose_up, forces = path.states[:steps, _PITCH] > 0.0, path.disturbances[:steps, _FORCES]
     for phase in (nose_up, ~nose_up):
         if phase.any():
-            disturbances[np.ix_(phase, _FORCES)] = path.disturbances[:steps][phase][:, _FORCES].mean(axis=0)
+            forces[phase] = forces[phase].mean(axis=0)
+    disturbances[:, _FORCES] = forces
     follow(profile.glider.hull, profile.bodies, disturbances, step, rate, _GLIDING_RATE, run)
     return run, disturbances
 
