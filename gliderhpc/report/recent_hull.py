@@ -91,8 +91,8 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
 
 
 def probability_above(limit: float, mean: float, std: float) -> float:
-    """Return the probability that a normally distributed value is larger than a limit."""
-    return 0.5 * math.erfc((limit - mean) / std / math.sqrt(2.0))
+    """Return the probability that a normally distributed value is larger than a limit; a certain value's is 0 or 1."""
+    return float(mean > limit) if std == 0.0 else 0.5 * math.erfc((limit - mean) / std / math.sqrt(2.0))
 
 
 @dataclass(frozen=True)

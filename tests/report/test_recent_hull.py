@@ -58,6 +58,7 @@ def test_few_dives_bring_no_news(swift_store, monkeypatch):
 def test_probability_above_is_that_of_the_normal_distribution():
     assert probability_above(3.0, 3.0, 1.0) == pytest.approx(0.5)
     assert probability_above(2.0, 3.0, 1.0) == pytest.approx(0.841345, rel=1e-5)
+    assert (probability_above(2.0, 3.0, 0.0), probability_above(3.0, 2.0, 0.0)) == (1.0, 0.0)
 
 
 @pytest.mark.compiled
