@@ -17,7 +17,7 @@ from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.follow import follow
-from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_SPEED2
+from gliderhpc.kernels.quasi_newton import MAX_PITCH, MAX_RATE2, MAX_SPEED2
 
 Array = NDArray[np.float64]
 
@@ -29,11 +29,15 @@ The decay is faster than a window. The noise of heave, which steers the depth, g
 
 
 def flyable(states: Array) -> bool:
-    """Return whether states ``(n+1, 10)`` are finite and in the model's domain (|pitch| < 89 deg, speed < 5 m/s)."""
+    """Return whether states ``(n+1, 10)`` are finite and in the model's domain.
+
+    Its bounds are a pitch of 89 degrees, a speed of 5 m/s, and a rate of turning of 6 rad/s.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        speed2 = (states[:, 4:7] ** 2).sum(axis=1)
+        speed2, rate2 = ((states[:, part] ** 2).sum(axis=1) for part in (slice(4, 7), slice(7, 10)))
     # NaN fails the comparisons, as intended.
-    return bool((np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and np.isfinite(states).all())
+    inside = (np.abs(states[:, 1]) < MAX_PITCH).all() and (speed2 < MAX_SPEED2).all() and (rate2 < MAX_RATE2).all()
+    return bool(inside and np.isfinite(states).all())
 
 
 def fading(count: int) -> Array:

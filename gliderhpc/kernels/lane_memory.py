@@ -15,7 +15,7 @@ IDLE, STARTING, SEARCHING, RETURNING, ENDED, UNFLYABLE = range(6)
 """States of a lane: idle; evaluating its start; searching; evaluating its last point again after a failed search; done;
 done because its start cannot be flown."""
 
-SLOPE, NORM, FINITE, PITCH, SPEED2, CHANGE2 = range(6)
+SLOPE, NORM, FINITE, PITCH, SPEED2, RATE2, CHANGE2 = range(7)
 """Rows of `Descent.measured`."""
 
 RUN = 96
@@ -76,10 +76,10 @@ class Descent(NamedTuple):
         Scratch for a part of a direction.
     steps, changes : (m, 6 n)
         Stored pairs of steps and changes; the slot of the newest pair differs from lane to lane.
-    measured : (6,)
+    measured : (7,)
         Properties of the trial: slope along the direction, largest entry of the scaled gradient, a sum that is finite
-        if the gradient and the trajectory are, largest pitch and squared speed, and (where accepted)
-        ``change . change``.
+        if the gradient and the trajectory are, largest pitch, squared speed and squared rate of turning, and (where
+        accepted) ``change . change``.
     products : (5, m)
         Products of the pairs with the gradient and with the newest pair.
     weights : (2 m + 1,)
@@ -161,7 +161,7 @@ def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem,
     problem.state0[0, 4] = 1.0
     descent = Descent(
         point=array(6 * n), slope=array(6 * n), direction=array(6 * n), taken=array(6 * n), change=array(6 * n),
-        run=array(RUN), steps=array(m, 6 * n), changes=array(m, 6 * n), measured=array(6),
+        run=array(RUN), steps=array(m, 6 * n), changes=array(m, 6 * n), measured=array(7),
         products=array(5, m), weights=array(2 * m + 1), aimed=array(2), accepted=array(1),
         aiming=array(1), reach=array(1),
     )  # fmt: skip

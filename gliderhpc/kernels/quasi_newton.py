@@ -17,6 +17,7 @@ from gliderhpc.kernels.lane_memory import (
     IDLE,
     NORM,
     PITCH,
+    RATE2,
     RETURNING,
     SEARCHING,
     SLOPE,
@@ -32,7 +33,9 @@ MAX_TRIES = 20
 """Number of evaluations after which a line search has failed (as in L-BFGS-B)."""
 MAX_PITCH = math.radians(89.0)
 MAX_SPEED2 = 25.0
-"""Bound of the model's domain on the squared speed, m2/s2; that on the pitch, `MAX_PITCH`, is in rad."""
+MAX_RATE2 = 36.0
+"""Bounds of the model's domain: pitch (rad), squared speed (m2/s2), and squared rate of turning (rad2/s2): about a turn a
+second, which no glider reaches."""
 _EPSILON = 2.220446049250313e-16
 
 
@@ -81,19 +84,22 @@ def measure_trial(problem, descent):
             slope += g * load(descent.direction, 6 * k + i)
             finite += abs(g)
             norm = select(abs(g) > norm, abs(g), norm)
-    pitch, speed2 = zero, zero
+    pitch, speed2, rate2 = zero, zero, zero
     for k in range(problem.states.shape[0]):
         theta = abs(load(problem.states, (k, 1)))
         u, v, w = load(problem.states, (k, 4)), load(problem.states, (k, 5)), load(problem.states, (k, 6))
-        square = u * u + v * v + w * w
-        finite += theta + square
+        p, q, r = load(problem.states, (k, 7)), load(problem.states, (k, 8)), load(problem.states, (k, 9))
+        square, turning = u * u + v * v + w * w, p * p + q * q + r * r
+        finite += theta + square + turning
         pitch = select(theta > pitch, theta, pitch)
         speed2 = select(square > speed2, square, speed2)
+        rate2 = select(turning > rate2, turning, rate2)
     store(descent.measured, SLOPE, slope)
     store(descent.measured, NORM, norm)
     store(descent.measured, FINITE, finite)
     store(descent.measured, PITCH, pitch)
     store(descent.measured, SPEED2, speed2)
+    store(descent.measured, RATE2, rate2)
 
 
 @kernel
@@ -129,6 +135,7 @@ def flyable(problem, descent, lane):
         and math.isfinite(entry(descent.measured, FINITE, lane))
         and entry(descent.measured, PITCH, lane) < MAX_PITCH
         and entry(descent.measured, SPEED2, lane) < MAX_SPEED2
+        and entry(descent.measured, RATE2, lane) < MAX_RATE2
     )
 
 

@@ -235,6 +235,14 @@ def test_a_trial_step_that_blows_up_is_shortened(run, factor, seed):
     assert neighbour.disturbances.tobytes() == expected.disturbances.tobytes()
 
 
+def test_a_start_that_rolls_faster_than_a_turn_a_second_diverges(run):
+    data = window_data()
+    start = np.zeros((300, 6))
+    start[:, 3] = 60.0 * np.sign(np.sin(0.6 * np.arange(300)))
+    (solution,) = solve_together([(data, start)], SETTINGS, run)
+    assert solution.outcome is Outcome.DIVERGED
+
+
 def test_a_longer_window_makes_room_while_others_are_under_way(run):
     """It does not change a window that is solved at the same time."""
     short = window_data(150, disturbance=impulse()[:150], seed=1)

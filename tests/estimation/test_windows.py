@@ -325,6 +325,19 @@ def test_a_start_that_ends_beyond_the_models_domain_diverges():
     assert solve_window(data, start, EstimationSettings()).outcome is Outcome.DIVERGED
 
 
+def test_a_start_that_rolls_faster_than_a_turn_a_second_diverges():
+    """Its pitch and speed are a glider's, but no glider rolls like this, and the next step may not be finite."""
+    start = np.zeros((300, 6))
+    start[:, 3] = 60.0 * np.sign(np.sin(0.6 * np.arange(300)))
+    data = window_data()
+    problem = WindowProblem(data)
+    problem.evaluate((start / data.scale).ravel())
+    assert np.abs(problem.states[:, 1]).max() < 0.8
+    assert np.abs(problem.states[:, 4:7]).max() < 1.0
+    assert not problem.flyable()
+    assert solve_window(data, start, EstimationSettings()).outcome is Outcome.DIVERGED
+
+
 @pytest.mark.parametrize("factor", [1e4, 1e5, 1e6])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_trial_step_that_blows_up_is_shortened(factor, seed):
