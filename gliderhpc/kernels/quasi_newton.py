@@ -34,8 +34,8 @@ MAX_TRIES = 20
 MAX_PITCH = math.radians(89.0)
 MAX_SPEED2 = 25.0
 MAX_RATE2 = 36.0
-"""Bounds of the model's domain: pitch (rad), squared speed (m2/s2), and squared rate of turning (rad2/s2), which is about
-a turn a second, faster than any glider."""
+"""Bounds of the model's domain: pitch (rad), squared speed (m2/s2), and squared rate of turning (rad2/s2): a turn a
+second, about, is faster than any glider."""
 _EPSILON = 2.220446049250313e-16
 
 
