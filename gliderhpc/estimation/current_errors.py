@@ -191,8 +191,8 @@ def current_uncertainty(drift: Drift, errors: CurrentErrors) -> CurrentUncertain
     the track's covariance contains these errors (`Drift.with_hull`). Adjoint and smoother have the same hull, sensors
     and fixes. If they differ by d, at least one of them has an error that no other term contains, and the variance of
     the difference is divided between them. If the windows start from the smoothed path, the filter's current replaces
-    the adjoint's in d. The adjoint then has the smoother's covariance, and the whole of its own difference a from the
-    smoother is added to its error.
+    the adjoint's in d. With the hull's errors the adjoint has the smoother's covariance, and the whole of its own
+    difference a from the smoother is added to its error.
     """
     if drift.with_hull:
         errors = errors.model_copy(update=dict.fromkeys(TERMS, 0.0))

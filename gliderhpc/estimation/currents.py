@@ -268,12 +268,12 @@ def with_disagreement(
     """Widen the covariances of one profile's two currents by the difference of two estimates (`current_uncertainty`).
 
     The difference is between the smoother's current and the adjoint's, or the `other` one if given: windows that start
-    from the smoothed path agree with it, whether it is right or wrong. An adjoint that starts from it, with its
-    covariance, is also uncertain by its own difference from it.
+    from the smoothed path agree with it, whether it is right or wrong. An adjoint whose track has the smoother's
+    covariance is also uncertain by its own difference from the smoother.
     """
     own = adjoint.velocity - smoothed.velocity
     difference = own if other is None else other.velocity - smoothed.velocity
-    departure = own if other is not None and adjoint.drift.with_hull else np.zeros(2)
+    departure = own if adjoint.drift.with_hull else np.zeros(2)
     drifts = [
         replace(adjoint.drift, disagreement=difference, departure=departure),
         replace(smoothed.drift, disagreement=difference),

@@ -292,6 +292,8 @@ def test_adjoint_with_the_covariance_of_the_smoother_is_uncertain_by_its_whole_d
         first.covariance - adjoint.covariance, 0.5 * np.outer(other, other) + np.outer(own, own), atol=1e-15
     )
     np.testing.assert_allclose(second.covariance - smoothed.covariance, 0.5 * np.outer(other, other), atol=1e-15)
+    alone, _ = with_disagreement(adjoint, smoothed, CERTAIN)
+    np.testing.assert_allclose(alone.covariance - adjoint.covariance, 1.5 * np.outer(own, own), atol=1e-15)
 
 
 @pytest.mark.parametrize("missing", ["entry", "exit"])

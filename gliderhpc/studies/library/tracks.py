@@ -301,12 +301,9 @@ def _differences(data: ProfileData, *, with_adjoint: bool) -> tuple[Array, Array
     The second estimate is the filter if the run stored its current, else the adjoint. Missing currents differ by zero.
     """
     by_smoother = _velocity(data, BY_SMOOTHER)
-    by_adjoint, by_filter = (
-        np.nan_to_num(_velocity(data, columns) - by_smoother) for columns in (BY_ADJOINT, BY_FILTER)
-    )
-    if not np.isfinite(_velocity(data, BY_FILTER)).all():
-        return by_adjoint, np.zeros(2)
-    return by_filter, by_adjoint if with_adjoint else np.zeros(2)
+    by_adjoint, by_filter = (_velocity(data, columns) - by_smoother for columns in (BY_ADJOINT, BY_FILTER))
+    second = by_filter if np.isfinite(by_filter).all() else by_adjoint
+    return np.nan_to_num(second), np.nan_to_num(by_adjoint) if with_adjoint else np.zeros(2)
 
 
 def _track_covariance(archive: Archive, number: int, hull: Array, *, with_hull: bool, smoothed: bool) -> Array:
