@@ -139,15 +139,11 @@ def check(archive: Place, deep: bool) -> int:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with archive_errors(archive):
         note = version_note(archive)
-        differences = committed_chunk_faults(archive, deep=deep) if note else check_archive(archive)
-        if not differences and not note:
-            differences = list(attribute_faults(read_attributes(archive)))
-        if not differences and not note:
-            differences = damaged_chunks(archive) if deep else missing_chunks(archive)
+        differences = committed_chunk_faults(archive, deep=deep) if note else _differences(archive, deep)
     for line in differences:
         echo(line)
     if differences:
-        echo(f"{archive}: {len(differences)} {'difference' if len(differences) == 1 else 'differences'}")
+        echo(f"{archive}: {counted(len(differences), 'difference')}")
         return 1
     with archive_errors(archive):
         committed, profiles = len(read_commits(archive)), len(read_profiles(archive))
@@ -159,6 +155,12 @@ def check(archive: Place, deep: bool) -> int:
     scope = "schema and digests" if deep else "schema, no chunk is missing"
     echo(f"{archive}: conforms to its {scope}; {count} committed")
     return 0
+
+
+def _differences(archive: Place, deep: bool) -> list[str]:
+    """List the differences from the schema, else faults of attributes, else missing or, if `deep`, damaged chunks."""
+    found = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
+    return found or (damaged_chunks(archive) if deep else missing_chunks(archive))
 
 
 SHOWN_PROFILES = 12

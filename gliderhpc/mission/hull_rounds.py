@@ -281,8 +281,9 @@ class DiveRounds:
             converged = float(np.abs(full_step).max()) < self._settings.tolerance
             if converged or blocked or len(moves) >= self._most:
                 break
+        divisor = float(ratios.min())
         held_out = tuple(
-            (number, float(ratios.min()) * value, freedom)
+            (number, divisor * value, freedom)
             for number in self._held_out
             if number in terms
             for value, freedom in [predicted_disagreement(mission, terms[number])]
@@ -299,7 +300,7 @@ class DiveRounds:
             tuple(moves),
             eta,
             full_step,
-            float(ratios.min()),
+            divisor,
             float(ratios.max()),
         )
 

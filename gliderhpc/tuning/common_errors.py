@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter
 from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.segment_errors import LATERAL
 
 Array = NDArray[np.float64]
 
 TURNING_MOTION = (
-    "viscous.K_beta",
-    "viscous.K_MR",
-    "viscous.K_MY",
-    "viscous.K_r",
+    *LATERAL,
     "viscous.K_p",
     "viscous.K_delta",
     "added_mass.1",

@@ -39,8 +39,9 @@ _MEAN = 120.0
 
 _PITCH, _DEPTH = 1, 5
 """Indices of pitch and depth among the states of eq. 16."""
-_GLIDING, _FORCES = [1, 3, 4, 6, 8], [0, 2, 4]
-"""Indices of pitch, depth, u, w and q among the sensed states, and of surge, heave and pitch among the disturbances."""
+_GLIDING, _TURNING, _FORCES = [1, 3, 4, 6, 8], [0, 2, 5, 7, 9], [0, 2, 4]
+"""Indices of pitch, depth, u, w and q and of roll, heading, v, p and r among the sensed states, and of surge, heave and
+pitch among the disturbances."""
 _SPEED, _RATES = 4, slice(7, 10)
 """Indices of u, and of p, q and r, among the sensed states."""
 
@@ -134,14 +135,13 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
 def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:
     """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of the run along a path, in turns along another one."""
     step, steps = profile.series.step, len(profile.bodies)
-    disturbances, run = path.disturbances[:steps].copy(), path.states[:, SENSED].copy()
+    run = path.states[:, SENSED].copy()
     if turning is None:
         rate, width = _TURNING_RATE, max(1, round(_MEAN / step))
-        disturbances = scipy.ndimage.uniform_filter1d(disturbances, width, axis=0, mode="nearest")
+        disturbances = scipy.ndimage.uniform_filter1d(path.disturbances[:steps], width, axis=0, mode="nearest")
     else:
         rate, disturbances = _TRACKING_RATE, turning.disturbances[:steps].copy()
-        run = turning.states[:, SENSED].copy()
-        run[:, _GLIDING] = path.states[:, SENSED][:, _GLIDING]
+        run[:, _TURNING] = turning.states[:, SENSED][:, _TURNING]
     nose_up, forces = path.states[:steps, _PITCH] > 0.0, path.disturbances[:steps, _FORCES]
     for phase in (nose_up, ~nose_up):
         if phase.any():
