@@ -1,4 +1,4 @@
-"""Next surfacing: predicted place and time of the end of a dive like the last one, in the predicted current."""
+"""Next surfacing: predicted place and time of the end of a dive like the last ones, in the predicted current."""
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.estimation.next_displacement import displacement_scatter, expected_displacements
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
@@ -19,9 +20,9 @@ Array = NDArray[np.float64]
 MAX_DIVES = 60
 """Maximum number of past dives used by the nowcast."""
 
-_COMPARED, _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 20, 3, 0.1
-"""Maximum number of differences between displacements of successive dives that are used; number of prior differences
-assumed in addition, and their size as a fraction of the displacement."""
+_COMPARED, _PRIOR_DRIFTS = 20, 3
+"""Maximum number of past predictions and of drifts at the surface that are used, and number of prior drifts assumed in
+addition."""
 
 PROBABILITY = 0.68
 """Probability of the ellipses of positions and currents."""
@@ -41,7 +42,7 @@ _SECOND = np.timedelta64(1, "s")
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted end of the next dive, assuming the displacement and duration of the last one.
+    """Predicted end of the next dive, assuming the duration of the last one and the expected displacement.
 
     Attributes
     ----------
@@ -115,20 +116,23 @@ def predict_from(
 
     Notes
     -----
-    The position is the sum of the last fix, the smoothed displacement of the last dive, and the filter's integral of
-    the current. An error common to all dives, such as a wrong drag, changes displacement and current in opposite
-    directions and leaves the position unchanged. The errors of the filter's observations are therefore only those of
-    the fixes and of the time at the surface; those of the hull are added to the predicted current. The difference
-    between the next dive's displacement and the last one's is assumed to have the mean square of such differences so
-    far. At the surface the glider drifts with the current and a further, constant velocity, with the scatter that the
-    drifts so far have (`surface_offset`). The covariance of the position is scaled by the misses that the same
-    prediction would have had after each of the dives before (`ellipse_scale`).
+    The position is the sum of the last fix, the displacement expected of the next dive, and the filter's integral of
+    the current. The displacement is that of the last dive, changed against the last change of the current as far as the
+    glider did so before (`expected_displacements`). An error common to all dives, such as a wrong drag, changes
+    displacement and current in opposite directions and leaves the position unchanged. The errors of the filter's
+    observations are therefore only those of the fixes and of the time at the surface; those of the hull are added to
+    the predicted current. The difference between the next dive's displacement and the expected one is assumed to have
+    the mean square of such differences so far. At the surface the glider drifts with the current and a further,
+    constant velocity, with the scatter that the drifts so far have (`surface_offset`). The covariance of the position
+    is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`).
     """
     surface = surface_offset(dives, surface_shear)
-    spread = displacement_scatter(_displacements(dives))
+    displacements = _displacements(dives)
+    expected = expected_displacements(displacements, _currents(dives), dives["duration"].values)
+    spread = displacement_scatter(displacements, expected)
     count = dives.sizes["profile"]
     predicted = [
-        _predict_cycle(dives, place, state, surface, spread, fix_error)
+        _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
         for place, state in _nowcasts_after(
             dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count)
         ).items()
@@ -177,10 +181,15 @@ class _Cycle:
 
 
 def _predict_cycle(
-    dives: xr.Dataset, place: int, state: Nowcast, surface: tuple[Array, float], spread: Array, fix_error: float
+    dives: xr.Dataset,
+    place: int,
+    state: Nowcast,
+    surface: tuple[Array, float],
+    through: tuple[Array, Array],
+    fix_error: float,
 ) -> _Cycle:
-    """Predict the cycle after a dive, given offset and scatter of surface drifts and the displacements' covariance."""
-    offset, scatter = surface
+    """Predict the cycle after a dive, given surface drifts (offset, scatter) and displacement (value, covariance)."""
+    (offset, scatter), (displacement, spread) = surface, through
     at_surface, below = _cycle(dives, place)
     begin = max(float(_seconds(dives, "exit_time")[place]), state.time)
     drift, covariance = state.drift(begin, begin + at_surface + below)
@@ -189,7 +198,7 @@ def _predict_cycle(
         place=place,
         state=state,
         elapsed=at_surface + below,
-        displacement=_displacements(dives)[place] + offset * at_surface + drift,
+        displacement=displacement + offset * at_surface + drift,
         covariance=covariance + spread + shear * np.eye(2),
         drift=drift,
         drift_covariance=covariance,
@@ -280,8 +289,8 @@ def surface_offset(dives: xr.Dataset, surface_shear: float) -> tuple[Array, floa
     if not count:
         return np.zeros(2), surface_shear
     mean = apart.mean(axis=0)
-    squares = 0.5 * float(np.sum((apart - mean) ** 2)) + _PRIOR_DIFFERENCES * surface_shear**2
-    scatter = float(np.sqrt(squares / (count - 1 + _PRIOR_DIFFERENCES)))
+    squares = 0.5 * float(np.sum((apart - mean) ** 2)) + _PRIOR_DRIFTS * surface_shear**2
+    scatter = float(np.sqrt(squares / (count - 1 + _PRIOR_DRIFTS)))
     return mean * _OFFSET**2 / (_OFFSET**2 + scatter**2 / count), scatter
 
 
@@ -338,12 +347,8 @@ def _displacements(dives: xr.Dataset) -> Array:
     return np.column_stack([dives["displacement_north"].values, dives["displacement_east"].values])
 
 
-def displacement_scatter(displacements: Array) -> Array:
-    """Return the mean square (2, 2) of the latest differences of displacements ``(n, 2)`` from dive to dive (m2)."""
-    differences = np.diff(displacements[-_COMPARED - 1 :], axis=0)
-    prior = (_PRIOR_FRACTION**2 / 2.0) * float(displacements[-1] @ displacements[-1]) * np.eye(2)
-    total = differences.T @ differences + _PRIOR_DIFFERENCES * prior
-    return np.asarray(total / (len(differences) + _PRIOR_DIFFERENCES))
+def _currents(dives: xr.Dataset) -> Array:
+    return np.column_stack([dives["dac_north_smoothed"].values, dives["dac_east_smoothed"].values])
 
 
 def _covariance(row: xr.Dataset) -> Array:

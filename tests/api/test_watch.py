@@ -32,7 +32,7 @@ from gliderhpc.observations import joined
 from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.landing import FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import displacement_scatter, dives_until, predict_surfacing, surface_offset
+from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surface_offset
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import error_ellipse, surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
@@ -706,14 +706,6 @@ def test_a_dive_without_a_current_is_no_time_at_the_surface(swift_store):
         lost = predict_surfacing(archive.with_columns({"dac_north_smoothed": column}), 3)
     assert lost.dives == whole.dives - 1
     assert lost.time == whole.time
-
-
-def test_differences_between_successive_displacements_widen_the_ellipse():
-    alike = np.tile([300.0, 0.0], (6, 1))
-    turned = np.array([[300.0, 0.0], [0.0, 300.0]] * 3)
-    assert np.trace(displacement_scatter(turned)) > 10.0 * np.trace(displacement_scatter(alike))
-    # Before any difference is known, a tenth of the displacement.
-    assert np.sqrt(np.trace(displacement_scatter(alike[:1]))) == pytest.approx(30.0)
 
 
 def test_the_page_answers_first_fetches_nothing_and_obeys_no_name(swift_store, tmp_path):
