@@ -225,7 +225,7 @@ class Watch:
 
     def _import(self) -> None:
         faults = self._import_copies()
-        refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state)
+        refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state, self.watched.importing)
         if refused:
             self.state.save(self.watched.out)
             remove_backups(self.watched.out / COPIES, refused)

@@ -4,22 +4,35 @@ A file that was complete can arrive again damaged or cut short; dives reported f
 """
 
 import hashlib
+import logging
 import shutil
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gliderhpc.api.watch_records import FileImport
 from gliderhpc.api.watch_state import ReportedDive, WatchState
+from gliderhpc.errors import InputError
 from gliderhpc.observations.in_memory import read_records
 from gliderhpc.observations.landing import CopiedFile
 from gliderhpc.output_files import written_aside
+from gliderhpc.wording import counted
+
+log = logging.getLogger("gliderhpc.watch")
+
+Times = NDArray[np.datetime64]
 
 BACKUPS = "earlier"
 """Name of the folder with the backups, within that of the copies."""
 
 _MIN_SHARE = 0.98
 """Smallest share of a reported dive's samples that a new version must have; other processing may drop a few."""
+
+_MAX_NAMED = 10
+"""Maximum number of dives that a message names."""
 
 
 def back_up_version(copy: Path) -> None:
@@ -31,7 +44,9 @@ def back_up_version(copy: Path) -> None:
             shutil.copyfile(copy, aside)
 
 
-def accept_or_restore(folder: Path, faults: Mapping[str, str], records: Path, state: WatchState) -> dict[str, str]:
+def accept_or_restore(
+    folder: Path, faults: Mapping[str, str], records: Path, state: WatchState, importing: FileImport
+) -> dict[str, str]:
     """Accept the new versions of files, or restore the backups of those that are less complete.
 
     Parameters
@@ -45,6 +60,8 @@ def accept_or_restore(folder: Path, faults: Mapping[str, str], records: Path, st
     state : WatchState
         Dives reported so far. Restored copies are recorded in it; their new versions then count as read until they
         change.
+    importing : FileImport
+        Import of the files.
 
     Returns
     -------
@@ -55,8 +72,12 @@ def accept_or_restore(folder: Path, faults: Mapping[str, str], records: Path, st
     names = sorted(path.name for path in (folder / BACKUPS).glob("*") if (folder / path.name).exists())
     if not names:
         return {}
-    lost = _lost_dive(records, state.reported) if records.exists() else None
-    refused = _inferior_versions(folder, names, faults, lost)
+    lost = _lost_dives(_times_of(records), state.reported) if records.exists() else []
+    refused = _unusable_versions(names, faults)
+    refused |= _shorter_versions(folder, [name for name in names if name not in refused], lost, importing)
+    if lost and not refused:
+        refused = dict.fromkeys(names, _fewer_samples(lost))
+    refused = {name: f"{why}; the earlier one remains in use" for name, why in refused.items()}
     for name in names:
         backup = folder / BACKUPS / name
         if name in refused:
@@ -76,28 +97,51 @@ def remove_backups(folder: Path, names: Iterable[str]) -> None:
         (folder / BACKUPS / name).unlink(missing_ok=True)
 
 
-def _inferior_versions(
-    folder: Path, names: Sequence[str], faults: Mapping[str, str], lost: ReportedDive | None
+def _unusable_versions(names: Iterable[str], faults: Mapping[str, str]) -> dict[str, str]:
+    return {name: f"the new version cannot be used ({faults[name]})" for name in names if name in faults}
+
+
+def _shorter_versions(
+    folder: Path, names: Iterable[str], lost: Sequence[ReportedDive], importing: FileImport
 ) -> dict[str, str]:
-    """Return the files whose new version is unusable or, where a reported `lost` dive has fewer samples, smaller."""
-    refused = {name: f"the new version cannot be used ({faults[name]})" for name in names if name in faults}
-    if lost is not None:
-        shorter = [name for name in names if _size(folder / name) < _size(folder / BACKUPS / name)]
-        for name in shorter or names:
-            refused.setdefault(name, f"the new version has fewer samples of dive {lost.profile}")
-    return {name: f"{why}; the earlier one remains in use" for name, why in refused.items()}
+    """Return the files whose new version alone has fewer samples of lost dives than the earlier one alone."""
+    found = {}
+    for name in names if lost else ():
+        earlier, new = (_times_of_file(path, importing) for path in (folder / BACKUPS / name, folder / name))
+        shorter = [dive for dive in lost if _count(new, dive) < _MIN_SHARE * _count(earlier, dive)]
+        if shorter:
+            found[name] = _fewer_samples(shorter)
+    return found
 
 
-def _size(path: Path) -> int:
-    return path.stat().st_size
+def _fewer_samples(dives: Sequence[ReportedDive]) -> str:
+    numbers = [str(dive.profile) for dive in dives]
+    more = f" and {counted(len(numbers) - _MAX_NAMED, 'other')}" if len(numbers) > _MAX_NAMED else ""
+    return f"the new version has fewer samples of dive {', '.join(numbers[:_MAX_NAMED])}{more}"
 
 
-def _lost_dive(records: Path, reported: Iterable[ReportedDive]) -> ReportedDive | None:
-    """Return a reported dive that has fewer samples in an observation file than were reported, if there is one."""
+def _lost_dives(times: Times, reported: Iterable[ReportedDive]) -> list[ReportedDive]:
+    """Return the reported dives of which there are fewer samples than were reported."""
+    return [dive for dive in reported if _count(times, dive) < _MIN_SHARE * dive.count]
+
+
+def _count(times: Times, dive: ReportedDive) -> int:
+    return int(np.sum((times >= np.datetime64(dive.start)) & (times <= np.datetime64(dive.end))))
+
+
+def _times_of_file(path: Path, importing: FileImport) -> Times:
+    """Return the times of the samples of one file; none if it cannot be imported alone."""
+    with tempfile.TemporaryDirectory() as aside:
+        # The importers recognise files by their names.
+        alone, out = Path(aside) / path.name, Path(aside) / "alone-imported.nc"
+        shutil.copyfile(path, alone)
+        try:
+            importing.import_files([alone], out)
+        except InputError as error:
+            log.debug("%s: cannot be imported alone: %s", path, error)
+        return _times_of(out) if out.exists() else np.zeros(0, "datetime64[ns]")
+
+
+def _times_of(records: Path) -> Times:
     with read_records(records) as content:
-        times = content["time"].values
-    for dive in reported:
-        found = (times >= np.datetime64(dive.start)) & (times <= np.datetime64(dive.end))
-        if found.sum() < _MIN_SHARE * dive.count:
-            return dive
-    return None
+        return np.asarray(content["time"].values)

@@ -21,16 +21,18 @@ from gliderhpc.api.alerts import Box, Rules
 from gliderhpc.api.import_options import BY_KIND, FLAGS, FOLDERS, NUMBERS, check_option_values
 from gliderhpc.api.records import IMPORTERS
 from gliderhpc.api.watch import Listener, WatchInputs, open_watch
-from gliderhpc.api.watch_records import FileImport, is_candidate
+from gliderhpc.api.watch_records import FileImport, is_candidate, time_span
+from gliderhpc.api.watch_state import ReportedDive, WatchState
+from gliderhpc.api.watch_versions import accept_or_restore
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission import resume
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.observations import joined
+from gliderhpc.observations import joined, open_observations
 from gliderhpc.observations.joined import join_observations
-from gliderhpc.observations.landing import FileState, copy_file, list_files, older, unchanged
+from gliderhpc.observations.landing import CopiedFile, FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surface_offset
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
@@ -283,6 +285,35 @@ def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swi
     reports = _once(tmp_path)
     assert (reports.dives, reports.faults) == ([], [])
     _assert_as_fresh(tmp_path / "m.zarr", swift_store)
+
+
+def test_of_several_new_versions_only_those_with_fewer_samples_are_refused(swift, dives, tmp_path):
+    """All files were processed again: the second one lost samples, the first one only a comment; the third one grew."""
+    importing, copies, backups = FileImport(None, {}), tmp_path / "files", tmp_path / "files" / "earlier"
+    backups.mkdir(parents=True)
+    for dive in dives:
+        shutil.copy(dive, backups)
+        shutil.copy(dive, copies)
+    for number in (1, 3):
+        _annotate(backups / dives[0].name if number == 1 else copies / dives[2].name, swift)
+    records = tmp_path / "records.nc"
+    importing.import_files([backups / dive.name for dive in dives], records)
+    _cut_record(copies / dives[1].name, swift)
+    state = WatchState()
+    with open_observations(records) as observations:
+        for number, span in observations.survey.spans.items():
+            start, end = map(str, time_span(observations, number))
+            entry = ReportedDive(
+                profile=number, start=start, end=end, samples="", count=span.stop - span.start, revision=0, file=""
+            )
+            state.reported.append(entry)
+    for dive in dives:
+        state.add_file(dive.name, CopiedFile(FileState(1, 1), ""))
+    importing.import_files([copies / dive.name for dive in dives], records)
+    refused = accept_or_restore(copies, {}, records, state, importing)
+    assert refused == {dives[1].name: "the new version has fewer samples of dive 2; the earlier one remains in use"}
+    assert [path.name for path in backups.iterdir()] == [dives[1].name]
+    assert (copies / dives[1].name).read_bytes() == dives[1].read_bytes()
 
 
 @pytest.mark.long
