@@ -179,7 +179,7 @@ def calibrate_and_tune(
 
     Hull and prior depend on each other: on a hull whose trim is wrong the prior becomes wide enough to contain the
     error, and the prior decides how much of the records the hull has to explain. A prior with which a run would refuse
-    one of the profiles is not used.
+    one of the profiles is not used, nor one with which the dives no longer give a hull.
     """
     first = calibrate_open(observations, platform, settings, profiles, hold_out, assignments, executor, progress)
     tuning = TuneSettings(**{name: getattr(settings, name) for name in TuneSettings.model_fields})
@@ -187,14 +187,24 @@ def calibrate_and_tune(
     tuned = tune_open(observations, first.platform, tuning, some, assignments, log.info)
     log.info(tuned.notes[0])
     if refused := tuning_report.refusal(tuned.tuned, tuning):
-        doubt = f"the prior was tuned but is not used, since {refused}; the hull is that of the first calibration"
-        log.warning(doubt)
-        return replace(first, caution="; ".join(filter(None, (first.caution, doubt))))
+        return _without_prior(first, refused)
     with_prior = platform.model_copy(update={"prior": tuned.platform.prior})
-    found = calibrate_open(observations, with_prior, settings, profiles, hold_out, assignments, executor, progress)
+    try:
+        found = calibrate_open(observations, with_prior, settings, profiles, hold_out, assignments, executor, progress)
+    except CalibrationError as error:
+        return _without_prior(first, f"with it no hull was found ({error})")
+    if first.dives is not None and found.dives is None:
+        return _without_prior(first, f"with it the dives gave no hull ({found.failure})")
     used = tuning_report.used_text(list(tuned.profiles), tuning)
     source = f"{found.platform.source} Disturbance prior tuned on {used} with the hull of a first calibration."
     return replace(found, platform=found.platform.model_copy(update={"source": source}))
+
+
+def _without_prior(first: CalibratedHull, reason: str) -> CalibratedHull:
+    """Return the result of the first calibration with the reason why the tuned prior is not used."""
+    doubt = f"the prior was tuned but is not used, since {reason}; the hull is that of the first calibration"
+    log.warning(doubt)
+    return replace(first, caution="; ".join(filter(None, (first.caution, doubt))))
 
 
 def _before_rounds(

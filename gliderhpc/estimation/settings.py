@@ -278,11 +278,12 @@ def candidate_priors(platform: Platform, interval: float = 0.0) -> dict[str, Dis
     usual = default_prior(platform, interval)
     if platform.prior is not None:
         return {"usual": usual}
-    rough = _with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform, interval) else ROUGH_WATER
+    rough = with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform, interval) else ROUGH_WATER
     return {"usual": usual, "rough_water": rough}
 
 
-def _with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> DisturbancePrior:
+def with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> DisturbancePrior:
+    """Return a prior with the yawing moment's numbers of another one."""
     return DisturbancePrior(
         deviation=(*prior.deviation[:5], source.deviation[5]),
         correlation_time=(*prior.correlation_time[:5], source.correlation_time[5]),

@@ -4,6 +4,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from gliderhpc.api.arguments import assignments_of, profiles_text
 from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.api.records import InspectedRecords
 from gliderhpc.api.studies import StudyFindings
+from gliderhpc.estimation.settings import default_prior
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.observations.profiles import evenly_spaced
@@ -487,6 +489,33 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     assert found.platform.prior == hull.prior
     assert found.warnings[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
     assert "the prior was tuned but is not used" in caplog.text
+
+
+@pytest.mark.parametrize("raised", [True, False])
+def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkeypatch):
+    """Whether the second calibration fails, or only its rounds over the dives."""
+    hull, reason = gh.load_platform("petrel-l"), "no dive could be smoothed"
+    first = CalibratedHull(hull, None, dives=SimpleNamespace())
+
+    def calibrated(_, platform, *__):
+        if platform.prior is None:
+            return first
+        if raised:
+            raise gh.CalibrationError(reason)
+        return CalibratedHull(platform, None, failure=reason)
+
+    with_prior = hull.model_copy(update={"prior": default_prior(hull)})
+    monkeypatch.setattr(CalibratedHull, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
+    monkeypatch.setattr(CalibratedHull, "warnings", property(lambda found: [found.caution]))
+    monkeypatch.setattr(hulls, "calibrate_open", calibrated)
+    monkeypatch.setattr(
+        hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
+    )
+    monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: "")
+    found = hulls.calibrate_and_tune(None, hull, hulls.CalibrateSettings(), None, None, (), None)
+    assert found.platform is hull
+    assert found.dives is first.dives
+    assert re.match(rf"the prior was tuned but is not used, since with it .*\({reason}\)", found.warnings[0])
 
 
 def test_a_prior_is_tuned_as_by_the_command(swift, tmp_path):

@@ -75,7 +75,7 @@ def test_fisher_scoring_is_not_settled_after_too_few_rounds():
 TRUE = DisturbancePrior(
     deviation=(0.2, 0.2, 0.2, 0.05, 0.05, 0.4), correlation_time=(900.0, 300.0, 900.0, 300.0, 600.0, 25.0)
 )
-SETTINGS = TuneSettings()
+SETTINGS = TuneSettings.model_validate({"tuning": {"least_noise": 0.0}})
 SWAY, YAW, SWAY_TIME, YAW_TIME = 1, 5, 7, 11
 
 
@@ -130,6 +130,22 @@ def test_prior_numbers_that_the_records_do_not_determine_are_held(tuned):
     np.testing.assert_array_equal(numbers(tuned.after)[held], numbers(default_prior(PETREL))[held])
 
 
+def test_no_noise_is_tuned_below_that_of_the_untuned_prior(tuned, requests):
+    """The drawn yawing moment has less, sway has more; sway is fitted with the untuned numbers of yaw."""
+    found = tune_prior(PETREL, requests, TuneSettings())
+    yaw = [YAW, YAW_TIME]
+    assert [found.verdicts[number] for number in yaw] == [TuningVerdict.TOO_TIGHT] * 2
+    np.testing.assert_array_equal(numbers(found.after)[yaw], numbers(default_prior(PETREL))[yaw])
+    assert np.isnan(found.errors[yaw]).all()
+    assert found.verdicts[SWAY] is TuningVerdict.ESTIMATED
+    assert 0.0 < found.gain < tuned.gain
+
+
+def test_noise_below_the_untuned_one_is_accepted_down_to_a_share(tuned, requests):
+    wider = TuneSettings.model_validate({"tuning": {"least_noise": 0.01}})
+    np.testing.assert_array_equal(numbers(tune_prior(PETREL, requests, wider).after), numbers(tuned.after))
+
+
 def test_innovations_under_the_tuned_prior_are_white(tuned):
     """Under the platform's prior they are not, in heading; under the tuned one they are."""
     assert tuned.whiteness_before["heading"].portmanteau > 10.0
@@ -162,7 +178,9 @@ def test_long_records_are_cut(drawn):
 
 # The verb
 
-BRIEFLY = ("--profiles", "2", "--set", "tuning.longest=200", "--set", "tuning.max_rounds=2")
+BRIEFLY = (
+    "--profiles", "2", "--set", "tuning.longest=200", "--set", "tuning.max_rounds=2", "--set", "tuning.least_noise=0",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
