@@ -1,7 +1,8 @@
 """Settings of a mission's run, and their overrides by ``--set KEY=VALUE``."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -73,8 +74,8 @@ def build_settings_of(
     for key, text in assignments.items():
         if key not in known:
             raise InputError(
-                f"--set {key}: no such setting{nearest(key, known)}; the settings are {', '.join(known)}, "
-                f"and {PLATFORM_PREFIX}..."
+                f"--set {key}: no such setting{nearest(key, known)}; {_known_settings(key, known)}; those of the "
+                f"hull begin with {PLATFORM_PREFIX}"
             )
         node = values
         *parents, last = key.split(".")
@@ -113,9 +114,18 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         if first["type"] == "extra_forbidden":
             known = sorted(_dotted_keys(model))
             raise InputError(
-                f"{where}: no such setting{nearest(where, known)}; the settings are {', '.join(known)}"
+                f"{where}: no such setting{nearest(where, known)}; {_known_settings(where, known)}"
             ) from None
         raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
+
+
+def _known_settings(key: str, known: Sequence[str]) -> str:
+    """List the settings of the section that a key names or resembles, or all if there is no such section."""
+    sections = {name.split(".")[0] for name in known if "." in name}
+    named = key.split(".")[0]
+    for section in get_close_matches(named, sections, n=1) if "." in key else ():
+        return f"the settings of {section} are {', '.join(name for name in known if name.startswith(f'{section}.'))}"
+    return f"the settings are {', '.join(known)}"
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

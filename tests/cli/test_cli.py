@@ -347,7 +347,10 @@ def test_an_unknown_platform(brief, run):
 @pytest.mark.parametrize(
     ("assignment", "words"),
     [
-        ("windw.length=30", "--set windw.length: no such setting, did you mean 'window.length'?; the settings are"),
+        (
+            "windw.length=30",
+            "--set windw.length: no such setting, did you mean 'window.length'?; the settings of",
+        ),
         ("platform.buoyancy.neutral=3", "a platform has no key 'buoyancy.neutral'"),
         ("window.length=-5", "--set window.length: Input should be greater than 0, not -5"),
         ("window.length", "write it as KEY=VALUE"),

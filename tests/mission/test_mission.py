@@ -870,7 +870,10 @@ def test_assignments_reach_their_settings():
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
-        ("windows.length=60", r"no such setting, did you mean 'window\.length'\?; the settings are .*window\.length"),
+        (
+            "windows.length=60",
+            r"no such setting, did you mean 'window\.length'\?; the settings of window are .*\.length",
+        ),
         ("window=60", "no such setting"),
         ("window.length=-1", "greater than 0"),
         ("window.length=long", "valid number"),
