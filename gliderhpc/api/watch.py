@@ -224,14 +224,14 @@ class Watch:
         ).hexdigest()
 
     def _import(self) -> None:
+        copies, importing = self.watched.out / COPIES, self.watched.importing
         faults = self._import_copies()
-        refused = accept_or_restore(self.watched.out / COPIES, faults, self.records, self.state, self.watched.importing)
-        if refused:
+        while refused := accept_or_restore(copies, faults, self.records, self.state, importing):
             self.state.save(self.watched.out)
-            remove_backups(self.watched.out / COPIES, refused)
+            remove_backups(copies, refused)
+            for name, why in refused.items():
+                self._fail(name, why)
             faults = self._import_copies()
-        for name, why in refused.items():
-            self._fail(name, why)
         self._report_faults(faults)
 
     def _import_copies(self) -> dict[str, str]:

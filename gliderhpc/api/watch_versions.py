@@ -47,7 +47,9 @@ def back_up_version(copy: Path) -> None:
 def accept_or_restore(
     folder: Path, faults: Mapping[str, str], records: Path, state: WatchState, importing: FileImport
 ) -> dict[str, str]:
-    """Accept the new versions of files, or restore the backups of those that are less complete.
+    """Restore the backups of files whose new versions are less complete; if there are none, accept all new versions.
+
+    After a restoration the records are made again, and the remaining new versions are judged by those.
 
     Parameters
     ----------
@@ -78,21 +80,20 @@ def accept_or_restore(
     if lost and not refused:
         refused = dict.fromkeys(names, _fewer_samples(lost))
     refused = {name: f"{why}; the earlier one remains in use" for name, why in refused.items()}
-    for name in names:
+    for name in refused:
         backup = folder / BACKUPS / name
-        if name in refused:
-            digest = hashlib.sha256(backup.read_bytes()).hexdigest()
-            state.add_file(name, CopiedFile(state.copied[name].state, digest))
-            # The backup is removed last (`remove_backups`): until the state is saved, a restart must find it again.
-            with written_aside(folder / name, overwrite=True) as aside:
-                shutil.copyfile(backup, aside)
-        else:
-            backup.unlink()
+        digest = hashlib.sha256(backup.read_bytes()).hexdigest()
+        state.add_file(name, CopiedFile(state.copied[name].state, digest))
+        # The backup is removed last (`remove_backups`): until the state is saved, a restart must find it again.
+        with written_aside(folder / name, overwrite=True) as aside:
+            shutil.copyfile(backup, aside)
+    if not refused:
+        remove_backups(folder, names)
     return refused
 
 
 def remove_backups(folder: Path, names: Iterable[str]) -> None:
-    """Remove the backups of files that were restored, once the state is saved."""
+    """Remove the backups of accepted files, or of restored ones once the state is saved."""
     for name in names:
         (folder / BACKUPS / name).unlink(missing_ok=True)
 

@@ -23,7 +23,7 @@ from gliderhpc.api.records import IMPORTERS
 from gliderhpc.api.watch import Listener, WatchInputs, open_watch
 from gliderhpc.api.watch_records import FileImport, is_candidate, time_span
 from gliderhpc.api.watch_state import ReportedDive, WatchState
-from gliderhpc.api.watch_versions import accept_or_restore
+from gliderhpc.api.watch_versions import accept_or_restore, remove_backups
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
@@ -312,7 +312,11 @@ def test_of_several_new_versions_only_those_with_fewer_samples_are_refused(swift
     importing.import_files([copies / dive.name for dive in dives], records)
     refused = accept_or_restore(copies, {}, records, state, importing)
     assert refused == {dives[1].name: "the new version has fewer samples of dive 2; the earlier one remains in use"}
-    assert [path.name for path in backups.iterdir()] == [dives[1].name]
+    assert len(list(backups.iterdir())) == 3
+    remove_backups(copies, refused)
+    importing.import_files([copies / dive.name for dive in dives], records)
+    assert accept_or_restore(copies, {}, records, state, importing) == {}
+    assert list(backups.iterdir()) == []
     assert (copies / dives[1].name).read_bytes() == dives[1].read_bytes()
 
 
