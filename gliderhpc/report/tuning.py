@@ -13,9 +13,10 @@ from gliderhpc.vocabulary import CHANNELS
 
 INTERPOLATED = (
     "records slower than the filter's limit were interpolated before filtering, so their innovations are correlated "
-    "by construction and never white"
+    "by construction and never white; compare the currents with those of the untuned prior, which may be better on such "
+    "records"
 )
-"""Remark on the whiteness of slow records."""
+"""Remark on slow records."""
 
 _SHOWN_LAGS = 3
 _UNKNOWN = math.log(100.0)
