@@ -13,8 +13,8 @@ from gliderhpc.vocabulary import CHANNELS
 
 INTERPOLATED = (
     "records slower than the filter's limit were interpolated before filtering, so their innovations are correlated "
-    "by construction and never white; compare the currents with those of the untuned prior, which may be better on such "
-    "records"
+    "by construction and never white; compare the currents with those of the untuned prior, which may be better on "
+    "such records"
 )
 """Remark on slow records."""
 
