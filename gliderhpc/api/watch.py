@@ -381,13 +381,16 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
     Raises
     ------
     InputError
-        The output folder is the watched one or cannot be written, another process uses it, or its state is damaged.
+        The output folder is the watched one or cannot be written, another process uses it, or its state is damaged;
+        or the source is an archive.
     """
     check_folder(watched.out)
     if watched.out.resolve() == folder_of(watched.source).resolve():
         raise InputError(
             f"{watched.out}: is the folder being watched; give another one for messages and copies with --out"
         )
+    if is_archive(folder_of(watched.source)):
+        raise InputError(f"{watched.source}: is an archive; give the folder in which the glider's files arrive")
     for name in (COPIES, CACHED_READS):
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out), closing(Watch(watched, listener, read_state(watched.out))) as watch:

@@ -30,7 +30,7 @@ from gliderhpc.store_schema import (
     structure_differences,
 )
 from gliderhpc.store_schema.maintenance import OUTDATED
-from gliderhpc.store_schema.place import Place, is_empty, own_metadata, root_content, store_at
+from gliderhpc.store_schema.place import Place, describe_other, is_empty, own_metadata, root_content, store_at
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
@@ -191,9 +191,7 @@ def _store(path: Place) -> Any:
     if is_empty(path):
         raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
     if not is_archive(path):
-        raise InputError(
-            f"{path}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
-        )
+        raise InputError(describe_other(path))
     return VerifiedStore(store_at(path, read_only=True), str(path))
 
 

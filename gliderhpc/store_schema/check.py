@@ -12,7 +12,7 @@ import zarr
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE
 from gliderhpc.store_schema.consolidation import stored_metadata
-from gliderhpc.store_schema.place import CONSOLIDATED, Place, group_at, is_archive, store_at
+from gliderhpc.store_schema.place import CONSOLIDATED, Place, describe_other, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
     CODECS,
@@ -106,7 +106,7 @@ def _other_version(root: zarr.Group) -> str:
 
 def _opened(place: Place) -> zarr.Group:
     if not is_archive(place):
-        raise InputError(f"{place}: not an archive of gliderhpc; give the folder that run-mission wrote")
+        raise InputError(describe_other(place))
     return group_at(place)
 
 

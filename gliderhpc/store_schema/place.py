@@ -332,6 +332,14 @@ def is_archive(place: Place) -> bool:
     return isinstance(attributes, dict) and attributes.get("schema") == SCHEMA_NAME
 
 
+def describe_other(place: Place) -> str:
+    """Describe a place that holds something other than an archive, with the remedy."""
+    if not is_address(place) and Path(place).is_file():
+        wanted = "give the folder that `gliderhpc run-mission --store` makes from records"
+        return f"{place}: a file, not an archive of gliderhpc; {wanted}"
+    return f"{place}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
+
+
 def remove_partial_files(place: Place) -> None:
     """Remove the incomplete files that zarr left when its writer was killed."""
     if is_address(place):

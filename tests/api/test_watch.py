@@ -522,6 +522,11 @@ def test_two_watches_into_one_folder_and_another_missions_archive_are_refused(di
         open_watch(replace(_watched(tmp_path), out=tmp_path / "land"), _Reports().listener()),
     ):
         pass
+    with (
+        pytest.raises(InputError, match="is an archive; give the folder in which"),
+        open_watch(replace(_watched(tmp_path), source=swift_store), _Reports().listener()),
+    ):
+        pass
     shutil.copytree(swift_store, tmp_path / "m.zarr")
     shutil.copy(dives[0], tmp_path / "land")
     with pytest.raises(InputError, match="contains profile 2, which is not in the source"):

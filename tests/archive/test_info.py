@@ -113,8 +113,11 @@ def test_info_of_an_empty_archive(archive):
 def test_only_our_archives_open(tmp_path, archive):
     with pytest.raises(InputError, match=r"absent\.zarr: no such archive"):
         open_mission(tmp_path / "absent.zarr")
-    with pytest.raises(InputError, match="not an archive of gliderhpc"):
+    with pytest.raises(InputError, match=r"not an archive of gliderhpc; give the folder .* wrote"):
         open_mission(tmp_path)
+    (tmp_path / "records.nc").write_bytes(b"CDF")
+    with pytest.raises(InputError, match=r"a file, not an archive of gliderhpc; give the folder .* makes from records"):
+        open_mission(tmp_path / "records.nc")
     set_attributes(archive, {"schema_version": "99.0"})
     with pytest.raises(InputError, match=rf"version 99\.0, but this program reads {re.escape(SCHEMA_VERSION)}"):
         open_mission(archive)
