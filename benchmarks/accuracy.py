@@ -4,12 +4,12 @@ Usage: ``python -m benchmarks.accuracy [PROFILES]``. The simulator integrates at
 lag the commands that are recorded, and the estimator never sees the truth file.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from benchmarks.series_intervals import PAGE, SECTION
 from gliderhpc import Glider, load_platform, open_mission
@@ -142,4 +142,4 @@ def main(profiles: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else PROFILES)
+    main(positional(__doc__, profiles={"type": int, "nargs": "?", "default": PROFILES}).profiles)

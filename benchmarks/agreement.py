@@ -1,10 +1,9 @@
 """Compare the lanes engine with the reference engine on a synthetic mission, window by window and against the truth.
 
-Usage: ``python benchmarks/agreement.py [PROFILES]`` simulates, inverts with both engines and presets, and writes
-``docs/engines.md``; ``python benchmarks/agreement.py LANES.zarr SCIPY.zarr TRUTH.nc`` prints the table of two archives.
+Usage: ``python -m benchmarks.agreement [PROFILES]`` simulates, inverts with both engines and presets, and writes
+``docs/engines.md``; ``python -m benchmarks.agreement LANES.zarr SCIPY.zarr TRUTH.nc`` prints the table of two archives.
 """
 
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from benchmarks.command_line import positional
 from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
@@ -133,7 +133,7 @@ def page(profiles: int) -> list[str]:
     lines = [
         "# Two engines, one problem",
         "",
-        f"Made by `python benchmarks/agreement.py {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
+        f"Made by `python -m benchmarks.agreement {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
         f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) compared with the reference engine (`scipy`, L-BFGS-B).",
         "Values are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",
         "relative to the truth, roll, pitch, heading and depth relative to the measurements. The ratio is lanes over scipy.",
@@ -174,4 +174,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(positional(__doc__, arguments={"nargs": "*"}).arguments)

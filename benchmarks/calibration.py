@@ -3,7 +3,6 @@
 Usage: ``python -m benchmarks.calibration [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
 """
 
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
 from gliderhpc.api.hulls import chosen_profiles, split_segments
@@ -237,4 +237,4 @@ def main(missions: Sequence[str], count: int = TWINS) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(positional(__doc__, missions={"nargs": "*"}).missions)

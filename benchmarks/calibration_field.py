@@ -7,7 +7,6 @@ imported records. What lies in WORK_FOLDER already is taken as it is.
 import contextlib
 import io
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.calibration import FIELD, UNFLOWN
+from benchmarks.command_line import positional
 from benchmarks.sections import with_section
 from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.cli.main import main as gliderhpc
@@ -246,4 +246,5 @@ def main(work: Path, missions: Sequence[str], count: int = TWINS) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+    given = positional(__doc__, work={"type": Path}, missions={"nargs": "*"})
+    main(given.work, given.missions)

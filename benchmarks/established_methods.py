@@ -4,7 +4,6 @@ Usage: ``python -m benchmarks.established_methods NAME=ARCHIVE:OBSERVATIONS ...`
 hulls, and the imported records that they were made from. Needs gliderflight (extra ``bench``).
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from benchmarks.command_line import positional
 from benchmarks.glider_flight import EstablishedSolution, density_at_samples, fitted, with_our_weight
 from gliderhpc import open_mission
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
@@ -296,4 +296,4 @@ def main(labels: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(positional(__doc__, missions={"nargs": "+"}).missions)

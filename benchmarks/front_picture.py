@@ -11,7 +11,6 @@ days 17 to 29 of its mission), made with the hull calibrated on the days before 
 from __future__ import annotations
 
 import math
-import sys
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from benchmarks.command_line import positional
 from benchmarks.readme import README
 from benchmarks.sections import with_section
 from gliderhpc import open_mission
@@ -170,4 +170,4 @@ def main(archive: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(positional(__doc__, archive={"type": Path}).archive)

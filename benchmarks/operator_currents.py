@@ -4,14 +4,13 @@ Usage: ``python -m benchmarks.operator_currents DATA_FOLDER [WORK_FOLDER]``, whe
 An archive that is in WORK_FOLDER already is taken as it is.
 """
 
-import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from benchmarks.command_line import data_and_work_folders
 from benchmarks.real_calibration import calibrated, shares
 from benchmarks.real_missions import MISSIONS, rms, spread, table_of
 from gliderhpc import load_platform, open_mission
@@ -127,8 +126,5 @@ def main(data: Path, work: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 2:
-        main(Path(sys.argv[1]), Path(sys.argv[2]))
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            main(Path(sys.argv[1]), Path(folder))
+    with data_and_work_folders(__doc__) as folders:
+        main(*folders)

@@ -4,8 +4,6 @@ Usage: ``python -m benchmarks.real_missions DATA_FOLDER [WORK_FOLDER]``, where D
 `MISSIONS`. An archive that is in WORK_FOLDER already is taken as it is.
 """
 
-import sys
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from benchmarks.command_line import data_and_work_folders
 from benchmarks.real_calibration import (
     MOST_FITTED,
     Rows,
@@ -410,8 +409,5 @@ def _currents(missions: Mapping[str, Inverted], data: Path) -> Iterator[tuple[st
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 2:
-        main(Path(sys.argv[1]), Path(sys.argv[2]))
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            main(Path(sys.argv[1]), Path(folder))
+    with data_and_work_folders(__doc__) as folders:
+        main(*folders)

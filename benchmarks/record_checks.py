@@ -3,13 +3,13 @@
 Usage: ``python -m benchmarks.record_checks [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
 """
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import positional
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
 from gliderhpc.estimation.resample import harmonics
@@ -163,4 +163,4 @@ def main(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(positional(__doc__, missions={"nargs": "*"}).missions)

@@ -1,15 +1,15 @@
 """Recovery of the current in a scenario with sheared water; writes ``docs/scenario-current.md``.
 
-Usage: ``python benchmarks/scenario_current.py [SCENARIO [PROFILES]]``; default the first 20 profiles of ``paper``. The
+Usage: ``python -m benchmarks.scenario_current [SCENARIO [PROFILES]]``; default the first 20 profiles of ``paper``. The
 current acts through the relative velocity, so the estimator's model contains none of it.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import positional
 from gliderhpc import load_platform, open_mission
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
@@ -46,7 +46,7 @@ def main(scenario: str, profiles: int) -> None:
     lines = [
         "# Depth-averaged current in sheared water",
         "",
-        f"Made by `python benchmarks/scenario_current.py {scenario} {profiles}`: {PLATFORM}, seed {SEED}, the first {profiles} profiles of",
+        f"Made by `python -m benchmarks.scenario_current {scenario} {profiles}`: {PLATFORM}, seed {SEED}, the first {profiles} profiles of",
         f"scenario `{scenario}`. The values are the length of the difference from the true mean current over the dive, m/s.",
         "",
         "| prior | median | 90th percentile | largest | profiles done |",
@@ -85,4 +85,7 @@ def main(scenario: str, profiles: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "paper", int(sys.argv[2]) if len(sys.argv) > 2 else 20)
+    given = positional(
+        __doc__, scenario={"nargs": "?", "default": "paper"}, profiles={"type": int, "nargs": "?", "default": 20}
+    )
+    main(given.scenario, given.profiles)

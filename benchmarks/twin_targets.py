@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from benchmarks.command_line import positional
 from gliderhpc.findings.findings import markdown, number
 from gliderhpc.twins.estimators.methods import ADJOINT, PAPER, SMOOTHER
 from gliderhpc.twins.estimators.runs import CALM, IMPULSIVE, PRIOR, paired
@@ -176,4 +177,4 @@ def _with_missing(summary: Sequence[Row]) -> list[Row]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "twins"))
+    main(positional(__doc__, folder={"type": Path, "nargs": "?", "default": Path("twins")}).folder)

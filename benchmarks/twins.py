@@ -15,6 +15,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc.estimation.current_errors import TERMS
 from gliderhpc.findings.findings import comparison_from_json, comparison_markdown, markdown, number
@@ -242,4 +243,8 @@ def main(folder: Path, docs: Path, readme: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "twins"), ROOT / "docs", ROOT / "README.md")
+    main(
+        positional(__doc__, folder={"type": Path, "nargs": "?", "default": Path("twins")}).folder,
+        ROOT / "docs",
+        ROOT / "README.md",
+    )
