@@ -119,7 +119,7 @@ class Trim(_Part):
 
 
 class NextSurfacing(_Part):
-    """Predicted end of a next dive of the same displacement and duration, from the currents so far."""
+    """Predicted end of a next dive of the same duration, from the displacements and currents of the dives so far."""
 
     time: str = _field("", "ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")
