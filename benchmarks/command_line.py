@@ -3,7 +3,7 @@
 import argparse
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -22,5 +22,5 @@ def positional(description: str | None, **arguments: dict[str, Any]) -> argparse
 def data_and_work_folders(description: str | None) -> Iterator[tuple[Path, Path]]:
     """Read a folder of data and a working folder, temporary if none is given."""
     given = positional(description, data={"type": Path}, work={"type": Path, "nargs": "?"})
-    with tempfile.TemporaryDirectory() as folder:
-        yield given.data, given.work or Path(folder)
+    with nullcontext(given.work) if given.work else tempfile.TemporaryDirectory() as work:
+        yield given.data, Path(work)

@@ -154,6 +154,11 @@ class DisturbancePrior(Section):
     deviation: SixPositive = Field(description="stationary standard deviation, N and N m")
     correlation_time: SixPositive = Field(description="correlation time, s")
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The six deviations and the six correlation times."""
+        return (*self.deviation, *self.correlation_time)
+
 
 class Platform(Section):
     """Hull, actuators and sensors of a glider: the platform file (docs/how-to/platform.md), validated and immutable."""

@@ -77,6 +77,12 @@ class ShippedFiles:
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return a suggestion to append to a message, empty if no known word is similar."""
+    similar = most_similar(word, known)
+    return f", did you mean '{similar}'?" if similar is not None else ""
+
+
+def most_similar(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that is most similar to a word; None if there is none."""
     by_lower = {name.lower(): name for name in known}
     matches = difflib.get_close_matches(word.lower(), by_lower, n=1)
-    return f", did you mean '{by_lower[matches[0]]}'?" if matches else ""
+    return by_lower[matches[0]] if matches else None

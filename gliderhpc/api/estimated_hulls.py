@@ -179,11 +179,10 @@ class TunedHull(EstimatedHull):
     @property
     def table(self) -> pd.DataFrame:
         """One row for each number of the prior: unit, before, after, uncertainty as a factor, and a remark."""
-        before, after = self.tuned.before, self.tuned.after
         columns = {
             "unit": [unit for unit, *_ in CHANNELS.values()] + ["s"] * len(CHANNELS),
-            "before": [*before.deviation, *before.correlation_time],
-            "after": [*after.deviation, *after.correlation_time],
+            "before": self.tuned.before.numbers,
+            "after": self.tuned.after.numbers,
             "factor": np.exp(np.where(self.tuned.errors < _MAX_ERROR, self.tuned.errors, np.nan)),
             "remark": [tuning_report.remark_of(verdict) for verdict in self.tuned.verdicts],
         }

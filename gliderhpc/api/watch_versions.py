@@ -133,11 +133,9 @@ def _count(times: Times, dive: ReportedDive) -> int:
 def _times_of_file(path: Path, importing: FileImport) -> Times:
     """Return the times of the samples of one file; none if it cannot be imported alone."""
     with tempfile.TemporaryDirectory() as aside:
-        # The importers recognise files by their names.
-        alone, out = Path(aside) / path.name, Path(aside) / "alone-imported.nc"
-        shutil.copyfile(path, alone)
+        out = Path(aside) / "records.nc"
         try:
-            importing.import_files([alone], out)
+            importing.import_files([path], out)
         except InputError as error:
             log.debug("%s: cannot be imported alone: %s", path, error)
         return _times_of(out) if out.exists() else np.zeros(0, "datetime64[ns]")

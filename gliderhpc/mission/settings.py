@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -10,7 +9,7 @@ from pydantic import ValidationError
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
-from gliderhpc.shipped import nearest
+from gliderhpc.shipped import most_similar, nearest
 from gliderhpc.tuning.record_checks import CheckSettings
 from gliderhpc.yaml_text import parse_value, shown, split_assignment
 
@@ -73,10 +72,7 @@ def build_settings_of(
     known = sorted(_dotted_keys(model))
     for key, text in assignments.items():
         if key not in known:
-            raise InputError(
-                f"--set {key}: no such setting{nearest(key, known)}; {_known_settings(key, known)}; those of the "
-                f"hull begin with {PLATFORM_PREFIX}"
-            )
+            raise InputError(f"--set {_unknown(key, known)}; those of the hull begin with {PLATFORM_PREFIX}")
         node = values
         *parents, last = key.split(".")
         for parent in parents:
@@ -113,19 +109,17 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         where = ".".join(str(part) for part in first["loc"]) or "settings"
         if first["type"] == "extra_forbidden":
             known = sorted(_dotted_keys(model))
-            raise InputError(
-                f"{where}: no such setting{nearest(where, known)}; {_known_settings(where, known)}"
-            ) from None
+            raise InputError(_unknown(where, known)) from None
         raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
 
 
-def _known_settings(key: str, known: Sequence[str]) -> str:
-    """List the settings of the section that a key names or resembles, or all if there is no such section."""
-    sections = {name.split(".")[0] for name in known if "." in name}
-    named = key.split(".")[0]
-    for section in get_close_matches(named, sections, n=1) if "." in key else ():
-        return f"the settings of {section} are {', '.join(name for name in known if name.startswith(f'{section}.'))}"
-    return f"the settings are {', '.join(known)}"
+def _unknown(key: str, known: Sequence[str]) -> str:
+    """Describe an unknown key, with the settings of the section that it names or resembles, or all if there is none."""
+    sections = sorted({name.split(".")[0] for name in known if "." in name})
+    section = most_similar(key.split(".")[0], sections) if "." in key else None
+    whose = "" if section is None else f" of {section}"
+    listed = known if section is None else [name for name in known if name.startswith(f"{section}.")]
+    return f"{key}: no such setting{nearest(key, known)}; the settings{whose} are {', '.join(listed)}"
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

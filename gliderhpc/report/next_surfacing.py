@@ -127,8 +127,8 @@ def predict_from(
     is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`).
     """
     surface = surface_offset(dives, surface_shear)
-    displacements = _displacements(dives)
-    expected = expected_displacements(displacements, _currents(dives), dives["duration"].values)
+    displacements = _vectors(dives, "displacement_{}")
+    expected = expected_displacements(displacements, _vectors(dives, "dac_{}_smoothed"), dives["duration"].values)
     spread = displacement_scatter(displacements, expected)
     count = dives.sizes["profile"]
     predicted = [
@@ -279,10 +279,7 @@ def surface_offset(dives: xr.Dataset, surface_shear: float) -> tuple[Array, floa
     independent between dives does not describe.
     """
     time = dives["exit_surface_time"].values
-    drift, current = (
-        np.column_stack([dives[f"{name}_{side}{end}"].values for side in ("north", "east")])
-        for name, end in (("exit_surface", ""), ("dac", "_smoothed"))
-    )
+    drift, current = (_vectors(dives, columns) for columns in ("exit_surface_{}", "dac_{}_smoothed"))
     known = np.isfinite(drift).all(axis=1) & (time > 0.0)
     apart = (drift[known] / time[known, None] - current[known])[-_COMPARED:]
     count = len(apart)
@@ -343,12 +340,9 @@ def _cycle(dives: xr.Dataset, place: int) -> tuple[float, float]:
     return max(float(surface), 0.0), below
 
 
-def _displacements(dives: xr.Dataset) -> Array:
-    return np.column_stack([dives["displacement_north"].values, dives["displacement_east"].values])
-
-
-def _currents(dives: xr.Dataset) -> Array:
-    return np.column_stack([dives["dac_north_smoothed"].values, dives["dac_east_smoothed"].values])
+def _vectors(dives: xr.Dataset, columns: str) -> Array:
+    """Return the columns ``(n, 2)`` of a quantity to the north and to the east."""
+    return np.column_stack([dives[columns.format(side)].values for side in ("north", "east")])
 
 
 def _covariance(row: xr.Dataset) -> Array:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from gliderhpc.platform import DisturbancePrior
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, TuningVerdict
 from gliderhpc.tuning.likelihood import Whiteness
 from gliderhpc.tuning.record_checks import Finding, Inspection
@@ -27,7 +26,7 @@ def prior_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
     return [
         (channel, quantity, unit, f"{before:.4g}", f"{after:.4g}", factor_text(error), remark_of(verdict))
         for (channel, quantity, unit), before, after, error, verdict in zip(
-            _NUMBERS, _values(tuned.before), _values(tuned.after), tuned.errors, tuned.verdicts, strict=True
+            _NUMBERS, tuned.before.numbers, tuned.after.numbers, tuned.errors, tuned.verdicts, strict=True
         )
     ]
 
@@ -131,10 +130,6 @@ _NUMBERS = [
     *((channel, "deviation", unit) for channel, (unit, *_) in CHANNELS.items()),
     *((channel, "correlation time", "s") for channel in CHANNELS),
 ]
-
-
-def _values(prior: DisturbancePrior) -> tuple[float, ...]:
-    return (*prior.deviation, *prior.correlation_time)
 
 
 def _sentence(text: str) -> str:

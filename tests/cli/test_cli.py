@@ -349,7 +349,8 @@ def test_an_unknown_platform(brief, run):
     [
         (
             "windw.length=30",
-            "--set windw.length: no such setting, did you mean 'window.length'?; the settings of",
+            "--set windw.length: no such setting, did you mean 'window.length'?; "
+            "the settings of window are window.cost_threshold, window.length, window.margin; those of the hull",
         ),
         ("platform.buoyancy.neutral=3", "a platform has no key 'buoyancy.neutral'"),
         ("window.length=-5", "--set window.length: Input should be greater than 0, not -5"),

@@ -872,7 +872,7 @@ def test_assignments_reach_their_settings():
     [
         (
             "windows.length=60",
-            r"no such setting, did you mean 'window\.length'\?; the settings of window are .*\.length",
+            r"no such setting, did you mean 'window\.length'\?; the settings of window are [^;]*window\.length",
         ),
         ("window=60", "no such setting"),
         ("window.length=-1", "greater than 0"),

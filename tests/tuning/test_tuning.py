@@ -139,6 +139,8 @@ def test_no_noise_is_tuned_below_that_of_the_untuned_prior(tuned, requests):
     assert np.isnan(found.errors[yaw]).all()
     assert found.verdicts[SWAY] is TuningVerdict.ESTIMATED
     assert 0.0 < found.gain < tuned.gain
+    noise, untuned = (np.square(each[:6]) / each[6:] for each in map(numbers, (found.after, default_prior(PETREL))))
+    assert (noise > (1.0 - 1e-3) * untuned).all()
 
 
 def test_noise_below_the_untuned_one_is_accepted_down_to_a_share(tuned, requests):
