@@ -296,7 +296,7 @@ _OF_MOTION: tuple[HullParameter, ...] = (
     HullParameter("added_inertia.1", "kg m2", "added inertia in pitch", _relative(0.3), factor=True),
     HullParameter("added_inertia.2", "kg m2", "added inertia in yaw", _relative(0.3), factor=True),
 )
-"""Parameters that steady glides do not depend on."""
+"""Parameters that steady glides do not determine, although `UNFITTED_MOTION` acts on them."""
 
 _LIFT_OFFSET = HullParameter("viscous.K_L0", "kg/m", "lift at zero angle of attack", _of("K_L", 0.02))
 
@@ -320,6 +320,10 @@ RECORD_PARAMETERS: tuple[HullParameter, ...] = (
 
 ATTITUDE_PARAMETERS = RECORD_PARAMETERS[:3]
 """Errors of the measured roll and pitch, to which steady glides respond."""
+
+UNFITTED_MOTION = _OF_MOTION[:4]
+"""Parameters of the motion that act in steady glides like others: damping of roll and pitch in turns, and the added
+masses, whose moment over angle of attack and sideslip (the Munk moment) adds to that of `K_M` and `K_MY`."""
 
 ROLL_OFFSET = ATTITUDE_PARAMETERS[0]
 """The one of them that steady glides determine, by turns."""

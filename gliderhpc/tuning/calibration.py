@@ -350,8 +350,8 @@ def _judge_parameters(
 
 def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
     """Errors of the parameters that the platform file contains, in its units."""
-    parameters = (*errors.parameters, *errors.attitude)
-    every = np.concatenate([steps, np.zeros(len(errors.attitude))])
+    parameters = (*errors.parameters, *errors.unfitted)
+    every = np.concatenate([steps, np.zeros(len(errors.unfitted))])
     listed = [i for i, parameter in enumerate(parameters) if parameter is not TREND]
     return errors_in_units(
         errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]

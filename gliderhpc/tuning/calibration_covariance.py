@@ -1,4 +1,4 @@
-"""Covariance of a fit to steady glides: scatter between profiles, held parameters, and errors of the attitude."""
+"""Covariance of a fit to steady glides: scatter between profiles, held parameters, and errors that are not fitted."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import few_values_factor
+from gliderhpc.flight.hull_parameters import UNFITTED_MOTION
 from gliderhpc.tuning.calibration_search import CalibrationSearch
 from gliderhpc.tuning.least_squares import sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors
@@ -31,35 +32,40 @@ class Fit:
 
     @property
     def largest_variance(self) -> float:
-        """Largest variance of the fitted parameters, in plausible deviations; zero if none is fitted."""
-        free = self.search.free
-        return float(np.max(np.diag(self.covariance)[: len(free)][free], initial=0.0))
+        """Largest variance of the fitted parameters, in plausible deviations; zero if none is fitted.
+
+        The part of `UNFITTED_MOTION` is left out: no steady glide separates moments from the added masses'.
+        """
+        free = np.flatnonzero(self.search.free)
+        motion = len(self.search.free) + np.flatnonzero([p in UNFITTED_MOTION for p in self.errors.unfitted])
+        by_motion = np.sum(self.covariance[np.ix_(free, motion)] ** 2, axis=1)
+        return float(np.max(np.diag(self.covariance)[free] - by_motion, initial=0.0))
 
 
 def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
-    """Covariance (p+r, p+r) of all parameters and of the attitude's other errors, in plausible deviations.
+    """Covariance (p+r, p+r) of all parameters and of the errors that are not fitted, in plausible deviations.
 
     Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
-    they are held at another one. The attitude may have the errors of `SegmentErrors.attitude`, which the glides do not
-    determine apart from the hull. Both move the free parameters. These also scatter from profile to profile and depend
-    on the rounding of the attitude.
+    they are held at another one. Attitude and motion may have the errors `SegmentErrors.unfitted`, which steady glides
+    do not determine. Both move the free parameters. These also scatter from profile to profile and depend on the
+    rounding of the attitude.
     """
     free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
     count = len(search.free)
-    attitude = np.arange(count, count + len(errors.attitude))
+    unfitted = np.arange(count, count + len(errors.unfitted))
     jacobian, _ = search.weighted()
     wrong = np.maximum(1.0, np.abs(search.steps[held]))
-    by_held, by_offsets, by_attitude = (
+    by_held, by_offsets, by_unfitted = (
         sensitivity(jacobian[:, free], unseen)
-        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_attitude())
+        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_unfitted())
     )
-    covariance = np.eye(count + len(attitude))
+    covariance = np.eye(count + len(unfitted))
     covariance[held, held] = wrong**2
-    for others, by_others in ((held, by_held * wrong), (attitude, by_attitude)):
+    for others, by_others in ((held, by_held * wrong), (unfitted, by_unfitted)):
         covariance[np.ix_(free, others)] = by_others
         covariance[np.ix_(others, free)] = by_others.T
     covariance[np.ix_(free, free)] = search.scatter_covariance() * few_profiles_factor(errors) + sum(
-        by_others @ by_others.T for by_others in (by_held, by_offsets, by_attitude)
+        by_others @ by_others.T for by_others in (by_held, by_offsets, by_unfitted)
     )
     return covariance
 

@@ -175,9 +175,9 @@ class CalibrationSearch:
         """`SegmentErrors.offsets` (m, 4), divided by the scales and weighted by the robust loss."""
         return np.asarray(self._weights()[:, None] * self._errors.offsets())
 
-    def weighted_attitude(self) -> Array:
-        """`SegmentErrors.by_attitude` (m, r), divided by the scales and weighted by the robust loss."""
-        return np.asarray(self._weights()[:, None] * self._errors.by_attitude(self.steps))
+    def weighted_unfitted(self) -> Array:
+        """`SegmentErrors.by_unfitted` (m, r), divided by the scales and weighted by the robust loss."""
+        return np.asarray(self._weights()[:, None] * self._errors.by_unfitted(self.steps))
 
     def _weights(self) -> Array:
         scale = self._scale_of_each()

@@ -20,6 +20,7 @@ from gliderhpc.flight.hull_parameters import (
     PARAMETERS_BY_DENSITY,
     ROLL_OFFSET,
     TREND,
+    UNFITTED_MOTION,
     HullParameter,
     compressible,
     with_values,
@@ -203,14 +204,15 @@ class SegmentErrors:
         )
 
     @property
-    def attitude(self) -> tuple[HullParameter, ...]:
-        """Errors of the measured attitude (r,) that are not among the parameters."""
-        return tuple(p for p in ATTITUDE_PARAMETERS if p not in self.parameters)
+    def unfitted(self) -> tuple[HullParameter, ...]:
+        """Errors (r,) to which steady glides respond and that are not fitted: of the attitude, and of the motion."""
+        motion = [p for p in UNFITTED_MOTION if p.value(self.platform) != 0.0]
+        return tuple(p for p in (*ATTITUDE_PARAMETERS, *motion) if p not in self.parameters)
 
-    def by_attitude(self, steps: Array) -> Array:
-        """Derivatives (m, r) of the errors used, with respect to the other errors of the attitude."""
-        both = SegmentErrors(self.platform, (*self.parameters, *self.attitude), self.segments, self.reference)
-        count, others = len(self.parameters), len(self.attitude)
+    def by_unfitted(self, steps: Array) -> Array:
+        """Derivatives (m, r) of the errors used, with respect to the errors that are not fitted."""
+        both = SegmentErrors(self.platform, (*self.parameters, *self.unfitted), self.segments, self.reference)
+        count, others = len(self.parameters), len(self.unfitted)
         return both.jacobian(np.concatenate([steps, np.zeros(others)]), range(count, count + others))
 
 

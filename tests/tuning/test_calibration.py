@@ -335,8 +335,10 @@ def test_a_hull_with_a_rudder_keeps_the_offset_of_the_roll_as_an_error():
     segments = glides(PETREL, PETREL)
     steered = replace(segments, actuators=segments.actuators + np.array([0.0, 0.0, 0.0, 0.01]))
     kept, found = (SegmentErrors(PETREL, steady_parameters(PETREL, each), each) for each in (steered, segments))
-    assert [p.key for p in kept.attitude] == ["sensors.roll_offset", "sensors.pitch_offset", "sensors.pitch_scale"]
-    assert [p.key for p in found.attitude] == ["sensors.pitch_offset", "sensors.pitch_scale"]
+    motion = ["viscous.K_p", "viscous.K_q", "added_mass.1", "added_mass.2"]
+    attitude = ["sensors.roll_offset", "sensors.pitch_offset", "sensors.pitch_scale"]
+    assert [p.key for p in kept.unfitted] == [*attitude, *motion]
+    assert [p.key for p in found.unfitted] == [*attitude[1:], *motion]
 
 
 def test_errors_of_the_attitude_act_as_in_the_correction_of_a_record():
@@ -351,7 +353,8 @@ def test_errors_of_the_attitude_act_as_in_the_correction_of_a_record():
         replace(segments, pitch=segments.pitch * scale),
     )
     expected = [(SegmentErrors(PETREL, PARAMETERS, each)(steps) - errors(steps)) / small for each in moved]
-    np.testing.assert_allclose(errors.by_attitude(steps), np.column_stack(expected), rtol=0.01, atol=1e-6)
+    by_attitude = errors.by_unfitted(steps)[:, :3]
+    np.testing.assert_allclose(by_attitude, np.column_stack(expected), rtol=0.01, atol=1e-6)
 
 
 @pytest.mark.long
@@ -367,6 +370,34 @@ def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
     assert abs(moved) > 5.0
     # The errors are those of the file: truth minus estimate.
     assert stated.covariance[volume, pitch] / stated.deviation[pitch] == pytest.approx(-moved, rel=0.1)
+
+
+def test_a_larger_added_mass_acts_in_a_steady_glide_like_a_smaller_pitch_moment():
+    """Eq. 20: the Munk moment (M_f3 - M_f1) u w of P x V has the form of K_M alpha V^2; only the sum acts."""
+    segments = glides(TRUTH, PETREL)
+    errors = SegmentErrors(PETREL, PARAMETERS, segments)
+    steps, place = np.zeros(len(PARAMETERS)), [p.key for p in errors.unfitted].index("added_mass.2")
+    by_mass = errors.by_unfitted(steps)[:, place] / errors.unfitted[place].slope(PETREL, 0.0)
+    moment = KEYS.index("viscous.K_M")
+    by_moment = errors.jacobian(steps, [moment])[:, 0] / PARAMETERS[moment].slope(PETREL, 0.0)
+    pitch = errors.kind == 1
+    assert np.abs(by_moment[pitch]).min() > 1e-4
+    # Apart from the cosine of the angle of attack.
+    np.testing.assert_allclose(by_mass[pitch], by_moment[pitch], rtol=0.03)
+
+
+def test_the_stated_pitch_moment_allows_for_an_error_of_the_added_mass():
+    """A hull that is given another added mass gets a pitch moment that is off by what the platform file states."""
+    given = with_values(PETREL, {"added_mass.2": 1.1 * PETREL.added_mass[2]})
+    hold = ("K_D", "K_L", "K_M0", "position.reservoir.0", "depth_slope")
+    segments = glides(TRUTH, PETREL)
+    found = calibrate(given, segments, segments.empty(), CalibrationSettings(hold=hold)).platform
+    stated = found.calibration
+    moment, mass = (list(stated.parameters).index(key) for key in ("viscous.K_M", "added_mass.2"))
+    excess = given.added_mass[2] - PETREL.added_mass[2]
+    assert pytest.approx(-excess, rel=0.05) == found.viscous.K_M - TRUTH.viscous.K_M
+    assert stated.covariance[moment, mass] / stated.deviation[mass] ** 2 == pytest.approx(-1.0, rel=0.05)
+    assert stated.deviation[moment] > 0.95 * stated.deviation[mass]
 
 
 def test_the_coverage_page_counts_the_twins_inside_the_interval(twins):
