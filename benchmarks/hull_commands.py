@@ -4,8 +4,9 @@ Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,calm] [
 
 A mission of petrel-l is simulated. The platform file that the estimator is given is off in everything of the catalogue,
 the records' offsets included, by plausible deviations drawn from a standard normal distribution. `calibrate`, with so
-many rounds over the dives, and `run-mission` follow. Writes ``docs/unknown-hull.md``; DIR holds missions, hulls,
-archives and scores, and with ``--reuse`` missions that have a score are not flown again.
+many rounds over the dives, and `run-mission` follow. Missions of the other shipped hulls follow with the default rounds.
+Writes ``docs/unknown-hull.md``; DIR holds missions, hulls, archives and scores, and with ``--reuse`` missions that have
+a score are not flown again.
 """
 
 import argparse
@@ -44,6 +45,15 @@ TITLES = {
     "paper": "Shear and lateral gusts",
     "demo": "Shear, gusts, yaw impulses, and a hull that fouls",
 }
+OTHER_HULLS = ("slocum", "seaglider", "seaexplorer", "seawing")
+OTHER_KINDS = ("impulses", "paper", "waves")
+"""Kinds of the missions of the other hulls; the last is `WAVES`."""
+WAVES = {
+    "current": {"speed": (0.05, 0.30), "surface_rms": 0.10, "mode_rms": 0.05, "mode_depth": 500.0},
+    "gusts": {"kind": "gaussian", "rms": 0.01},
+    "vertical": {"rms": 0.01},
+}
+"""What the kind adds to the scenario ``stratified``: vertical motion that no estimator models, shear and weak gusts."""
 WAYS = {0: "steady glides", USUAL_ROUNDS: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"
@@ -105,6 +115,8 @@ def scenario_of(kind: str, hull: Platform, dives: int, depth: float = DEPTH) -> 
             "actuation": {"dive_net_mass": 0.6, "climb_net_mass": -0.6},
         }
         return Scenario().replaced({"name": "drawn from the prior", "profiles": dives, "depth": depth, **drawn})
+    if kind == "waves":
+        return load_scenario("stratified").replaced({"profiles": dives, "depth": depth, **UNSPREAD, **WAVES})
     return load_scenario(kind).replaced({"profiles": dives, "depth": depth, **UNSPREAD})
 
 
@@ -123,11 +135,11 @@ def believed_hull(true: Platform, seed: int) -> Platform:
 
 
 def run_commands(
-    records: Path, hull: Path, folder: Path, rounds: int, workers: int = WORKERS
+    records: Path, hull: Path, folder: Path, rounds: int | None, workers: int = WORKERS
 ) -> tuple[CalibratedHull, xr.DataTree]:
-    """Calibrate, and invert the mission with what came of it."""
+    """Calibrate, by default with the rounds that the hull's sensors suggest, and invert the mission with the result."""
     store, calibrated = folder / "mission.zarr", folder / "calibrated.yaml"
-    found = gh.calibrate(records, hull, workers=workers, rounds={"most": rounds})
+    found = gh.calibrate(records, hull, workers=workers, rounds={} if rounds is None else {"most": rounds})
     found.save(calibrated, overwrite=True)
     return found, gh.run_mission(records, calibrated, store, workers=workers, overwrite=store.exists())
 
@@ -211,10 +223,10 @@ def parameter_errors(hull: Platform, true: Platform) -> dict[str, float]:
     }
 
 
-def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int) -> MissionScore:
-    """Simulate one mission, run the commands, and score what came of it."""
-    scenario = scenario_of(kind, gh.load_platform(HULL), dives)
-    true = flown_hull(scenario)
+def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int | None, name: str = HULL) -> MissionScore:
+    """Simulate one mission of a shipped hull, run the commands, and score what came of it."""
+    scenario = scenario_of(kind, gh.load_platform(name), dives)
+    true = flown_hull(scenario, name)
     folder.mkdir(parents=True, exist_ok=True)
     records, hull = folder / "mission.nc", folder / "believed.yaml"
     if not records.exists():
@@ -227,15 +239,18 @@ def fly_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int) -> 
     return MissionScore(kind, seed, parameters=errors, seconds=seconds, **score_mission(tree, records))  # type: ignore[arg-type]
 
 
-def scored_mission(kind: str, seed: int, dives: int, folder: Path, rounds: int, *, reuse: bool) -> MissionScore:
+def scored_mission(
+    kind: str, seed: int, dives: int, folder: Path, rounds: int | None, name: str = HULL, *, reuse: bool
+) -> MissionScore:
     """Score of a mission, from its file where it has one and may be used again."""
     stored = folder / "score.json"
     if not (reuse and stored.exists()):
-        score = fly_mission(kind, seed, dives, folder, rounds)
+        score = fly_mission(kind, seed, dives, folder, rounds, name)
         stored.write_text(json.dumps(asdict(score), indent=1), "utf-8")
     score = MissionScore(**json.loads(stored.read_text("utf-8")))
+    way = "default" if rounds is None else str(rounds)
     print(
-        f"{rounds} rounds, {kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, "
+        f"{name}, {way} rounds, {kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, "
         f"current {score.current_rmse:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
     )  # fmt: skip
     return score
@@ -254,12 +269,12 @@ def coverage_rows(ways: Mapping[str, Sequence[MissionScore]]) -> list[list[str]]
     return rows
 
 
-def summary_row(kind: str, way: str, scores: list[MissionScore]) -> list[str]:
-    """Currents, parameters and times of the missions of a kind by one way."""
+def summary_row(heads: tuple[str, str], scores: list[MissionScore]) -> list[str]:
+    """Currents, parameters and times of some missions, after two heads."""
     distances = np.concatenate([score.distances for score in scores])
     off = np.concatenate([list(score.parameters.values()) for score in scores])
     return [
-        kind, way, f"{np.sqrt(np.mean([score.current_rmse**2 for score in scores])):.4f}",
+        *heads, f"{np.sqrt(np.mean([score.current_rmse**2 for score in scores])):.4f}",
         f"{np.median([score.current_deviation for score in scores]):.4f}",
         " / ".join(f"{np.mean(distances <= limit):.2f}" for limit in ELLIPSES.values()),
         f"{np.mean(np.abs(off) <= NORMAL[0.68]):.2f} / {np.mean(np.abs(off) <= NORMAL[0.95]):.2f}",
@@ -267,17 +282,42 @@ def summary_row(kind: str, way: str, scores: list[MissionScore]) -> list[str]:
     ]  # fmt: skip
 
 
-def page(found: dict[str, dict[str, list[MissionScore]]], dives: int, seeds: str) -> str:
-    """Page of the missions by kind and way."""
+SUMMARY = ("current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses", "parameters in 68 / 95 %",
+           "profiles failed", "s per mission")  # fmt: skip
+"""Heads of `summary_row`, after the first two."""
+
+
+def other_hulls_tables(found: dict[str, dict[str, list[MissionScore]]]) -> tuple[str, str]:
+    """Tables of the missions of the other hulls: currents and parameters, and shares in the intervals with RMSE."""
+    rows = [(name, kind, scores) for name, kinds in found.items() for kind, scores in kinds.items()]
+    summary = markdown(
+        ["hull", "missions", *SUMMARY], [summary_row((name, kind), scores) for name, kind, scores in rows]
+    )
+    shown = ("B_cu", "B_cw", "B_cr", "u", "w")
+    cells = [[name, kind] for name, kind, _ in rows]
+    for row, (_, _, scores) in zip(cells, rows, strict=True):
+        of_each = {quantity: rest for quantity, *rest in coverage_rows({"": scores})}
+        row += [f"{shares}, {size}" for shares, size in (of_each[quantity] for quantity in shown)]
+    return summary, markdown(["hull", "missions", *shown], cells)
+
+
+def page(
+    found: dict[str, dict[str, list[MissionScore]]],
+    others: dict[str, dict[str, list[MissionScore]]],
+    dives: int,
+    seeds: str,
+) -> str:
+    """Page of the missions of petrel-l by kind and way, and of those of the other hulls by hull and kind."""
     ways = list(next(iter(found.values())))
     heads = ["quantity", *(head for way in ways for head in (f"{way}: in 68 / 95 %", "RMSE"))]
     tables = [f"### {TITLES[kind]}\n\n{markdown(heads, coverage_rows(by_way))}" for kind, by_way in found.items()]
-    summary = [summary_row(kind, way, scores) for kind, by_way in found.items() for way, scores in by_way.items()]
-    names = ["missions", "calibration", "current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses",
-             "parameters in 68 / 95 %", "profiles failed", "s per mission"]  # fmt: skip
+    summary = [summary_row((kind, way), scores) for kind, by_way in found.items() for way, scores in by_way.items()]
+    names = ["missions", "calibration", *SUMMARY]
+    other_summary, other_coverage = other_hulls_tables(others)
     return TEMPLATE.read_text("utf-8").format(
         dives=dives, depth=DEPTH, seeds=seeds.replace(":", " to "), workers=WORKERS, summary=markdown(names, summary),
-        count=len(hull_parameters(gh.load_platform(HULL))), tables="\n\n".join(tables),
+        count=len(hull_parameters(gh.load_platform(HULL))), tables="\n\n".join(tables), other_summary=other_summary,
+        other_coverage=other_coverage,
     )  # fmt: skip
 
 
@@ -294,6 +334,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--work", type=Path, required=True)
     given = parser.parse_args(arguments)
     first, last = map(int, given.seeds.split(":"))
+    seeds = range(first, last + 1)
     found = {
         kind: {
             WAYS.get(rounds, f"{rounds} rounds"): [
@@ -301,13 +342,25 @@ def main(arguments: list[str] | None = None) -> None:
                     kind, seed, given.dives, given.work / f"rounds-{rounds}" / f"{kind}-{seed}", rounds,
                     reuse=given.reuse,
                 )
-                for seed in range(first, last + 1)
+                for seed in seeds
             ]
             for rounds in map(int, given.rounds.split(","))
         }
         for kind in given.kinds.split(",")
     }  # fmt: skip
-    PAGE.write_text(page(found, given.dives, given.seeds), "utf-8")
+    others = {
+        name: {
+            kind: [
+                scored_mission(
+                    kind, seed, given.dives, given.work / name / f"{kind}-{seed}", None, name, reuse=given.reuse
+                )
+                for seed in seeds
+            ]
+            for kind in OTHER_KINDS
+        }
+        for name in OTHER_HULLS
+    }
+    PAGE.write_text(page(found, others, given.dives, given.seeds), "utf-8")
 
 
 if __name__ == "__main__":
