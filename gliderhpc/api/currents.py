@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_implausible_current, surface_drift
+from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_implausible_current, mean_surface_drift
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
 from gliderhpc.estimation.glide_speed import check_depth_rate, check_speed
 from gliderhpc.estimation.measured_glide import with_measured_attack
@@ -225,7 +225,7 @@ def _dataset(
 
 def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:
     current = None if track is None else track.current
-    drift = surface_drift(record.surface_fixes_after)
+    drift = mean_surface_drift(record)
     return {
         "profile": record.number,
         "message": note,
@@ -236,8 +236,8 @@ def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str
         **_fix("entry", record.entry_fix),
         **_fix("exit", record.exit_fix),
         **_current(current),
-        "surface_drift_north": np.nan if drift is None else float(drift.velocity[0]),
-        "surface_drift_east": np.nan if drift is None else float(drift.velocity[1]),
+        "surface_drift_north": np.nan if drift is None else float(drift[0]),
+        "surface_drift_east": np.nan if drift is None else float(drift[1]),
         "glide_angle_masked_fraction": np.nan if track is None else track.motion.masked_fraction,
     }
 

@@ -299,6 +299,13 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
     return SurfaceDrift(velocity, elapsed) if float(np.linalg.norm(velocity)) <= MAXIMUM_DRIFT else None
 
 
+def mean_surface_drift(record: ProfileRecord) -> Array | None:
+    """Return the mean (2,) of the drifts before and after a dive, or the known one, north and east, m/s; else None."""
+    drifts = [surface_drift(fixes) for fixes in (record.surface_fixes_before, record.surface_fixes_after)]
+    known = [drift.velocity for drift in drifts if drift is not None]
+    return np.asarray(np.mean(known, axis=0)) if known else None
+
+
 @dataclass(frozen=True, eq=False)
 class _FixToFixDrift:
     """Displacement due to the current below, and the times when it begins and ceases to act (s of the record)."""

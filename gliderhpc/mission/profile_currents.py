@@ -20,9 +20,9 @@ from gliderhpc.estimation.currents import (
     Track,
     cycles_of,
     depth_averaged_current,
+    mean_surface_drift,
     single_cycle,
     smoothed_current,
-    surface_drift,
     track_of,
     with_disagreement,
 )
@@ -185,12 +185,8 @@ def _fix_rows(record: ProfileRecord) -> Row:
 
 
 def _surface_drift_row(record: ProfileRecord) -> Row:
-    fixes = (record.surface_fixes_before, record.surface_fixes_after)
-    drifts = [drift for drift in map(surface_drift, fixes) if drift is not None]
-    if not drifts:
-        return {}
-    north, east = np.mean([drift.velocity for drift in drifts], axis=0).tolist()
-    return {"surface_drift_north": north, "surface_drift_east": east}
+    drift = mean_surface_drift(record)
+    return {} if drift is None else {"surface_drift_north": float(drift[0]), "surface_drift_east": float(drift[1])}
 
 
 def _surface_row(end: str, interval: SurfaceInterval) -> Row:
