@@ -1,6 +1,6 @@
 """Calibration of a hull on whole dives, starting from the fit of its trim to the steady glides."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 
@@ -138,16 +138,20 @@ def calibrate_on_dives(
         )
     errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
     hull = with_deviations_of(platform, with_covariance(found.platform, errors))
+    parts = (segments, held_out_segments)
     with threadpool_limits(limits=1):
         try:
-            ours, others = (
-                _score(observations, platform, hull, part, settings) for part in (segments, held_out_segments)
-            )
+            shared = [_shared_segments(observations, hull, part, settings) for part in parts]
         except InputError as error:
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
+        numbered = list(zip((fitted, held_out), shared, strict=True))
+        ours, others = (_score(platform, hull, *each) for each in numbered)
+        ours_by_trim, others_by_trim = (_score(start, hull, *each) for each in numbered)
     check_errors(ours, others, _JUDGED_QUANTITIES)
+    # Water that turns the glider can lead the dives to a hull that its steady glides contradict.
+    check_errors(ours_by_trim, others_by_trim, _JUDGED_QUANTITIES, before="the fit of its trim alone")
     return DiveCalibration(hull, found, ours, others, settings.rounds.tolerance)
 
 
@@ -172,20 +176,17 @@ def _check_plausible(found: HullRounds) -> None:
         )
 
 
-def _score(
-    observations: Observations,
-    before: Platform,
-    after: Platform,
-    segments: SteadySegments,
-    settings: CalibrateSettings,
-) -> Score:
-    """Compute the errors of the balance for two hulls, each on records corrected for its own sensor errors.
+def _shared_segments(
+    observations: Observations, after: Platform, segments: SteadySegments, settings: CalibrateSettings
+) -> tuple[SteadySegments, SteadySegments]:
+    """Return the steady segments as found with the first hull, and with the hull after.
 
-    Which segments are steady depends on the hull. Both are judged by the segments that are steady with both, if any.
+    Which segments are steady depends on the hull, and each has the records corrected for its own sensor errors. The
+    segments are those that are steady with both, if any.
     """
     numbers = np.unique(segments.profile).tolist()
     if not numbers:
-        return Score((), 0, NO_ERRORS, NO_ERRORS)
+        return segments, segments
     again = steady_segments(observations, after, numbers, settings, settings.steady)
     if np.isfinite(segments.seawater).all():
         again = again.select(again.in_known_water)
@@ -193,8 +194,14 @@ def _score(
         again = replace(again, seawater=np.full_like(again.seawater, np.nan))
     reach = 0.5 * settings.steady.length
     shared, shared_again = segments.shared_with(again, reach), again.shared_with(segments, reach)
-    if len(shared):
-        segments, again = shared, shared_again
-    return Score(
-        tuple(numbers), len(again), score_of(before, segments), score_of(after, again) if len(again) else NO_ERRORS
-    )
+    return (shared, shared_again) if len(shared) else (segments, again)
+
+
+def _score(
+    before: Platform, after: Platform, numbers: Sequence[int], segments: tuple[SteadySegments, SteadySegments]
+) -> Score:
+    """Compute the errors of the balance for two hulls, each on its own records of the segments of some profiles."""
+    if not numbers:
+        return Score((), 0, NO_ERRORS, NO_ERRORS)
+    own, again = segments
+    return Score(tuple(numbers), len(again), score_of(before, own), score_of(after, again) if len(again) else NO_ERRORS)

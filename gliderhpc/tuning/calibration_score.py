@@ -98,8 +98,10 @@ def _root_mean_square(values: Array) -> float:
     return math.sqrt(np.mean(values**2)) if len(values) else math.nan
 
 
-def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIES)) -> None:
-    """Refuse a hull whose errors in steady glides are clearly larger than those of the original platform.
+def check_errors(
+    fitted: Score, held_out: Score, quantities: int = len(QUANTITIES), *, before: str = "the platform"
+) -> None:
+    """Refuse a hull whose errors in steady glides are clearly larger than those of the hull before.
 
     Parameters
     ----------
@@ -107,6 +109,8 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
         Errors on the profiles fitted and on those held out.
     quantities : int
         Number of `QUANTITIES` to judge, starting with the first.
+    before : str
+        Name of the hull before, for the message.
 
     Raises
     ------
@@ -114,11 +118,11 @@ def check_errors(fitted: Score, held_out: Score, quantities: int = len(QUANTITIE
         An error (`Errors.trimmed`) has grown by more than chance, on the profiles fitted or on those held out.
     """
     for name, each in (("fitted", fitted), ("held out", held_out)):
-        before, after = each.errors_before.trimmed, each.errors_after.trimmed
-        rose = (np.sqrt(np.maximum(after**2 - before**2, 0.0)) > MAX_INCREASE) & (after > CHANCE_FACTOR * before)
+        was, after = each.errors_before.trimmed, each.errors_after.trimmed
+        rose = (np.sqrt(np.maximum(after**2 - was**2, 0.0)) > MAX_INCREASE) & (after > CHANCE_FACTOR * was)
         rose = rose[:quantities]
         if rose.any():
             raise CalibrationError(
                 f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
-                f"the platform on the profiles {name}; {REMEDY}"
+                f"{before} on the profiles {name}; {REMEDY}"
             )

@@ -153,6 +153,20 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     assert "calibration" not in found.platform.model_fields_set
 
 
+def test_rounds_that_the_steady_glides_contradict_are_refused(records, monkeypatch):
+    """The dives lead to too large a drag: still better than the platform, but worse than the fit of the trim."""
+    run = DiveRounds.run
+
+    def misled(self, start):
+        found = run(self, start)
+        return replace(found, platform=with_values(found.platform, {"viscous.K_D0": 13.0}))
+
+    monkeypatch.setattr(DiveRounds, "run", misled)
+    found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
+    assert found.dives is None
+    assert "larger error of depth rate than the fit of its trim alone on the profiles fitted" in found.notes[-1]
+
+
 def test_the_command_writes_platform_and_history(records, tmp_path):
     command = ("calibrate", records, "--platform", "petrel-l", "--out", tmp_path / "hull.yaml", "--hold-out", "4",
                "--workers", "0", "--history", tmp_path / "hull.csv")  # fmt: skip
