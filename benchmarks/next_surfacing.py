@@ -7,7 +7,9 @@ The current of a mission is a mean, two Gauss-Markov parts of different correlat
 oscillation that comes and goes, stepped by the minute; half of the missions have no tide. Dives differ in duration, speed and
 course, all displacements have one relative error, as a wrong drag makes it, and the drift at the surface differs from the
 current. The filter knows the tidal periods, but neither inertial motion nor a second correlation time; it runs with and without
-tidal lines. The inversion is left out: the displacement through the water is the true one with that error.
+tidal lines. The inversion is left out: the displacement through the water is the true one with that error. In further missions
+one dive in four is ordered to another heading, and the prediction is made with and without this order. For real missions the
+order is replaced by direction and duration of the next dive's displacement through the water.
 """
 
 import argparse
@@ -28,6 +30,7 @@ from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
+from gliderhpc.report.dive_plan import DivePlan
 from gliderhpc.report.next_surfacing import MAX_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
 
 Array = NDArray[np.float64]
@@ -39,6 +42,9 @@ AFTER = (3, 6, 12, 24, 48)
 
 NOWCASTS: dict[str, tuple[str, ...]] = {"with tidal lines": tuple(TIDAL_PERIODS), "without tidal lines": ()}
 """Tidal lines of the nowcasts that are compared."""
+
+PLANNED = "with the plan"
+"""Name of the nowcast, with tidal lines, that knows the plan of the next dive."""
 
 ERRORS = CurrentSettings()
 """Errors of the fixes and of the drift at the surface."""
@@ -61,6 +67,8 @@ SCATTER = {"duration": 0.03, "speed": 0.03, "course": 4.0}
 """Standard deviations of what dives differ in: parts, parts, degrees."""
 DRAG = 0.03
 """Standard deviation of the relative error of a mission's displacements."""
+TURN = 0.25
+"""Share of the dives, in missions with turns, that are ordered to a heading 60 to 120 degrees from the last one."""
 WIND = 0.05
 """Standard deviation of the drift at the surface about the current, m/s."""
 
@@ -100,7 +108,14 @@ class Mission:
         return fix_after(self.table, place)
 
 
-def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
+def headings(seed: int, dives: int, first: float, *, turns: bool) -> Array:
+    """Headings ordered for the dives of a mission (rad)."""
+    rng = np.random.default_rng([seed, 1])
+    turning = (rng.uniform(size=dives) < TURN) & turns
+    return first + np.cumsum(turning * rng.choice([-1.0, 1.0], dives) * np.radians(rng.uniform(60.0, 120.0, dives)))
+
+
+def mission(seed: int, dives: int, tidal: bool = True, *, turns: bool = False) -> Mission:
     """Fly one mission."""
     rng = np.random.default_rng(seed)
     lasts, speed, course = rng.uniform(*DIVE), rng.uniform(*SPEED), rng.uniform(0.0, 2.0 * np.pi)
@@ -113,9 +128,9 @@ def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
 
     rows = []
     entry = fixed()
-    for _ in range(dives):
+    for heading in headings(seed, dives, course, turns=turns):
         steps = round(lasts * (1.0 + rng.normal(0.0, SCATTER["duration"])) / STEP)
-        angle = course + np.radians(rng.normal(0.0, SCATTER["course"]))
+        angle = heading + np.radians(rng.normal(0.0, SCATTER["course"]))
         length = speed * (1.0 + rng.normal(0.0, SCATTER["speed"])) * steps * STEP
         through = length * np.array([np.cos(angle), np.sin(angle)])
         begin, now = now, now + steps
@@ -124,7 +139,8 @@ def mission(seed: int, dives: int, tidal: bool = True) -> Mission:
         now += round(SURFACE / STEP)
         position = position + carried[now] - carried[exit_step] + SURFACE * rng.normal(0.0, WIND, 2)
         last = fixed()
-        rows.append(_row(begin, exit_step, entry, exit_, last, drag * through) | {"stay": SURFACE if rows else np.nan})
+        orders = {"stay": SURFACE if rows else np.nan, "heading": np.degrees(heading)}
+        rows.append(_row(begin, exit_step, entry, exit_, last, drag * through) | orders)
         entry = last
     return Mission(_table(rows))
 
@@ -152,14 +168,27 @@ def _table(rows: list[dict[str, object]]) -> xr.Dataset:
     return xr.Dataset(columns, coords={"profile": np.arange(1, len(rows) + 1)})
 
 
-def misses(flown: Mission, after: int, errors: CurrentSettings = ERRORS) -> tuple[dict[str, float], dict[str, float]]:
+def plan_of(following: xr.Dataset) -> DivePlan:
+    """Return the heading ordered for a dive; for a real one direction and duration of its displacement."""
+    if "heading" in following:
+        return DivePlan(heading=float(following["heading"]) % 360.0)
+    north, east = float(following["displacement_north"]), float(following["displacement_east"])
+    return DivePlan(heading=float(np.degrees(np.arctan2(east, north))), duration=float(following["duration"]))
+
+
+def misses(
+    flown: Mission, after: int, errors: CurrentSettings = ERRORS, *, planned: bool = False
+) -> tuple[dict[str, float], dict[str, float]]:
     """Miss (m) of the nowcasts, of persistence and of no current; and the squared distance in the nowcasts' ellipses."""
     dives = flown.table.isel(profile=slice(max(after - MAX_DIVES, 0), after))
     here, there, last = flown.fix(after - 1), flown.fix(after), dives.isel(profile=-1)
     way = np.array(local_displacement(here, there))
     ways, distances = {}, {}
-    for name, tides in NOWCASTS.items():
-        found = predict_from(dives, errors.fix_error, errors.surface_shear, tides)
+    plan = plan_of(flown.table.isel(profile=after)) if planned else None
+    cases = [(name, tides, None) for name, tides in NOWCASTS.items()]
+    cases += [(PLANNED, tuple(TIDAL_PERIODS), plan)] if planned else []
+    for name, tides, given in cases:
+        found = predict_from(dives, errors.fix_error, errors.surface_shear, tides, given)
         error = way - np.array(local_displacement(here, Fix(found.time, found.latitude, found.longitude)))
         ways[name], distances[name] = error, float(error @ np.linalg.solve(found.covariance, error))
     own = np.array([float(last["displacement_north"]), float(last["displacement_east"])])
@@ -181,14 +210,14 @@ def rows_of_archives(paths: Sequence[Path]) -> Iterator[dict[str, object]]:
     for path in paths:
         flown, errors = archived(path)
         places = range(flown.table.sizes["profile"] - 1)
-        found = [misses(flown, place + 1, errors) for place in places if is_followed(flown.table, place)]
+        found = [misses(flown, place + 1, errors, planned=True) for place in places if is_followed(flown.table, place)]
         yield {"mission": path.stem, **_summary(found)}
 
 
 def _summary(found: Sequence[tuple[dict[str, float], dict[str, float]]]) -> dict[str, object]:
     """Columns of the table for predictions."""
     limit = chi_square_quantile(PROBABILITY, 2)
-    inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in NOWCASTS}
+    inside = {key: np.mean([distance[key] <= limit for _, distance in found]) for key in found[0][1]}
     medians = {key: float(np.median([miss[key] for miss, _ in found])) for key in found[0][0]}
     return {
         "predictions": len(found),
@@ -208,16 +237,33 @@ def rows_of(missions: int) -> Iterator[dict[str, object]]:
             yield {"tide": "M2, K1" if tidal else "none", "dives so far": name, **_summary(found)}
 
 
+def rows_with_turns(missions: int) -> Iterator[dict[str, object]]:
+    """Rows of the table of missions with turns: all dives, and those that turn."""
+    flown = [mission(seed, AFTER[-1] + 1, turns=True) for seed in range(FIRST_SEED, FIRST_SEED + missions)]
+    every = [(one, after) for one in flown for after in AFTER]
+    turning = [(one, after) for one, after in every if np.ptp(one.table["heading"].values[after - 1 : after + 1]) > 1.0]
+    for name, chosen in {"all": every, "dives after a turn": turning}.items():
+        yield {"missions with turns": name, **_summary([misses(one, after, planned=True) for one, after in chosen])}
+
+
+def print_table(rows: Sequence[dict[str, object]]) -> None:
+    """Print rows as a table in Markdown."""
+    print(markdown(list(rows[0]), [list(map(str, row.values())) for row in rows]), end="\n\n")
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--missions", type=int, default=MISSIONS)
     parser.add_argument(
         "--archives", type=Path, nargs="+", help="archives of real missions, in place of synthetic ones"
     )
     options = parser.parse_args()
-    rows = list(rows_of_archives(options.archives) if options.archives else rows_of(options.missions))
-    print(markdown(list(rows[0]), [list(map(str, row.values())) for row in rows]))
+    if options.archives:
+        print_table(list(rows_of_archives(options.archives)))
+        return
+    print_table(list(rows_of(options.missions)))
+    print_table(list(rows_with_turns(options.missions)))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from gliderhpc.api.watch_versions import accept_or_restore, back_up_version, rem
 from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
+from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
@@ -36,6 +37,7 @@ from gliderhpc.observations.landing import (
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
+from gliderhpc.report.dive_plan import DivePlan, read_plan
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
@@ -78,6 +80,8 @@ class WatchInputs:
     workers : int, optional
         Number of local worker processes, 0 to compute in this process; by default this process for a single dive, and
         one process per core for several.
+    plan : Path, optional
+        File with the plan of the next dive, read again for each message; by default the next dive resembles the last.
     """
 
     source: Path | str
@@ -87,6 +91,7 @@ class WatchInputs:
     store: Place
     out: Path
     workers: int | None = None
+    plan: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -345,10 +350,21 @@ class Watch:
     def _message(self, number: int, before: ReportedDive | None, path: Path) -> SurfacingMessage:
         store = self.watched.store
         with archive_errors(store), open_for_reading(store) as archive:
-            message = surfacing_message(archive, number)
+            message = surfacing_message(archive, number, plan=self._plan(archive, number))
         if before is None:
             return message
         return message.model_copy(update={"revision": before.revision + 1, "changes": changes_since(message, path)})
+
+    def _plan(self, archive: Archive, number: int) -> DivePlan | None:
+        """Return the plan of the dive after the latest one; None for earlier dives, or if the file cannot be used."""
+        latest = archive.to_dataset()["start_time"].load().to_series().idxmax()
+        if self.watched.plan is None or latest != number:
+            return None
+        try:
+            return read_plan(self.watched.plan)
+        except InputError as error:
+            self._fail(self.watched.plan.name, f"{first_line(error)}; the next dive is assumed to be like the last")
+            return None
 
 
 def continues_archive(store: Place, numbers: Iterable[int]) -> bool:

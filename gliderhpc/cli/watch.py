@@ -17,6 +17,7 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations.landing import folder_of
+from gliderhpc.report.dive_plan import read_plan
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.yaml_text import parse_value, split_assignment
@@ -75,6 +76,12 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     help="Alert rules, and the command or address to notify when a dive triggers one.",
 )
 @click.option(
+    "--plan",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.yaml",
+    help="Heading, duration or speed of the next dive, for the predicted surfacing; read again for each message.",
+)
+@click.option(
     "--schema",
     is_flag=True,
     is_eager=True,
@@ -99,6 +106,7 @@ def watch(
     start: str | None,
     assignments: tuple[str, ...],
     alerts_file: Path | None,
+    plan: Path | None,
     log_file: Path | None,
 ) -> int:
     """Invert every new dive whose files arrive in SOURCE, and report each once.
@@ -120,6 +128,10 @@ def watch(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if once and replay:
         raise click.UsageError("--once and --replay are mutually exclusive; give one of them")
+    if replay and plan is not None:
+        raise click.UsageError("--plan is for the next dive of a mission in progress; omit it with --replay")
+    if plan is not None:
+        read_plan(plan)
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "start": start}, values)
     check_engine(settings)
@@ -131,6 +143,7 @@ def watch(
         store=store,
         out=_folder(store) if out is None else out,
         workers=workers,
+        plan=plan,
     )
     speaker = _WatchPrinter(None if alerts_file is None else read_alerts(alerts_file))
     with logging_to(log_file), open_watch(watched, Listener(speaker.print_dive, _print_fault)) as opened:

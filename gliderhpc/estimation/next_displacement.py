@@ -68,6 +68,26 @@ def displacement_scatter(displacements: Array, expected: Array) -> Array:
     return np.asarray(total / (len(differences) + _PRIOR_DIFFERENCES))
 
 
+def planned_scatter(displacements: Array, planned: Array) -> Array:
+    """Return the covariance (2, 2) of the next displacement about one whose heading is planned (m2).
+
+    Along the heading it is the mean square of the latest changes of the displacements' lengths, across it that of a
+    prior change: sideslip, and errors of compass and steering.
+
+    Parameters
+    ----------
+    displacements : (n, 2) array
+        Displacements through the water so far, north and east, m.
+    planned : (2,) array
+        Planned displacement, m; not zero.
+    """
+    changes = np.diff(np.hypot(*displacements.T))[-_COMPARED:]
+    prior = (_PRIOR_FRACTION * float(np.hypot(*planned))) ** 2
+    along = (float(changes @ changes) + _PRIOR_DIFFERENCES * prior) / (len(changes) + _PRIOR_DIFFERENCES)
+    direction = planned / np.hypot(*planned)
+    return np.asarray(prior * np.eye(2) + (along - prior) * np.outer(direction, direction))
+
+
 def _prior_squares(displacements: Array) -> float:
     """Return the sum of the squared lengths (m2) of the prior changes."""
     return _PRIOR_DIFFERENCES * _PRIOR_FRACTION**2 * float(displacements[-1] @ displacements[-1])

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.next_displacement import displacement_scatter, expected_displacements
+from gliderhpc.estimation.next_displacement import displacement_scatter, expected_displacements, planned_scatter
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
+from gliderhpc.report.dive_plan import DivePlan
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ _SECOND = np.timedelta64(1, "s")
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted end of the next dive, assuming the duration of the last one and the expected displacement.
+    """Predicted end of the next dive, which lasts as long as the last one or as planned.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class Prediction:
     correlation_time: float
 
 
-def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
+def predict_surfacing(archive: Archive, number: int, plan: DivePlan | None = None) -> Prediction | None:
     """Predict the surfacing after the next dive from the dives up to a given one.
 
     Parameters
@@ -83,6 +84,8 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
         The archive, opened.
     number : int
         Number of the last dive.
+    plan : DivePlan, optional
+        Plan of the next dive.
 
     Returns
     -------
@@ -93,11 +96,15 @@ def predict_surfacing(archive: Archive, number: int) -> Prediction | None:
     if not dives.sizes["profile"] or int(dives["profile"][-1]) != number:
         return None
     errors = archive.attrs["settings"]["current"]
-    return predict_from(dives, float(errors["fix_error"]), float(errors["surface_shear"]))
+    return predict_from(dives, float(errors["fix_error"]), float(errors["surface_shear"]), plan=plan)
 
 
 def predict_from(
-    dives: xr.Dataset, fix_error: float, surface_shear: float, tides: Sequence[str] = tuple(TIDAL_PERIODS)
+    dives: xr.Dataset,
+    fix_error: float,
+    surface_shear: float,
+    tides: Sequence[str] = tuple(TIDAL_PERIODS),
+    plan: DivePlan | None = None,
 ) -> Prediction:
     """Predict the surfacing after the next dive from the table of the dives so far.
 
@@ -113,6 +120,8 @@ def predict_from(
         Usual difference between the drift at the surface and the current below, m/s.
     tides : sequence of str
         Tidal lines of the current, from `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; empty for a current without tide.
+    plan : DivePlan, optional
+        Plan of the next dive, by default a dive like the last one.
 
     Notes
     -----
@@ -125,26 +134,36 @@ def predict_from(
     the mean square of such differences so far. At the surface the glider drifts with the current and a further,
     constant velocity, with the scatter that the drifts so far have (`surface_offset`). The covariance of the position
     is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`).
+    A planned duration or speed changes the length of the expected displacement, a planned heading its direction; its
+    scatter is then that of past lengths, and across the heading a tenth of the length (`planned_scatter`), unscaled.
     """
     surface = surface_offset(dives, surface_shear)
     displacements = _vectors(dives, "displacement_{}")
     expected = expected_displacements(displacements, _vectors(dives, "dac_{}_smoothed"), dives["duration"].values)
     spread = displacement_scatter(displacements, expected)
     count = dives.sizes["profile"]
-    predicted = [
-        _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
-        for place, state in _nowcasts_after(
-            dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count)
-        ).items()
-    ]
-    coming, last = predicted[-1], fix_after(dives, count - 1)
-    past = [_squared_distance(dives, cycle) for cycle in predicted[:-1] if is_followed(dives, cycle.place)]
+    states = _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
+    predicted = {
+        place: _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
+        for place, state in states.items()
+    }
+    coming, last = predicted.pop(count - 1), fix_after(dives, count - 1)
+    past = [_squared_distance(dives, cycle) for place, cycle in predicted.items() if is_followed(dives, place)]
+    scale = ellipse_scale(past)
+    if plan is not None:
+        below = float(dives["duration"][-1])
+        planned = plan.displacement(expected[-1], below)
+        if plan.heading is not None:
+            spread, scale = planned_scatter(displacements, planned), 1.0
+        coming = _predict_cycle(
+            dives, count - 1, coming.state, surface, (planned, spread), fix_error, plan.duration or below
+        )
     latitude, longitude = moved((last.latitude, last.longitude), coming.displacement)
     return Prediction(
         time=last.time + np.timedelta64(round(coming.elapsed), "s"),
         latitude=latitude,
         longitude=longitude,
-        covariance=ellipse_scale(past) * coming.covariance,
+        covariance=scale * coming.covariance,
         current=coming.drift / coming.elapsed,
         current_covariance=coming.drift_covariance / coming.elapsed**2 + _covariance(dives.isel(profile=-1)),
         dives=count,
@@ -187,10 +206,15 @@ def _predict_cycle(
     surface: tuple[Array, float],
     through: tuple[Array, Array],
     fix_error: float,
+    duration: float | None = None,
 ) -> _Cycle:
-    """Predict the cycle after a dive, given surface drifts (offset, scatter) and displacement (value, covariance)."""
+    """Predict the cycle after a dive, given surface drifts (offset, scatter) and displacement (value, covariance).
+
+    The next dive lasts as long as that dive, or the `duration` given, s.
+    """
     (offset, scatter), (displacement, spread) = surface, through
     at_surface, below = _cycle(dives, place)
+    below = below if duration is None else duration
     begin = max(float(_seconds(dives, "exit_time")[place]), state.time)
     drift, covariance = state.drift(begin, begin + at_surface + below)
     shear = (scatter * at_surface) ** 2 + 2.0 * fix_error**2

@@ -10,6 +10,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
+from gliderhpc.report.dive_plan import DivePlan
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
 from gliderhpc.report.recent_hull import hull_changes, recent_hull, trim_of
@@ -55,7 +56,11 @@ def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellips
 
 
 def surfacing_message(
-    archive: Archive, number: int, revision: int = 0, changes: tuple[str, ...] = ()
+    archive: Archive,
+    number: int,
+    revision: int = 0,
+    changes: tuple[str, ...] = (),
+    plan: DivePlan | None = None,
 ) -> SurfacingMessage:
     """Collect the message of one profile of an archive.
 
@@ -67,6 +72,8 @@ def surfacing_message(
         Number of a profile that is done or has failed.
     revision, changes
         Revision of the message, and the changes since the previous one.
+    plan : DivePlan, optional
+        Plan of the next dive.
     """
     row = archive.to_dataset().sel(profile=number).load()
     done = str(row["status"].values) == "done"
@@ -88,7 +95,7 @@ def surfacing_message(
         current=current_of_dive(row),
         surface_drift=_pair(row, "surface_drift_north", "surface_drift_east"),
         water=None if data is None else water_of_dive(archive, data),
-        next_surfacing=_next_surfacing(archive, number) if smoothed else None,
+        next_surfacing=_next_surfacing(archive, number, plan) if smoothed else None,
         inversion=Inversion(
             status=str(row["status"].values),
             message=str(row["message"].values),
@@ -131,11 +138,12 @@ def _surfacing(row: xr.Dataset) -> Fix | None:
     return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
 
 
-def _next_surfacing(archive: Archive, number: int) -> NextSurfacing | None:
-    found = predict_surfacing(archive, number)
+def _next_surfacing(archive: Archive, number: int, plan: DivePlan | None) -> NextSurfacing | None:
+    found = predict_surfacing(archive, number, plan)
     if found is None:
         return None
     return NextSurfacing(
+        plan="" if plan is None else plan.text,
         time=iso_instant(found.time) or "",
         latitude=found.latitude,
         longitude=found.longitude,

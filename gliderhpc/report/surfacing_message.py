@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.wording import counted
 
-MESSAGE_VERSION = "1.2"
+MESSAGE_VERSION = "1.3"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
 
 
@@ -119,8 +119,9 @@ class Trim(_Part):
 
 
 class NextSurfacing(_Part):
-    """Predicted end of a next dive of the same duration, from the displacements and currents of the dives so far."""
+    """Predicted end of the next dive, from the displacements and currents of the dives so far, or from its plan."""
 
+    plan: str = _field("", "planned heading, duration and speed, as far as given; empty for a dive like this one")
     time: str = _field("", "ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")
     longitude: float = _field("degree_east", "longitude")

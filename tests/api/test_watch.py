@@ -85,9 +85,9 @@ def _watched(folder: Path) -> WatchInputs:
     )
 
 
-def _once(folder: Path) -> _Reports:
+def _once(folder: Path, **changes: object) -> _Reports:
     reports = _Reports()
-    with open_watch(_watched(folder), reports.listener()) as opened:
+    with open_watch(replace(_watched(folder), **changes), reports.listener()) as opened:
         opened.once(0.0)
     return reports
 
@@ -156,6 +156,25 @@ def test_messages_equal_those_of_a_fresh_run_and_each_file_is_read_once(dives, t
 
 def _untimed(message: SurfacingMessage) -> SurfacingMessage:
     return message.model_copy(update={"inversion": message.inversion.model_copy(update={"seconds": None})})
+
+
+def test_the_plan_of_the_next_dive_is_for_the_latest_dive_and_is_read_again_each_time(dives, tmp_path):
+    _watched(tmp_path)
+    plan = tmp_path / "plan.yaml"
+    plan.write_text("heading: 90\nduration: 1800\n", "utf-8")
+    for dive in dives[:2]:
+        shutil.copy(dive, tmp_path / "land")
+    first, second = _once(tmp_path, plan=plan).dives
+    assert [each.next_surfacing.plan for each in (first, second)] == ["", "heading 090°, 30 min"]
+    assert second.next_surfacing.longitude > second.surfacing.longitude
+    plan.write_text("heading: 400\n", "utf-8")
+    shutil.copy(dives[2], tmp_path / "land")
+    reports = _once(tmp_path, plan=plan)
+    assert reports.dives[0].next_surfacing.plan == ""
+    ((name, why),) = reports.faults
+    assert name == "plan.yaml"
+    assert "heading is 400" in why
+    assert "like the last" in why
 
 
 def test_a_late_dive_goes_to_its_place(dives, swift_store, tmp_path):

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from benchmarks.next_surfacing import ERRORS, SURFACE, mission
+from benchmarks.next_surfacing import ERRORS, PLANNED, SURFACE, misses, mission
+from gliderhpc.distributions import chi_square_quantile
+from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
+from gliderhpc.estimation.next_displacement import planned_scatter
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
+from gliderhpc.report.dive_plan import DivePlan, read_plan
 from gliderhpc.report.next_surfacing import ellipse_scale, predict_from, surface_offset
 
 WIND = np.array([0.25, -0.15])
@@ -78,3 +82,82 @@ def test_rare_changes_of_course_do_not_widen_the_ellipse_of_all_other_dives():
     rng = np.random.default_rng(4)
     distances = np.where(rng.uniform(size=20) < 0.1, 20.0, 0.3 * rng.chisquare(2, 20))
     assert ellipse_scale(distances) < 0.7
+
+
+# Planned dives
+
+
+def test_a_plan_replaces_what_it_gives():
+    expected = np.array([300.0, 400.0])
+    np.testing.assert_allclose(DivePlan().displacement(expected, 1000.0), expected)
+    np.testing.assert_allclose(DivePlan(duration=2000.0).displacement(expected, 1000.0), 2.0 * expected)
+    np.testing.assert_allclose(DivePlan(heading=270.0).displacement(expected, 1000.0), [0.0, -500.0], atol=1e-9)
+    np.testing.assert_allclose(DivePlan(speed=0.25, heading=0.0).displacement(expected, 1000.0), [250.0, 0.0])
+    assert DivePlan(heading=-90.0, duration=5400.0, speed=0.3).text == "heading 270°, 90 min, 0.3 m/s"
+    assert DivePlan().text == ""
+
+
+def test_the_scatter_about_a_planned_heading_is_that_of_past_lengths_and_a_tenth_across():
+    turns = np.radians([0.0, 90.0, 200.0, 310.0])
+    lengths = np.array([1000.0, 1100.0, 900.0, 1000.0])
+    flown = lengths[:, None] * np.column_stack([np.cos(turns), np.sin(turns)])
+    found = planned_scatter(flown, np.array([0.0, 2000.0]))
+    along = (np.sum(np.diff(lengths) ** 2) + 3 * 200.0**2) / (3 + 3)
+    np.testing.assert_allclose(found, np.diag([200.0**2, along]), rtol=1e-12)
+
+
+def test_a_planned_duration_and_heading_move_the_prediction_as_they_should():
+    """Twice the duration goes twice as far through the water and later; a heading turns the displacement."""
+    table = dives(np.zeros(2))
+    last = table.isel(profile=-1)
+    usual, longer, turned = (
+        predict_from(table, ERRORS.fix_error, ERRORS.surface_shear, plan=plan)
+        for plan in (None, DivePlan(duration=2.0 * float(last["duration"])), DivePlan(heading=10.0))
+    )
+    later = (longer.time - usual.time) / np.timedelta64(1, "s")
+    assert later == pytest.approx(float(last["duration"]), abs=1.0)
+    assert turned.time == usual.time
+    before, after = (Fix(each.time, each.latitude, each.longitude) for each in (usual, turned))
+    own = np.array([float(last[f"displacement_{way}"]) for way in ("north", "east")])
+    ordered = np.hypot(*own) * np.array([np.cos(np.radians(10.0)), np.sin(np.radians(10.0))])
+    # The expected displacement without a plan contains a small correction for the current.
+    np.testing.assert_allclose(local_displacement(before, after), ordered - own, atol=0.05 * np.hypot(*own))
+
+
+def test_a_known_turn_does_not_spoil_the_prediction():
+    """After an ordered turn the surfacing is in the ellipse that knows the order, not in the one that does not."""
+    flown = [mission(seed, 9, turns=True) for seed in range(40)]
+    turned = [one for one in flown if np.ptp(one.table["heading"].values[7:9]) > 1.0]
+    found = [misses(one, 8, planned=True) for one in turned]
+    assert len(found) > 5
+    knowing, unknowing = ([distance[name] for _, distance in found] for name in (PLANNED, "with tidal lines"))
+    limit = chi_square_quantile(0.95, 2)
+    assert np.mean(np.array(knowing) < limit) > 0.8
+    assert np.mean(np.array(unknowing) < limit) < 0.6
+    assert np.median([miss[PLANNED] for miss, _ in found]) < 0.4 * np.median([m["persistence"] for m, _ in found])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("heading: 400", "heading is 400: it must be at most 360"),
+        ("hedding: 40", "unknown key 'hedding'"),
+        ("speed: .nan", "speed is nan: it must be a finite number"),
+        ("duration: 0", "duration is 0: it must be greater than 0"),
+        ("- 1", "contains no plan"),
+        ("", "contains no plan"),
+    ],
+)
+def test_a_plan_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path):
+    path = tmp_path / "plan.yaml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(InputError) as refused:
+        read_plan(path)
+    assert words in str(refused.value)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_plan_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.yaml"):
+        read_plan(tmp_path / "none.yaml")

@@ -85,8 +85,9 @@ def _next_surfacing(message: SurfacingMessage) -> str:
         return "unknown"
     place = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
     predicted = polar(following.current_north, following.current_east)
+    dive = f"a dive as planned ({following.plan})" if following.plan else "a dive like this one"
     return (
-        f"{place}, after a dive like this one; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
+        f"{place}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
         f"({counted(following.dives, 'dive')})"
     )
 
