@@ -20,7 +20,7 @@ _SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 STRONG = 1.0
-"""Speed of a depth-averaged current (m/s) from which on its fixes are in doubt, except in the strongest currents."""
+"""Speed of a depth-averaged current (m/s) above which the fixes are doubtful, except in the strongest currents."""
 MIN_DRIFT_TIME = 60.0
 """Shortest time between two fixes (s) that determine the surface drift."""
 
@@ -215,7 +215,7 @@ def single_cycle(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([0, len(series.time) - 1])
 
 
-def smoothed_current(
+def current_from_displacement(
     record: ProfileRecord,
     clock: Array,
     displacement: Array,
@@ -224,7 +224,7 @@ def smoothed_current(
     *,
     with_hull: bool = False,
 ) -> DepthAveragedCurrent | None:
-    """Compute the current from the smoother's displacement through the water, or None unless both sides have a fix.
+    """Compute the current from a displacement through the water, or None unless both sides have a fix.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import DepthAveragedCurrent, smoothed_current
+from gliderhpc.estimation.currents import DepthAveragedCurrent, current_from_displacement
 from gliderhpc.estimation.record_screening import jointly_sampled
 from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
@@ -113,7 +113,7 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     if not np.isfinite(motion.total).all() or motion.masked_fraction >= 1.0:
         raise ProfileError(f"profile {record.number}: no part is steep enough for a glide")
     covariance = _displacement_covariance(hulls, series, motion, errors)
-    current = smoothed_current(record, series.time, motion.total, covariance, errors.of_current)
+    current = current_from_displacement(record, series.time, motion.total, covariance, errors.of_current)
     alpha = angle_of_attack(hulls[0], series.measurements[:, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = np.abs(depth_rate(series) / np.sin(series.measurements[:, 1] - alpha))

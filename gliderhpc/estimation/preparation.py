@@ -169,13 +169,13 @@ def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
     return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))
 
 
-_SAME = 1e-9
+_EQUAL_ANGLES = 1e-9
 """Largest difference (rad) of values that are considered equal."""
 
 
 def repetitions(values: Array) -> NDArray[np.int64]:
     """Length ``(m,)`` of the run of equal values around each of ``values (m,)``; a NaN is a run of its own."""
-    new = ~(np.abs(np.diff(values)) <= _SAME)
+    new = ~(np.abs(np.diff(values)) <= _EQUAL_ANGLES)
     starts = np.concatenate([[0], np.flatnonzero(new) + 1]).astype(np.int64)
     counts = np.diff(np.append(starts, len(values)))
     return np.repeat(counts, counts)

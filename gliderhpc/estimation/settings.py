@@ -21,9 +21,10 @@ MAX_SETTING = 1e12
 """Largest value of a setting in any unit; a larger one is a typing error."""
 
 SLOW_SENSORS_PRIOR = 2.0
-"""Sample interval (s) beyond which a platform that states no prior gets the prior of slow sensors."""
-_UNEVEN = 1.25
-"""Ratio to this of a record's own interval beyond which it is slow: every 2 s, but not quite evenly, is not."""
+"""Sample interval (s) beyond which a platform file without a prior gets the prior of slow sensors."""
+_SLOW_RATIO = 1.25
+"""A record counts as slow if its interval exceeds `SLOW_SENSORS_PRIOR` by this factor; a 2 s record with jitter does
+not."""
 
 
 Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
@@ -310,7 +311,7 @@ def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float 
 
 
 def _slow_and_untuned(platform: Platform, interval: float) -> bool:
-    slow = platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _UNEVEN * SLOW_SENSORS_PRIOR
+    slow = platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _SLOW_RATIO * SLOW_SENSORS_PRIOR
     return platform.prior is None and slow
 
 

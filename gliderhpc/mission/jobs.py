@@ -104,7 +104,7 @@ def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResu
     # On vectors this short, threads of linear algebra cost far more than they gain.
     with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated == 1 else 0) as threads:
         batch = _Batch(job, observations)
-        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True, threads=threads):
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings, with_hull=True, threads=threads):
             batch.finish(work, estimate)
             yield from batch.new_results()
         yield from batch.new_results()

@@ -18,10 +18,10 @@ from gliderhpc.estimation.currents import (
     Segment,
     SurfaceInterval,
     Track,
+    current_from_displacement,
     cycles_of,
     depth_averaged_current,
     single_cycle,
-    smoothed_current,
     surface_drift,
     track_of,
     with_disagreement,
@@ -150,7 +150,7 @@ def _current_by_smoother(record: ProfileRecord, tracks: Tracks, errors: CurrentE
     track = tracks.smoothed
     if track is None:
         return None
-    return smoothed_current(
+    return current_from_displacement(
         record, tracks.adjoint.clock, track.displacement, track.covariance, errors, with_hull=track.with_hull
     )
 

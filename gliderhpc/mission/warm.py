@@ -52,7 +52,7 @@ def warm_kernels(engine: str = "lanes") -> None:
         with compile_in_background("smoother"):
             # Two, since the windows of one would be solved alone.
             list(estimate_profiles([(None, record), (None, record)], from_prior))
-    list(estimate_profiles([(None, record)], settings, smooth=True))
+    list(estimate_profiles([(None, record)], settings, with_hull=True))
 
 
 def warm_single_window() -> None:

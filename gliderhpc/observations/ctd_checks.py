@@ -1,4 +1,4 @@
-"""Samples of a CTD that are no measurement of the water: temperatures or salinities that the sea and lakes never have.
+"""CTD samples that cannot be measurements of the water: temperatures or salinities that the sea and lakes never have.
 
 A sensor that is switched off, and a fill value that is not declared, give a salinity of exactly zero; rain and melt
 water have a few thousandths. Salinities in kg/kg are a thousandth of the practical ones.
@@ -17,7 +17,7 @@ MAX_SALINITY_IN_KG = 0.045
 """Practical salinity up to which that of a whole profile is suspected to be in kg/kg: the sea has up to 0.042 kg/kg,
 and the lakes in which gliders fly have a practical salinity of 0.05 and more."""
 
-_NEARLY_ALL = 0.95
+_WHOLE_PROFILE = 0.95
 """Share of the samples that count as the whole profile, since a record contains spikes."""
 
 
@@ -39,7 +39,7 @@ def _is_plausible_salinity(salinity: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def fault_of_water(temperature: FloatArray, salinity: FloatArray) -> str | None:
-    """Describe why the samples of a profile are no measurement of its water; None if some are.
+    """Describe why the samples of a profile cannot be measurements of its water; None if some are.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def fault_of_water(temperature: FloatArray, salinity: FloatArray) -> str | None:
         )
     if not salty.any():
         return _fault_of_salinity(salinity)
-    if np.quantile(salinity[salty], _NEARLY_ALL) <= MAX_SALINITY_IN_KG:
+    if np.quantile(salinity[salty], _WHOLE_PROFILE) <= MAX_SALINITY_IN_KG:
         return (
             f"practical_salinity is {_extent(salinity[salty])}, fresher than nearly any lake, as if it was in kg/kg; "
             "multiply it by 1000"

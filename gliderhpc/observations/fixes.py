@@ -138,7 +138,7 @@ _SECOND = np.timedelta64(1, "s")
 _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
-_PROVEN = 10**9
+_PROVEN_WEIGHT = 10**9
 """Weight of a run over more than one surfacing; it exceeds the weight of all fixes of the other runs together."""
 
 
@@ -323,7 +323,7 @@ def _wrong_runs(
     to every largest set of consistent fixes.
     """
     proven = [bool(time[stop - 1] - time[start] > SAME_SURFACING) for start, stop in runs]
-    weights = [_PROVEN if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
+    weights = [_PROVEN_WEIGHT if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
     stays = _in_every_best_chain(weights, _links(runs, time, latitude, longitude))
     return [run for run, right, sure in zip(runs, stays, proven, strict=True) if not (right or sure)]
 

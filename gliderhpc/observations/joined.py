@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_SAME_TIME, _SAME_DEPTH, _ALIKE = 5.0, 2.0, 0.95
+_SAME_TIME, _SAME_DEPTH, _MIN_AGREEING_SHARE = 5.0, 2.0, 0.95
 """Two records are of the same dive if their ends agree within 5 s and 0.95 of the depths within 2 m."""
 
 
@@ -216,7 +216,7 @@ def _holds(whole: tuple[Array, Array], part: tuple[Array, Array]) -> bool:
         return True
     if len(time) < len(at) or at[0] < time[0] - _SAME_TIME or at[-1] > time[-1] + _SAME_TIME:
         return False
-    return bool(np.mean(np.abs(np.interp(at, time, depth) - wanted) < _SAME_DEPTH) > _ALIKE)
+    return bool(np.mean(np.abs(np.interp(at, time, depth) - wanted) < _SAME_DEPTH) > _MIN_AGREEING_SHARE)
 
 
 def _joined(parts: Sequence[_FileContent]) -> xr.Dataset:

@@ -224,7 +224,7 @@ class NavigationColumns(NamedColumns):
         Raises
         ------
         InputError
-            Most of the values are impossible, and they are no fill values.
+            Most of the values are impossible, and they are not fill values.
         """
         remarks = []
         for quantity in ("pitch", "heading"):

@@ -173,9 +173,9 @@ def _only_number(numbers: IntArray) -> int | None:
 
 
 def _without_strays(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
-    """Numbers without the zeros that are no single dive, and without strays in the midst of another number.
+    """Numbers without zeros that do not form one dive, and without isolated numbers inside another dive.
 
-    Strays are samples with other numbers, between two of one number, that are no whole dive.
+    Isolated numbers are those between two samples of another number that do not form a whole dive.
     """
     kept = numbers.copy()
     runs = _runs(np.flatnonzero(numbers != _NO_DIVE), numbers)

@@ -86,7 +86,7 @@ def _range(what: str) -> tuple[float, float]:
 
 
 def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the values, as stored and converted, that are no measurements."""
+    """Mask ``(n,)`` of the values, as stored and converted, that are not measurements."""
     low, high = _range(what)
     with np.errstate(invalid="ignore"):
         usual = np.abs(stored) >= HUGE

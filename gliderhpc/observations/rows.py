@@ -98,7 +98,7 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
-_RARELY = 0.1
+_RARE_SHARE = 0.1
 """Share of the samples of one measurement below which rows with all measurements are rare."""
 
 
@@ -108,7 +108,7 @@ def rarely_together(*measured: npt.NDArray[np.bool_]) -> bool:
     This is so where several computers sample them, and their files were joined by time.
     """
     together = np.count_nonzero(np.logical_and.reduce(measured))
-    return bool(together < _RARELY * min(map(np.count_nonzero, measured)))
+    return bool(together < _RARE_SHARE * min(map(np.count_nonzero, measured)))
 
 
 def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

@@ -35,7 +35,7 @@ MIN_SURFACE_TIME = 180.0
 """Least duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
 is the turning point of a yo."""
 
-LEAST_OF_THE_SEA = 0.5
+MIN_SEA_CONDUCTIVITY = 0.5
 """Conductivity (mS/cm) that the sea exceeds, but neither a wet sensor in the air nor most lakes."""
 
 _SECOND = np.timedelta64(1, "s")
@@ -258,7 +258,7 @@ def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float)
 
 def _without_air(conductivity: FloatArray) -> FloatArray:
     """Conductivity (mS/cm) without that of a wet sensor in the air, unless the water is a lake's throughout."""
-    in_water = conductivity >= LEAST_OF_THE_SEA
+    in_water = conductivity >= MIN_SEA_CONDUCTIVITY
     return np.where(in_water, conductivity, np.nan) if in_water.any() else conductivity
 
 

@@ -23,7 +23,7 @@ SEGMENT_BREAK, LONGEST_PAUSE = 600.0, 6.0 * 3600.0
 
 _SECOND = 1_000_000_000
 
-_LEAST_ROOM, _MOST_ROOM = 0.5, 2.5
+_MIN_EXCESS, _MAX_EXCESS = 0.5, 2.5
 """Limits of the width of a gap into which late rows fit: usual intervals in excess of the number of these rows."""
 
 
@@ -132,7 +132,7 @@ def _count_late(clock: IntArray, order: IntArray) -> int:
     # Before the first of the other rows and after the last, the gap ends with the usual interval.
     begin, end = min(late[0], others[0]) - usual[0], max(late[-1], others[-1]) + usual[-1]
     widths = np.diff(np.concatenate([[begin], others, [end]]))
-    fits = (widths > (count + _LEAST_ROOM) * usual) & (widths < (count + _MOST_ROOM) * usual)
+    fits = (widths > (count + _MIN_EXCESS) * usual) & (widths < (count + _MAX_EXCESS) * usual)
     return int(count.sum()) if fits[count > 0].all() else 0
 
 

@@ -29,7 +29,7 @@ from gliderhpc.tuning.calibration_covariance import LEVEL, Fit, few_profiles_fac
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
 from gliderhpc.tuning.disturbance_prior import TuningSettings
-from gliderhpc.tuning.lateral_terms import WHY_HELD, is_better_held, reason_to_hold
+from gliderhpc.tuning.lateral_terms import HELD_REASONS, is_better_held, reason_to_hold
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import LATERAL, MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
@@ -190,7 +190,7 @@ def calibrate(
     fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
     why = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if why is not None:
-        report(f"fitting again with the lateral terms held ({WHY_HELD[why]})")
+        report(f"fitting again with the lateral terms held ({HELD_REASONS[why]})")
         separate = errors.with_separate_turns()
         held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
         if is_better_held(why, fit, held):

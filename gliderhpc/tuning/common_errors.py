@@ -1,4 +1,4 @@
-"""Errors of the model that all dives of a mission have in common, and what they leave of a dive's information.
+"""Errors of the model that all dives of a mission have in common, and the information of a dive that remains.
 
 Rounded angles, actuators that lag in another way than the model's, and noise unlike the prior's change the scores of
 all dives in the same direction, and more dives do not average them out. The terms of sway, roll and yaw suffer most:
@@ -31,8 +31,8 @@ _SINGULAR = 1e-12
 """Ratio to the largest eigenvalue below which a combination of the errors has no information."""
 
 
-def variance_ratios(parameters: Sequence[HullParameter], dives: int, settings: RoundSettings) -> Array:
-    """Ratio ``(p, p)`` of the variance of the summed score to the one that the dives state, by pairs of parameters.
+def inflation_ratios(parameters: Sequence[HullParameter], dives: int, settings: RoundSettings) -> Array:
+    """Ratio ``(p, p)`` of the variance of the summed score to the sum of the stated variances, by pairs of parameters.
 
     Notes
     -----
@@ -44,15 +44,15 @@ def variance_ratios(parameters: Sequence[HullParameter], dives: int, settings: R
     return np.asarray(1.0 + dives * (settings.misfit + settings.turning_misfit * among))
 
 
-def weakened(score: Array, information: Array, ratios: Array) -> tuple[Array, Array]:
-    """Score and information of a dive, reduced to what is left of them in a sum over dives with common errors.
+def with_inflated_variance(score: Array, information: Array, ratios: Array) -> tuple[Array, Array]:
+    """Score and information of a dive, reduced by the variance of errors that all dives have in common.
 
     Parameters
     ----------
     score, information : (p,), (p, p)
         Score ``g`` and information ``I`` of the dive.
     ratios : (p, p)
-        Ratios of `variance_ratios`.
+        Ratios of `inflation_ratios`.
 
     Notes
     -----

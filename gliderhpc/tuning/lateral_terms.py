@@ -14,7 +14,7 @@ from gliderhpc.tuning.calibration_search import CalibrationVerdict
 
 Mask = NDArray[np.bool_]
 
-WHY_HELD = {
+HELD_REASONS = {
     CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
     CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",
     CalibrationVerdict.IMPLAUSIBLE_TURNS: "one of them is far from the platform's value",
@@ -25,14 +25,14 @@ WHY_HELD = {
 _MAX_DISTANCE = 3.0
 """Distance from the platform's value, in plausible deviations, beyond which turns must prove a lateral term."""
 
-_PROOF = 2.0
+_MIN_ERROR_RATIO = 2.0
 """Ratio of the errors of depth rate, roll or rate of turn, lateral terms held to free, that proves implausible terms.
 
 On twins with yaw impulses or gusts and the platform's own lateral terms it is at most 1.3; on the missions SEA035 M010
 and M012 and SG033, at least 2.5.
 """
 
-_CLEARLY_LARGER = 1.25
+_MAX_COST_RATIO = 1.25
 """Ratio of costs above which a fit with the lateral terms held is rejected. On twins whose platform is the true hull,
 free lateral terms reduce the cost by 3 to 10 %; on the mission SEA035 M010, by a third."""
 
@@ -55,9 +55,9 @@ def is_better_held(why: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
     if why in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
         return True
     if why is CalibrationVerdict.IMPLAUSIBLE_TURNS:
-        return bool(np.all(_sizes_of_errors(held) <= _PROOF * _sizes_of_errors(fit)))
+        return bool(np.all(_sizes_of_errors(held) <= _MIN_ERROR_RATIO * _sizes_of_errors(fit)))
     free_cost, held_cost = (fit.search.cost_of(each.search.steps) for each in (fit, held))
-    return held_cost <= _CLEARLY_LARGER * free_cost and held.largest_variance < fit.largest_variance
+    return held_cost <= _MAX_COST_RATIO * free_cost and held.largest_variance < fit.largest_variance
 
 
 def _sizes_of_errors(fit: Fit) -> NDArray[np.float64]:

@@ -126,7 +126,7 @@ class MissionHull:
     log_evidence : float
         Log evidence of all dives, with their weights.
     inflation : float
-        Ratio of the variance between dives to the variance that they state; at least one.
+        Ratio of the variance between dives to their stated variance; at least one.
     weight, chi_square : (n,)
         Weight of each dive, and its chi-square relative to the rest.
     freedom : (n,) of int

@@ -37,7 +37,7 @@ VELOCITY, RATES = slice(4, 7), slice(7, 10)
 PITCHING, LATERAL = 8, np.array([7, 9])
 """Indices of the pitch acceleration, and of those of roll and yaw, among the rates."""
 
-_TINY = 1e-300
+_MIN_VELOCITY_STEP = 1e-300
 _MIN_STEEPNESS = 0.05
 
 
@@ -202,7 +202,7 @@ class SteadyFlight:
         for _ in range(ITERATIONS):
             step = _solve(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
-            shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
+            shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _MIN_VELOCITY_STEP))
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]

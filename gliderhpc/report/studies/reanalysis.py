@@ -165,7 +165,7 @@ def _cell(name: str, value: float) -> str:
     return f"{value:.{_DIGITS.get(name.rpartition(' ')[2], 0)}f}"
 
 
-_DOUBT = (
+_DISTANCE_NOTE = (
     "The distance is scaled by the glider's own uncertainty alone: motion that a model lacks, or that its grid "
     "smooths, adds to the difference and not to this scale."
 )
@@ -181,20 +181,20 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
     return {
         "figure_8": (
             f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that by the glide angle, and those of "
-            f"{models} averaged over the same dive in time and depth: {panels}. {_DOUBT}"
+            f"{models} averaged over the same dive in time and depth: {panels}. {_DISTANCE_NOTE}"
         ),
         "table_4": (
             f"Speed and direction of every current, and each model's distance in sigma of the {glider} ({ellipse}): "
-            f"{panels}. {_DOUBT}"
+            f"{panels}. {_DISTANCE_NOTE}"
         ),
         "agreement": (
             "Differences of the currents over the mission, and the share of profiles on which a model lies within 1, "
-            f"2 and 3 sigma: {data}, {covered} of them covered by a model. {_DOUBT}"
+            f"2 and 3 sigma: {data}, {covered} of them covered by a model. {_DISTANCE_NOTE}"
         ),
         "profiles": (
             f"One row per profile and model ({models}), sampled along the dive: {data}. A model that covers less than "
             f"{MIN_COVERAGE:.0%} of the dive's time has no value; the records that it does not cover are counted by "
-            f"reason. {_DOUBT}"
+            f"reason. {_DISTANCE_NOTE}"
         ),
     }
 

@@ -53,8 +53,8 @@ MAX_PAUSE = 2.5
 """Longest pause within a stretch of samples, in sample intervals."""
 
 _TOLERANCE = 1e-6
-_FEWEST = 3
-"""Smallest number of samples of a straight line."""
+_MIN_LINE_SAMPLES = 3
+"""Minimum number of samples of a straight line."""
 
 KEYS = (
     "buoyancy.neutral_volume",
@@ -148,7 +148,7 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
         full_window[begin:end] = (times - 0.5 * window >= times[0] - _TOLERANCE) & (
             times + 0.5 * window <= times[-1] + _TOLERANCE
         )
-    count[count < _FEWEST] = 0
+    count[count < _MIN_LINE_SAMPLES] = 0
     edges = np.append(0, np.cumsum(count))
     columns = np.arange(edges[-1]) + np.repeat(first - edges[:-1], count)
     operator = scipy.sparse.csr_array((_slope_weights(time[columns], count), columns, edges), shape=(len(time),) * 2)

@@ -36,7 +36,7 @@ _ONE_LEG = (
     "of the water, or something that drags on that leg alone"
 )
 
-_NEARLY = 0.95
+_MAX_MEAN_RATIO = 0.95
 """Ratio of a change's mean to its largest value above which the mean is not reported as well."""
 
 
@@ -279,7 +279,7 @@ def _leg_name(change: Change, phase: str) -> str:
 
 def _percent(change: Change, size: Size, reference: float) -> str:
     value, low, high = (100.0 * part / reference for part in (size.value, size.low, size.high))
-    mean = f", {value * change.mean:+.0f} % on average" if change.mean < _NEARLY else ""
+    mean = f", {value * change.mean:+.0f} % on average" if change.mean < _MAX_MEAN_RATIO else ""
     return f"{value:+.0f} % at its maximum (95 % interval {low:+.0f} to {high:+.0f} %){mean}"
 
 
