@@ -151,7 +151,7 @@ def calibrate(
     """Fit a hull's parameters to the balance of its steady glides.
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
-    `steady_balance`, each divided by its own scale. At first all parameters are free, with their plausible deviations
+    `steady_balances`, each divided by its own scale. At first all parameters are free, with their plausible deviations
     as a prior, and the fit starts from several points. Then the glides are checked for directions that they do not
     determine, the weakest singular direction first. The largest parameter of such a direction is held at the platform's
     value, or at the most probable one if the glides refute the platform's. When every direction is determined, the

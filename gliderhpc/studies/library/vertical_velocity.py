@@ -104,11 +104,6 @@ class DepthRateFilter:
     full_window: Mask
     time: Array
 
-    @property
-    def half_power(self) -> float:
-        """Frequency at which half the power passes, Hz."""
-        return half_power() / self.window
-
     def slopes(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
         found = self.operator @ values
