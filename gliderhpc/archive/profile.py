@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.archive.angles import on_branch_of, unwrap, wrap
+from gliderhpc.angles import on_branch_of, unwrap, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.profiles import describe_numbers
 from gliderhpc.observations.series import averages_between
+from gliderhpc.observations.times import SECOND
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
 from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER
@@ -34,7 +35,6 @@ SETTLING = 60.0
 NOT_STEADY = ("vibration", "gap_in_the_record")
 """Quality bits that exclude a sample from steady glide."""
 
-_SECOND = np.timedelta64(1, "s")
 _TIME_TOLERANCE = 1e-5
 
 
@@ -390,4 +390,4 @@ def _optional_columns(dataset: xr.Dataset, names: list[str]) -> Array:
 
 
 def _seconds(instants: NDArray[Any], epoch: np.datetime64) -> Array:
-    return np.asarray((instants - epoch) / _SECOND, dtype=np.float64)
+    return np.asarray((instants - epoch) / SECOND, dtype=np.float64)

@@ -13,10 +13,10 @@ from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.observations.times import SECOND
 
 Array = NDArray[np.float64]
 
-_SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 STRONG = 1.0
@@ -292,7 +292,7 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
     """
     if len(fixes) < 2:
         return None
-    elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
+    elapsed = float((fixes[-1].time - fixes[0].time) / SECOND)
     if elapsed < MIN_DRIFT_TIME:
         return None
     velocity = local_displacement(fixes[0], fixes[-1]) / elapsed
@@ -376,4 +376,4 @@ def _position_variance(duration: float, drift_removed: float, carried: float, er
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:
-    return float((fix.time - record.epoch) / _SECOND)
+    return float((fix.time - record.epoch) / SECOND)

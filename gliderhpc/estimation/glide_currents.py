@@ -17,6 +17,7 @@ from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.observations.records import Fix, ProfileRecord
+from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
 
@@ -189,4 +190,4 @@ def _positions_at(origin: Fix, displacement: Array) -> tuple[Array, Array]:
     parallel = _EQUATOR / np.sqrt(stretched) * np.cos(middle)
     latitude = origin.latitude + np.degrees(displacement[:, 0] / meridian)
     longitude = origin.longitude + np.degrees(displacement[:, 1] / parallel)
-    return latitude, (longitude + 180.0) % 360.0 - 180.0
+    return latitude, wrapped_longitude(longitude)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.format import MEASURED
@@ -88,7 +89,7 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
         return values, 0
     before, after = np.diff(values[present])[:-1], np.diff(values[present])[1:]
     if name == "heading":
-        before, after = _wrap(before), _wrap(after)
+        before, after = wrap(before, 2.0 * np.pi), wrap(after, 2.0 * np.pi)
     distance = 0.5 * np.abs(before - after)
     false = (
         (distance > max(_MIN_DISTANCE[name], _MIN_RATIO * float(np.median(distance))))
@@ -98,10 +99,6 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
     screened = values.copy()
     screened[present[1:-1][false]] = np.nan
     return screened, int(false.sum())
-
-
-def _wrap(angle: FloatArray) -> NDArray[np.float64]:
-    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 # Attitude and depth in different rows, as where files of two computers were joined by time

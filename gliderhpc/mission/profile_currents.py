@@ -29,11 +29,11 @@ from gliderhpc.estimation.currents import (
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.observations import Fix, ProfileRecord
+from gliderhpc.observations.times import epoch_seconds
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-_SECOND = np.timedelta64(1, "s")
 
 BY_FIXES = ("entry_", "exit_", "dac_", "surface_drift_")
 """Prefixes of the table's columns that depend on the fixes."""
@@ -208,11 +208,6 @@ def _fix_row(end: str, fix: Fix) -> Row:
         f"{end}_latitude": fix.latitude,
         f"{end}_longitude": fix.longitude,
     }
-
-
-def epoch_seconds(time: np.datetime64) -> float:
-    """Convert a time to seconds since 1970."""
-    return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
 # Content stored with the commit, as JSON, which reproduces every finite number exactly

@@ -19,7 +19,6 @@ from gliderhpc.flight.hull_parameters import among_parameters
 from gliderhpc.mission.profile_currents import (
     BY_FIXES,
     current_rows,
-    epoch_seconds,
     tracks_as_json,
     tracks_from_json,
     tracks_of,
@@ -27,6 +26,7 @@ from gliderhpc.mission.profile_currents import (
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows, Commit

@@ -17,6 +17,7 @@ from gliderhpc.observations.dataset import open_observations
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
 from gliderhpc.observations.stored_reads import Reads, read_directly
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.observations.writer import TIMES
 
 log = logging.getLogger(__name__)
@@ -200,7 +201,7 @@ def _is_part_of(records: _FileContent, other: _FileContent) -> bool:
 
 def _samples(records: _FileContent, number: int) -> tuple[Array, Array]:
     """Times (s since 1970) and depths (m) of a profile; of the whole file if the number is 0."""
-    time = (records.values("time") - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+    time = epoch_seconds(records.values("time"))
     depth = np.asarray(records.values("depth"), dtype=np.float64)
     if number:
         chosen = records.values("profile") == number

@@ -33,6 +33,7 @@ from gliderhpc.observations.navigation_velocity import join_velocity, read_veloc
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import describe_time, profile_spans
 from gliderhpc.wording import counted
 
@@ -45,8 +46,6 @@ MIN_SAMPLES = 10
 _DEPTH_ALLOWANCE, _MAX_DEPTH_RATE, _MIN_DIFFERENT = 20.0, 2.0, 20
 """Largest difference of depth (m) between two files of one glider at one time, its growth with the time to the nearest
 sample (m/s), and number of larger differences from which files are of two gliders."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ class Navigation:
         span = slice(int(rows[0]), int(rows[-1]) + 1)
         time = self.time[span]
         still = np.zeros(len(time))
-        seconds = (time - time[0]) / _SECOND
+        seconds = (time - time[0]) / SECOND
         before, after, notes = self._fixes(number, span)
         return ProfileRecord(
             number=number, epoch=time[0], time=seconds,
@@ -394,4 +393,4 @@ def _vehicle(dataset: xr.Dataset) -> str:
 
 
 def _seconds(time: TimeArray) -> FloatArray:
-    return np.asarray((time - time[0]) / _SECOND, dtype=np.float64)
+    return np.asarray((time - time[0]) / SECOND, dtype=np.float64)

@@ -13,6 +13,7 @@ from gliderhpc.observations.og1_variables import DIVE, TIME
 from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span
 
 IntArray = npt.NDArray[np.int64]
@@ -79,7 +80,7 @@ def detect_dives(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArra
     known = increasing(time) & np.isfinite(depth)
     numbers = np.full(len(time), _NO_DIVE)
     if known.any():
-        seconds = (time[known] - time[known][0]) / np.timedelta64(1, "s")
+        seconds = (time[known] - time[known][0]) / SECOND
         detected = detect_profiles(seconds, depth[known])
         numbers[known] = np.where(detected > 0, detected, _NO_DIVE)
     return numbers

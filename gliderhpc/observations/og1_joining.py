@@ -18,6 +18,7 @@ from gliderhpc.observations.og1_variables import SPEED, Declination, medians_ove
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, join_columns
 from gliderhpc.observations.time_order import SEGMENT_BREAK, order_of_rows
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
 from gliderhpc.wording import counted
 
@@ -143,7 +144,7 @@ def _joined(first: Record, second: Record) -> Record | None:
 
 def _divide_a_dive(first: Record, second: Record) -> bool:
     """Return whether one record ends under water and the other begins there at once."""
-    pause = (second.samples["time"][0] - first.samples["time"][-1]) / np.timedelta64(1, "s")
+    pause = (second.samples["time"][0] - first.samples["time"][-1]) / SECOND
     levels = [floats(first.samples["depth"])[-1], floats(second.samples["depth"])[0]]
     return bool(pause <= SEGMENT_BREAK and min(levels) > SUBMERGED)
 

@@ -7,6 +7,7 @@ from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.og1_variables import SEAWATER
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Columns, onto_nearest, rarely_together
+from gliderhpc.observations.times import SECOND
 
 
 def is_flight(samples: Columns) -> npt.NDArray[np.bool_]:
@@ -26,7 +27,7 @@ def chosen_samples(samples: Columns, rows: npt.NDArray[np.int64]) -> Columns:
     """
     chosen = {name: values[rows] for name, values in samples.items()}
     every, time = (one["time"].astype("datetime64[ns]") for one in (samples, chosen))
-    usual = usual_interval(without_gaps(np.diff(time) / np.timedelta64(1, "s")))
+    usual = usual_interval(without_gaps(np.diff(time) / SECOND))
     for name in [name for name in SEAWATER if name in samples and np.isfinite(usual)]:
         values = floats(samples[name])
         known = np.flatnonzero(np.isfinite(values) & ~np.isnat(every))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.format import MEASURED, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import (
     Span,
     describe_range,
@@ -139,11 +140,11 @@ def check_length(number: int, time: TimeArray) -> str | None:
     """Fault of a profile with too few samples, too short or too long a time, or too long a gap; None if it has none."""
     if len(time) < MIN_SAMPLES:
         return f"profile {number}: only {counted(len(time), 'sample')}, but at least {MIN_SAMPLES} are needed"
-    duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
+    duration = float((time[-1] - time[0]) / SECOND)
     if duration < MIN_DURATION:
         return f"profile {number}: lasts only {duration:.0f} s, but at least {MIN_DURATION:.0f} s are needed"
     gap = int(np.argmax(np.diff(time)))
-    longest = float((time[gap + 1] - time[gap]) / np.timedelta64(1, "s"))
+    longest = float((time[gap + 1] - time[gap]) / SECOND)
     if longest > MAX_GAP:
         return (
             f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, but at most "
@@ -252,7 +253,7 @@ def check_pace(
 def fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None:
     """Fault of the vertical speed of one profile, from its times and depths (m) ``(n,)``; None if it has none."""
     known = np.isfinite(depth)
-    seconds, depth = (time[known] - time[0]) / np.timedelta64(1, "s"), depth[known]
+    seconds, depth = (time[known] - time[0]) / SECOND, depth[known]
     extent = float(np.ptp(depth))
     if extent < _MIN_RANGE:
         return None

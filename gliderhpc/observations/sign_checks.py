@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gliderhpc.observations.profile_checks import faults_of
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
 
 Mask = npt.NDArray[np.bool_]
@@ -148,7 +149,7 @@ def fault_of_depth_rate(number: int, time: TimeArray, depth: FloatArray, pitch: 
 
 def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, FloatArray] | None:
     """Means of the time (s) and the variables in bins of `BIN`; None if there are too few bins."""
-    seconds = (time - time[0]) / np.timedelta64(1, "s")
+    seconds = (time - time[0]) / SECOND
     known = np.isfinite(glide["depth"])
     begins = np.flatnonzero(np.diff(np.floor(seconds[known] / BIN), prepend=-1.0))
     if len(begins) < 2 * MIN_BINS:

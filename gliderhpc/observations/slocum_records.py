@@ -32,6 +32,7 @@ from gliderhpc.observations.slocum_files import (
 )
 from gliderhpc.observations.stored_reads import Reads
 from gliderhpc.observations.time_order import order_of_rows
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import clock_set_back
 
 _NO_PART = -1
@@ -226,7 +227,7 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
 
 def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
     """Replace the measurements of delayed cycles, whose time is unknown, by NaN."""
-    lasted = np.asarray(np.diff(rows.time) / np.timedelta64(1, "s"), dtype=np.float64)
+    lasted = np.asarray(np.diff(rows.time) / SECOND, dtype=np.float64)
     hung = np.flatnonzero(lasted > HANGING_CYCLE * _usual_cycles(lasted))
     for name in _MEASURED:
         rows[name][hung] = np.nan

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance
 from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
 
@@ -41,7 +42,6 @@ REFUTED_DISTANCE = 3.0
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
 
-_MAD = 1.4826
 _LARGE_RESIDUAL = 3.0
 _MIN_COMPONENT = 0.3
 _NEGLIGIBLE_MOVE = 1e-6
@@ -334,7 +334,7 @@ def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> flo
     The scale is the robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``. This factor is the scatter of sums
     over a leg relative to that of independent errors.
     """
-    deviation = max(_MAD * float(np.median(np.abs(errors))), least)
+    deviation = max(MAD_TO_STD * float(np.median(np.abs(errors))), least)
     clipped = np.clip(errors, -_LARGE_RESIDUAL * deviation, _LARGE_RESIDUAL * deviation)
     _, place = np.unique(leg, return_inverse=True)
     inflation = float(np.sum(np.bincount(place, clipped) ** 2) / max(np.sum(clipped**2), least**2))
