@@ -30,14 +30,13 @@ from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.calibration import CalibrateSettings, fit_trim
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
 from gliderhpc.tuning.likelihood import tuning_profiles
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
-from gliderhpc.tuning.trim import fit_trim
 from gliderhpc.wording import speaks_python
 
 log = logging.getLogger("gliderhpc.calibrate")

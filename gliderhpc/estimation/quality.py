@@ -6,11 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.density_check import describe_unexpected_density
-from gliderhpc.estimation.preparation import by_density
+from gliderhpc.estimation.preparation import by_density, describe_unexpected_density
+from gliderhpc.estimation.priors import ROUGH_WATER
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.sensor_noise import noisier_than_stated
-from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.format import MEASURED
 from gliderhpc.observations.headings import MIN_CHANGES, frozen_profiles, share_of_changes
 from gliderhpc.observations.intervals import usual_interval, without_gaps

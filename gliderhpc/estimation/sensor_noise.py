@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import recorded_samples, stated_variance, vibration_set
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.format import MEASURED
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform

@@ -35,10 +35,9 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.common_errors import inflation_ratios, with_inflated_variance
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
-from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.rounds import RoundSettings, inflation_ratios, with_inflated_variance
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
 log = logging.getLogger("gliderhpc.calibrate")

@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.currents import describe_implausible_current
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.posterior import HullPart
+from gliderhpc.estimation.smoother.posterior import HullPart, adjoint_deviation
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.flight.hull_parameters import among_parameters
 from gliderhpc.mission.profile_currents import (

@@ -20,7 +20,7 @@ from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_faul
 from gliderhpc.observations.headings import frozen_profiles
 from gliderhpc.observations.navigation_checks import check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
-from gliderhpc.observations.navigation_columns import NavigationColumns
+from gliderhpc.observations.navigation_columns import NavigationColumns, join_velocity, read_velocity
 from gliderhpc.observations.navigation_fixes import (
     SURFACE,
     find_positions,
@@ -29,7 +29,6 @@ from gliderhpc.observations.navigation_fixes import (
     time_order,
     with_neighbours,
 )
-from gliderhpc.observations.navigation_velocity import join_velocity, read_velocity
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans

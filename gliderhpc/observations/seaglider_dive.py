@@ -18,7 +18,6 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import UnitError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.fixes import Fixes
@@ -28,6 +27,7 @@ from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns, increasing, onto_nearest
+from gliderhpc.observations.sign_checks import refuse_negative_depth
 from gliderhpc.observations.times import SECOND, epoch_seconds
 from gliderhpc.observations.validation import clock_set_back
 

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.errors import InputError
 from gliderhpc.observations.profile_checks import faults_of
-from gliderhpc.observations.profiles import stretches
+from gliderhpc.observations.profiles import MIN_DEPTH, stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
@@ -278,3 +279,29 @@ def _filled(seconds: FloatArray, values: FloatArray) -> FloatArray:
 
 def _medians(values: FloatArray, *masks: Mask) -> list[float]:
     return [float(np.median(values[mask])) for mask in masks]
+
+
+MIN_NEGATIVE = 10
+"""Least number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
+
+
+def refuse_negative_depth(depth: FloatArray, source: str, name: str) -> None:
+    """Refuse depths that are negative under water.
+
+    Parameters
+    ----------
+    depth : (n,) array
+        Depths (m); NaN where missing.
+    source, name : str
+        Names of the file or folder and of the variable in the message.
+
+    Raises
+    ------
+    InputError
+        More depths are far above the surface than far below it; the message gives the remedy.
+    """
+    negative = np.count_nonzero(depth < -MIN_DEPTH)
+    if negative >= MIN_NEGATIVE and negative > np.count_nonzero(depth > MIN_DEPTH):
+        raise InputError(
+            f"{source}: {name} is negative under water ({np.nanmin(depth):.4g} m at the deepest); make it positive down"
+        )

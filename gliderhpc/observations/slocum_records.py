@@ -15,11 +15,11 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.headings import describe_impossible, outside, remove_turns
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
+from gliderhpc.observations.sign_checks import refuse_negative_depth
 from gliderhpc.observations.slocum_binary import BinaryReader
 from gliderhpc.observations.slocum_files import (
     FLIGHT_CLOCK,

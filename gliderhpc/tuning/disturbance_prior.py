@@ -10,14 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import (
-    EstimationSettings,
-    Settings,
-    candidate_priors,
-    default_prior,
-    smoother_prior,
-    with_yaw_of,
-)
+from gliderhpc.estimation.priors import candidate_priors, default_prior, smoother_prior, with_yaw_of
+from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.tuning.fisher_scoring import LONGEST_STEP, Expansion, Maximum, maximise
 from gliderhpc.tuning.likelihood import SENSORS, PriorEvaluation, PriorLikelihood, Whiteness, whiteness

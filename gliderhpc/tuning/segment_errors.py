@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.density_check import is_unexpected_density, surface_density
-from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.preparation import is_unexpected_density, model_controls, surface_density
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     ATTITUDE_PARAMETERS,

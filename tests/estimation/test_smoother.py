@@ -7,7 +7,8 @@ from support.smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, 
 
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.preparation import prepare_profile
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
 from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import HeavyTails
 from gliderhpc.flight.glider import SENSED

@@ -15,16 +15,17 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data, truth_on_samples
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import profile as estimation
-from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.quality import remarks
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.posterior import adjoint_deviation
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import STATES, hull_row
 from gliderhpc.mission.warm import warm_kernels

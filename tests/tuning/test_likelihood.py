@@ -13,8 +13,9 @@ from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.self_motion import flight_guesses
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides

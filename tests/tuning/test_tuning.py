@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from support.missions import changed_observations, program, samples_of
 
 from gliderhpc import load_platform
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.observations import open_observations
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform

@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.estimation.smoother.problem import Gusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow

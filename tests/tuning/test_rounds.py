@@ -5,8 +5,7 @@ import pytest
 
 from gliderhpc import load_platform
 from gliderhpc.flight.hull_parameters import hull_parameters
-from gliderhpc.tuning.common_errors import TURNING_MOTION, inflation_ratios, with_inflated_variance
-from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.rounds import TURNING_MOTION, RoundSettings, inflation_ratios, with_inflated_variance
 
 PARAMETERS = [
     p for p in hull_parameters(load_platform("petrel-l")) if p.key in (*TURNING_MOTION, "viscous.K_D0", "viscous.K_L")

@@ -12,8 +12,8 @@ from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.platform import read_platform
 from gliderhpc.tuning import calibration, lateral_terms
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
+from gliderhpc.tuning.calibration_fit import is_better_held, reason_to_hold
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.lateral_terms import is_better_held, reason_to_hold
 from gliderhpc.tuning.segment_errors import LATERAL, TURNING, SegmentErrors
 
 PETREL = read_platform("petrel-l")

@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.store_schema.columns import PHASES
-from gliderhpc.studies.library.drift.change_shapes import EPISODE, Shape, fitted_shape, joined_shape
-from gliderhpc.studies.library.drift.drag import NORMAL_95
-from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
-from gliderhpc.studies.library.drift.series import days_of
-from gliderhpc.studies.library.drift.window_search import (
+from gliderhpc.studies.library.drift.departures import (
     MIN_WINDOW,
     StrongestWindow,
     WeightedBaseline,
@@ -24,6 +20,10 @@ from gliderhpc.studies.library.drift.window_search import (
     amplitude,
     best_baseline,
 )
+from gliderhpc.studies.library.drift.drag import NORMAL_95
+from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
+from gliderhpc.studies.library.drift.series import days_of
+from gliderhpc.studies.library.drift.shape_fits import EPISODE, Shape, fitted_shape, joined_shape
 from gliderhpc.studies.library.trends import block_length, moving_blocks
 
 Array = NDArray[np.float64]
