@@ -209,7 +209,7 @@ RATE_INTERVAL = 60.0
 """Time (s) over which the depth rate is taken; over a minute, the noise of the sensor does not matter."""
 
 MIN_RATE = 0.005
-"""Vertical speed (m/s) from which a glider moves up or down."""
+"""Vertical speed (m/s) above which a glider moves up or down."""
 
 
 def check_depth_rate(record: ProfileRecord) -> None:

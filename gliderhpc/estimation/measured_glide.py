@@ -21,10 +21,10 @@ from gliderhpc.wording import counted
 Array = NDArray[np.float64]
 
 MIN_ATTACK_ERROR = 0.02
-"""Least relative error of the measured angle of attack: that of the velocity's axes and scale."""
+"""Minimum relative error of the measured angle of attack: that of the velocity's axes and scale."""
 
 _MIN_SAMPLES = 10
-"""Least number of samples of a dive, and of a climb, for an angle of attack."""
+"""Minimum number of samples of a dive, and of a climb, for an angle of attack."""
 _UPPER_LEVEL = 0.975
 """Level of the quantile by which Student's distribution is wider than the normal one."""
 _MAX_WIDTH, _GRID_POINTS = 4.0, 321

@@ -22,11 +22,11 @@ USUAL_STD = 0.02
 """Standard deviation of a sample (m/s) where the record gives none."""
 
 MIN_GLIDE_PITCH = np.radians(8.0)
-"""Least magnitude of the pitch in a glide, rad."""
+"""Minimum magnitude of the pitch in a glide, rad."""
 MIN_DEPTH = 5.0
 """Depth above which waves move the glider, m; samples above it are not used."""
 MIN_SAMPLES = 20
-"""Least number of samples of a dive or a climb from which a velocity is judged."""
+"""Minimum number of samples of a dive or a climb for a check of the velocity."""
 _DISAGREEMENT = (0.01, 0.08)
 """Largest difference between the depth rate and that of the measured velocity: in m/s, and relative to the rate."""
 _ONE_LEG_DISAGREEMENT = (0.05, 0.08)

@@ -18,7 +18,7 @@ from gliderhpc.observations.series import ProfileSeries
 Mask = npt.NDArray[np.bool_]
 
 MIN_STATIONARY = 300.0
-"""Least duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
+"""Minimum duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
 MAX_RANGE, WINDOW = 2.0, 120.0
 """Largest range of depths (m) within so many seconds of a stationary stretch; the flattest glides pass three times as
 much."""
@@ -75,7 +75,7 @@ def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, 
 
 
 _SHARE_OF_ONE_VALUE = 0.8
-"""Share of the samples of stationary stretches that have the same depth, from which the sensor may be stuck."""
+"""Share of the samples of stationary stretches with the same depth above which the sensor may be stuck."""
 
 
 def _is_one_value(time: FloatArray, depth: FloatArray, still: Sequence[tuple[float, float]]) -> bool:

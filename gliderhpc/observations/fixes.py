@@ -45,13 +45,13 @@ def midpoint(first: Position, last: Position) -> Position:
 
 
 MAXIMUM_DRIFT = 3.0
-"""Greatest drift of a glider at the surface (m/s): boundary currents reach 2.5 m/s there."""
+"""Maximum drift of a glider at the surface (m/s): boundary currents reach 2.5 m/s there."""
 
 POSITION_ERROR = 20.0
-"""Greatest distance (m) between two fixes of the same place."""
+"""Maximum distance (m) between two fixes of the same place."""
 
 SAME_SURFACING = np.timedelta64(900, "s")
-"""Greatest time between two fixes of one surfacing; fixes further apart in time are not compared."""
+"""Maximum time between two fixes of one surfacing; fixes further apart in time are not compared."""
 
 _METRES_A_DEGREE = 111_195.0
 
@@ -122,7 +122,7 @@ def decimal_degrees(value: FloatArray) -> FloatArray:
 
 
 MAX_GROUND_SPEED = 4.0
-"""Greatest speed over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, plus
+"""Maximum speed over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, plus
 3 m/s of current. Western boundary currents reach 2.5 m/s at the surface, and less on average over the depth of a
 dive."""
 

@@ -40,7 +40,7 @@ RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
 
 MIN_SAMPLES = 10
-"""Least number of samples of depth, of pitch and of heading in a usable profile."""
+"""Minimum number of samples of depth, of pitch and of heading in a usable profile."""
 
 _DEPTH_ALLOWANCE, _MAX_DEPTH_RATE, _MIN_DIFFERENT = 20.0, 2.0, 20
 """Largest difference of depth (m) between two files of one glider at one time, its growth with the time to the nearest
@@ -319,7 +319,7 @@ def _check_one_glider(parts: Sequence[Navigation]) -> None:
 
 
 def _differ(first: Navigation, second: Navigation) -> bool:
-    """Whether most depths of two files differ by more than a glider's motion between their samples allows."""
+    """Return whether most depths of two files differ by more than a glider's motion between their samples allows."""
     (one, depth), (other, known) = (
         (part.time[finite].astype(np.int64) * 1e-9, part.depth[finite])
         for part in (first, second)

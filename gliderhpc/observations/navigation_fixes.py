@@ -28,7 +28,7 @@ SURFACE = 2.0
 """Positions above this depth (m) are taken as positions at the surface, unless the record never rises above it."""
 
 SAME_SAMPLE = np.timedelta64(60, "s")
-"""Greatest difference between the times of a fix and of the sample in the same row whose depth is that of the fix."""
+"""Maximum difference between the times of a fix and of the sample in the same row whose depth is that of the fix."""
 
 
 @dataclass(frozen=True, eq=False)

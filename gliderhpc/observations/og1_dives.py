@@ -205,7 +205,7 @@ def _is_one_dive(time: npt.NDArray[np.datetime64], depth: FloatArray) -> bool:
 
 
 def _is_whole_dive(depth: FloatArray) -> bool:
-    """Whether the glider begins and ends nearer to the surface than to the bottom of its dive."""
+    """Return whether the glider begins and ends nearer to the surface than to the bottom of its dive."""
     known = depth[np.isfinite(depth)]
     return _is_dive(depth) and bool(max(known[0], known[-1]) < 0.5 * known.max())
 

@@ -26,7 +26,7 @@ from gliderhpc.observations.records import FloatArray
 from gliderhpc.wording import counted
 
 HUGE = 1e30
-"""Magnitude from which a value is a fill value, such as the netCDF library's 9.96921e36."""
+"""Magnitude at or above which a value is a fill value, such as the netCDF library's 9.96921e36."""
 
 _TERMS: dict[str, Term] = {
     "depth": DEPTH,

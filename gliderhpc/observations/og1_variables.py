@@ -294,10 +294,10 @@ def read_speeds(file: ForeignFile) -> Columns:
 
 
 MIN_STEP = 1.0
-"""Least horizontal displacement (m) for which a dead reckoning determines its course."""
+"""Minimum horizontal displacement (m) for which a dead reckoning determines its course."""
 
 AGREEMENT = 1.0
-"""Greatest deviation (degree) of course less heading from its median, in 90 % of the samples, for which a dead
+"""Maximum deviation (degree) of course less heading from its median, in 90 % of the samples, for which a dead
 reckoning gives the declination."""
 
 

@@ -22,26 +22,26 @@ from gliderhpc.observations.validation import (
 from gliderhpc.wording import counted
 
 MIN_SAMPLES = 30
-"""Least number of samples of a profile that can be estimated."""
+"""Minimum number of samples of a profile that can be estimated."""
 
 MIN_DURATION = 120.0
-"""Least duration of a profile that can be estimated (s)."""
+"""Minimum duration of a profile that can be estimated (s)."""
 
 MAX_PROFILE_DURATION = 20.0 * 86_400.0
-"""Greatest plausible time from surfacing to surfacing (s): the deepest dives take half a day, drifts under ice two
+"""Maximum plausible time from surfacing to surfacing (s): the deepest dives take half a day, drifts under ice two
 weeks."""
 
 MAX_GAP = 86_400.0
 """Longest gap within a profile (s); the motion over a longer one is unknown."""
 
 MIN_BALLAST = 2.0
-"""Least magnitude that the ballast volume of a glider reaches (cm3); gliders move hundreds of cm3."""
+"""Minimum magnitude that the ballast volume of a glider reaches (cm3); gliders move hundreds of cm3."""
 
 MIN_PITCH = 1.6
-"""Least magnitude that the pitch of a glide reaches (degree); in radians, no pitch exceeds it."""
+"""Minimum magnitude that the pitch of a glide reaches (degree); in radians, no pitch exceeds it."""
 
 _MIN_MAGNITUDE = {"ballast_volume": MIN_BALLAST, "pitch": MIN_PITCH}
-"""Least magnitude that a variable reaches somewhere in a profile; a variable that stays below it is in another unit."""
+"""Minimum magnitude that a variable reaches somewhere in a profile; one that stays below it is in another unit."""
 
 _CIRCLE = (-3.15, 6.29)
 """Limits of headings in radians, from -pi or from 0 on, with a margin for rounding."""

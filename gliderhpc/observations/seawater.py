@@ -27,7 +27,7 @@ FILTER = 5
 """Width of the running median, in cells that hold samples."""
 
 MIN_CELLS = 10
-"""Least number of cells with samples in a usable cast."""
+"""Minimum number of cells with samples in a usable cast."""
 
 MIN_BRIDGED_GAP = 20.0
 """Width of a gap (dbar) that is bridged at any pressure."""
@@ -39,7 +39,7 @@ MIN_TURN = 10.0
 """Change of pressure (dbar) on both sides of a turning point between legs."""
 
 MAX_PRESSURE_OFFSET = 10.0
-"""Greatest deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
+"""Maximum deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
 a pressure that deviates more is not used."""
 
 _NORMAL_LATITUDE = 45.0

@@ -26,20 +26,20 @@ BIN = 20.0
 """Time over which depth and the other variables are averaged (s)."""
 
 MIN_BINS = 4
-"""Least number of consecutive bins in one direction that count.
+"""Minimum number of consecutive bins in one direction that count.
 
 In cycles that the bins or the samples do not resolve, the direction is wrong as often as right; such a profile is not
 checked.
 """
 
 MIN_RATE = 0.03
-"""Vertical speed (m/s) from which a bin counts as sinking or rising."""
+"""Vertical speed (m/s) above which a bin counts as sinking or rising."""
 
 MIN_STEEP = 10.0
-"""Magnitude of the pitch (degree) from which depth must change."""
+"""Magnitude of the pitch (degree) at or above which depth must change."""
 
 MIN_DEPTH_RANGE = 5.0
-"""Range of depths (m) from which their rate is judged; within less, the glider floats or the sensor is stuck."""
+"""Minimum range of depths (m) for a check of their rate; within less, the glider floats or the sensor is stuck."""
 
 SLOWEST_FLIGHT = 0.08
 """Speed (m/s) along the pitch that some part of every glide exceeds."""
@@ -60,13 +60,13 @@ SURE_BALLAST = 20.0
 """Excess of the median ballast volume (cm3) sinking over that rising that proves a reversed sign."""
 
 MIN_ROTATION_RANGE = 10.0
-"""Range of the battery rotation (degree) from which the roll that follows it is judged."""
+"""Minimum range of the battery rotation (degree) for a check of the roll that follows it."""
 
 MIN_SIDE = 3
-"""Least number of bins with the battery rotated to either side."""
+"""Minimum number of bins with the battery rotated to either side."""
 
 MIN_CORRELATION = 0.6
-"""Least magnitude of the correlation of roll and rotation from which roll is judged."""
+"""Minimum magnitude of the correlation of roll and rotation for a check of the roll."""
 
 SURE_ROLL = 2.5
 """Difference of the median roll (degree) against a rotation that is held for a while that proves a reversed sign."""
@@ -82,7 +82,7 @@ MAX_HELD_CHANGE = 0.1
 """Change of the rotation (degree) between bins up to which it is held."""
 
 MIN_HELD = 0.4
-"""Fraction of the bins from which the rotation counts as held."""
+"""Fraction of the bins at or above which the rotation counts as held."""
 
 MAX_RADIANS = 0.6
 """Magnitude that roll in degrees exceeds in a profile with turns, and roll in radians hardly anywhere."""
@@ -282,7 +282,7 @@ def _medians(values: FloatArray, *masks: Mask) -> list[float]:
 
 
 MIN_NEGATIVE = 10
-"""Least number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
+"""Minimum number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
 
 
 def refuse_negative_depth(depth: FloatArray, source: str, name: str) -> None:

@@ -33,7 +33,7 @@ RECORD_BREAK = 900.0
 """Longest pause of the record within a profile (s); a longer one is due to a missing file and splits the profile."""
 
 MIN_SURFACE_TIME = 180.0
-"""Least duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
+"""Minimum duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
 is the turning point of a yo."""
 
 MIN_SEA_CONDUCTIVITY = 0.5

@@ -89,7 +89,7 @@ class StoredVariables:
 
 
 MAX_FIX_AGE = np.timedelta64(1800, "s")
-"""Greatest time between a fix and the begin or end of a profile whose position it gives."""
+"""Maximum time between a fix and the begin or end of a profile whose position it gives."""
 
 PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
 """Variables that are read for every profile."""

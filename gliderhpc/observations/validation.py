@@ -19,7 +19,7 @@ from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, check_resolution, check_time_unit, texts_in
 
 MAX_PROFILE_NUMBER = 1_000_000
-"""Greatest profile number; greater values are undeclared fill values."""
+"""Maximum profile number; greater values are undeclared fill values."""
 
 CLOCK_SET_BACK = 60.0
 """Backward step (s) above which the clock was set back; smaller steps are corrections by GPS."""

@@ -29,7 +29,7 @@ PROBABLE = 0.95
 _MIN_SCATTER = 0.3
 """Minimum ratio of the variance between dives to their stated one; a few dives can agree by chance."""
 _MIN_FREEDOM = 60
-"""Degrees of freedom of all dives from which a smaller scatter than stated counts."""
+"""Degrees of freedom of all dives at or above which a smaller scatter than stated is taken into account."""
 _MIN_DIVES = 4
 """Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 

@@ -35,7 +35,7 @@ _MIN_CURRENTS = 2
 _UNINFORMED = 1e-9
 """Fraction of the prior's information that is added where the dives have none."""
 MIN_COMPARED = 4
-"""Minimum number of dives from which their scatter can be estimated."""
+"""Minimum number of dives for an estimate of their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
