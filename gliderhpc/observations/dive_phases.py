@@ -75,7 +75,7 @@ def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, 
 
 
 _SHARE_OF_ONE_VALUE = 0.8
-"""Share of the samples of stationary stretches with the same depth above which the sensor may be stuck."""
+"""Share of the samples of stationary stretches with the same depth at or above which the sensor may be stuck."""
 
 
 def _is_one_value(time: FloatArray, depth: FloatArray, still: Sequence[tuple[float, float]]) -> bool:

@@ -36,7 +36,7 @@ MIN_RATE = 0.03
 """Vertical speed (m/s) above which a bin counts as sinking or rising."""
 
 MIN_STEEP = 10.0
-"""Magnitude of the pitch (degree) at or above which depth must change."""
+"""Magnitude of the pitch (degree) above which depth must change."""
 
 MIN_DEPTH_RANGE = 5.0
 """Minimum range of depths (m) for a check of their rate; within less, the glider floats or the sensor is stuck."""
