@@ -392,6 +392,8 @@ def _rule(kind: str, key: str, fault: Mapping[str, Any]) -> str:
     return str(fault["msg"]).lower()
 
 
+# Checks of several numbers at once: masses, moments of inertia, keys of uncertainties
+
 ROUNDED_MASSES = 1.01
 """Largest ratio of the parts' mass to the total that rounding can cause."""
 

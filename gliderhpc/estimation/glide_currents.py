@@ -199,6 +199,8 @@ def _positions_at(origin: Fix, displacement: Array) -> tuple[Array, Array]:
     return latitude, wrapped_longitude(longitude)
 
 
+# Speed through the water: an implausible one indicates a depth or a time in a wrong unit
+
 MAX_SPEED = 1.0
 """Speed through the water (m/s) that no glider exceeds over a mission, not even with a thruster."""
 

@@ -182,6 +182,8 @@ def repetitions(values: Array) -> NDArray[np.int64]:
     return np.repeat(counts, counts)
 
 
+# Measured density against the platform file's: the CTD's record or the neutral volume may be wrong
+
 UNEXPECTED_DIFFERENCE = 5.0
 """Difference from the platform file's density, kg/m3, that is reported: a plausible deviation of the neutral volume."""
 

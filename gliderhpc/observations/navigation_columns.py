@@ -305,6 +305,9 @@ def _without_single_dimensions(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.drop_vars(squeezed).assign(squeezed) if squeezed else dataset
 
 
+# Measured velocity relative to the water; a current needs none
+
+
 def read_velocity(columns: NavigationColumns, order: IntArray) -> tuple[FloatArray | None, list[str]]:
     """Measured velocity ``(n, 3)`` of rows in an order, and remarks on the components that cannot be used.
 

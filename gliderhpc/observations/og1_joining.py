@@ -198,6 +198,9 @@ def _describe(first: Record, second: Record, repeated: int) -> str:
     return f"{second.path.name}: {counted(repeated, 'sample')} also in {first.path.name}, each taken once"
 
 
+# Rows that are samples of the flight, and the water's values on them
+
+
 def is_flight(samples: Columns) -> npt.NDArray[np.bool_]:
     """Mask of the rows with attitude, and of those with depth if the two are hardly ever in one row.
 

@@ -213,6 +213,8 @@ def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:
     return np.column_stack([np.interp(pressure, levels, v) for v in (density, temperature)])
 
 
+# Samples that cannot be measurements of the water
+
 PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
 PLAUSIBLE_SALINITY = (0.0, 42.0)
 """Plausible ranges (degC; practical salinity); samples outside, and a salinity of exactly zero, count as missing."""

@@ -281,6 +281,8 @@ def _medians(values: FloatArray, *masks: Mask) -> list[float]:
     return [float(np.median(values[mask])) for mask in masks]
 
 
+# Sign of the depth in an instrument's own files, which declare none: positive down is expected
+
 MIN_NEGATIVE = 10
 """Minimum number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
 

@@ -373,6 +373,8 @@ def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> Calibrati
     )
 
 
+# Trim in pitch, buoyancy and drag alone: the start of the rounds over the dives
+
 TRIM = (
     "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "viscous.K_D0", "position.hull.2",
     "position.battery",

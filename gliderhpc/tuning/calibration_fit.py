@@ -15,10 +15,8 @@ from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVe
 from gliderhpc.tuning.least_squares import sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors
 
-Mask = NDArray[np.bool_]
-
-
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 LEVEL = 0.95
 """Probability of the intervals."""

@@ -17,6 +17,8 @@ from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.segment_errors import LATERAL
 
+Array = NDArray[np.float64]
+
 USUAL_ROUNDS = 8
 """Maximum number of rounds for hulls with fast sensors, if the setting does not give one."""
 
@@ -59,7 +61,7 @@ class RoundSettings(Settings):
         return USUAL_ROUNDS if platform.sensors.sample_interval <= SLOW_SENSORS_PRIOR else 0
 
 
-Array = NDArray[np.float64]
+# Errors of the model that all dives have in common
 
 TURNING_MOTION = (
     *LATERAL,

@@ -407,6 +407,9 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
         yield watch
 
 
+# Workers: this process for a single new dive, one process per core for several
+
+
 @dataclass
 class WatchWorkers:
     """Executor of a watch, which stays open, since starting workers for every dive would take seconds each time.

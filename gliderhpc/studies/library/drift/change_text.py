@@ -304,6 +304,8 @@ def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, st
     ]
 
 
+# Changes of the moments
+
 MOMENT_NAMES = {"B_cp": "rolling moment", "B_cq": "pitching moment", "B_cr": "yawing moment"}
 
 MOMENT_MEANINGS = {
