@@ -21,7 +21,7 @@ from benchmarks.calibration import HELD_OUT, PITCHES, PLATFORM, PROFILES, SETTIN
 from gliderhpc import Glider, load_platform
 from gliderhpc.errors import GliderhpcError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
-from gliderhpc.estimation.currents import cycles_of, depth_averaged_current, smoothed_current
+from gliderhpc.estimation.currents import current_from_displacement, cycles_of, depth_averaged_current
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.resample import on_steps
@@ -132,7 +132,7 @@ def inverted(twins: Sequence[Twin]) -> Iterator[Row]:
         for one in twins
         for number, (record, _) in enumerate(one.dives)
     ]
-    for (one, number), estimate in estimate_profiles(tasks, settings, smooth=True):
+    for (one, number), estimate in estimate_profiles(tasks, settings, with_hull=True):
         if not isinstance(estimate, ProfileError):
             yield from rows_of(one, number, estimate)
 
@@ -146,7 +146,7 @@ def rows_of(one: Twin, number: int, estimate: ProfileEstimate) -> Iterator[Row]:
     found = {"adjoint": adjoint}
     if smoothed is not None and smoothed.outcome.usable:
         moved, covariance = smoothed.displacement, smoothed.displacement_covariance
-        found["smoothed"] = smoothed_current(record, estimate.series.time, moved, covariance, errors)
+        found["smoothed"] = current_from_displacement(record, estimate.series.time, moved, covariance, errors)
     for name, current in found.items():
         if current is not None:
             drift = current.drift

@@ -18,8 +18,8 @@ from gliderhpc.studies.library.drift.change_points import (
     find_moment_changes,
     moment_per_degree,
 )
-from gliderhpc.studies.library.drift.change_shapes import EPISODE
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
+from gliderhpc.studies.library.drift.shape_fits import EPISODE
 from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test
 
 HULL = "petrel-l"

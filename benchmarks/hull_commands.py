@@ -24,7 +24,7 @@ import gliderhpc as gh
 from gliderhpc import Glider
 from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably

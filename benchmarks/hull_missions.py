@@ -13,8 +13,9 @@ from gliderhpc import Glider
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive

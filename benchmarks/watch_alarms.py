@@ -15,7 +15,6 @@ from pathlib import Path
 
 import gliderhpc as gh
 from benchmarks.hull_commands import HULL, UNSPREAD, WORKERS, believed_hull, flown_hull
-from gliderhpc.api.alerts import Rules
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
@@ -23,6 +22,7 @@ from gliderhpc.platform import platform_yaml
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.watch.alerts import Rules
 
 DEPTH, DIVES, CALIBRATED = 150.0, 60, "1:8"
 ONSET, GROWTH = 21, 0.2

@@ -17,15 +17,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.api.watch import Listener, Watch, WatchInputs, open_watch
-from gliderhpc.api.watch_records import FileImport, time_span
-from gliderhpc.api.watch_state import ReportedDive
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.simulator import read_scenario
 from gliderhpc.simulator.mission import simulate_mission
+from gliderhpc.watch.records import FileImport
+from gliderhpc.watch.state import ReportedDive
+from gliderhpc.watch.watcher import Listener, Watch, WatchInputs, open_watch
 
 DIVES = (10, 100, 300, 565)
 """Numbers of dives in the archive when the timed ones land."""
@@ -70,7 +70,8 @@ class SilentWatch(Watch):
     """A watch that marks dives as reported without a message."""
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
-        start, end = map(str, time_span(observations, number))
+        span = observations.survey.spans[number]
+        start, end = str(span.start_time), str(span.end_time)
         entry = ReportedDive(profile=number, start=start, end=end, samples=digest, revision=0, file=f"{number}.json")
         self.state.reported.append(entry)
 

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
 from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import transform_scale
 from gliderhpc.estimation.windows import WindowData, starting_disturbance
 from gliderhpc.flight.glider import SENSED

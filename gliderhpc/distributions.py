@@ -8,6 +8,9 @@ from typing import Any
 import scipy
 from numpy.typing import NDArray
 
+MAD_TO_STD = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
+
 
 def normal_quantile(probability: float) -> float:
     """Return the value below which a standard normal variable lies with a probability."""

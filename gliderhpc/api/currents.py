@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_implausible_current, mean_surface_drift
-from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, glide_track, positions
-from gliderhpc.estimation.glide_speed import check_depth_rate, check_speed
+from gliderhpc.estimation.glide_currents import (
+    GlideErrors,
+    GlideTrack,
+    check_depth_rate,
+    check_speed,
+    glide_track,
+    positions,
+)
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types

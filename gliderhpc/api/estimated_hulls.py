@@ -66,7 +66,7 @@ class CalibratedHull(EstimatedHull):
     failure : str
         Reason why the dives gave no better hull; otherwise empty.
     caution : str
-        What the platform that the calibration started from means for the intervals; empty if nothing.
+        Caution about the intervals if the starting platform was itself calibrated; else empty.
     """
 
     calibration: Calibration | None

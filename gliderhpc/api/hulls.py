@@ -30,14 +30,13 @@ from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
-from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.calibration import CalibrateSettings, fit_trim
 from gliderhpc.tuning.calibration import calibrate as fit
 from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
-from gliderhpc.tuning.likelihood import tuning_requests
+from gliderhpc.tuning.likelihood import tuning_profiles
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
-from gliderhpc.tuning.trim import fit_trim
 from gliderhpc.wording import speaks_python
 
 log = logging.getLogger("gliderhpc.calibrate")
@@ -304,10 +303,10 @@ def tune_open(
     """Tune on an open file, as `tune` does; `report` is called with a line at each step."""
     with threadpool_limits(limits=1):
         numbers = _profiles_to_use(observations, profiles, settings.tuning.profiles)
-        requests = tuning_requests(observations, platform, numbers, settings.tuning.longest, settings)
-        used = [request.series.number for request in requests]
+        prepared = tuning_profiles(observations, platform, numbers, settings.tuning.longest, settings)
+        used = [profile.series.number for profile in prepared]
         report(f"tuning on {tuning_report.used_text(used, settings)}")
-        tuned = tune_prior(platform, requests, settings, lambda value: report(f"log-likelihood {value:.1f}"))
+        tuned = tune_prior(platform, prepared, settings, lambda value: report(f"log-likelihood {value:.1f}"))
     made = tuning_report.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
     update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)

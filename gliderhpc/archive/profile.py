@@ -8,11 +8,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from gliderhpc.archive.angles import on_branch_of, unwrap, wrap
+from gliderhpc.angles import on_branch_of, unwrap, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.profiles import describe_numbers
 from gliderhpc.observations.series import averages_between
+from gliderhpc.observations.times import SECOND
 from gliderhpc.outcomes import Outcome
 from gliderhpc.store_schema import BUOYANCY
 from gliderhpc.store_schema.schema import CONTROLS, MOTION, SEAWATER
@@ -34,7 +35,6 @@ SETTLING = 60.0
 NOT_STEADY = ("vibration", "gap_in_the_record")
 """Quality bits that exclude a sample from steady glide."""
 
-_SECOND = np.timedelta64(1, "s")
 _TIME_TOLERANCE = 1e-5
 
 
@@ -124,8 +124,6 @@ class ProfileData(RecordedProfile):
         Values of the estimate for `measured`, on the same branch of the heading.
     motion : (m, 8) array
         ``X`` ... ``r`` of the reconstruction on the records, in the units of :data:`MOTION`.
-    motion_std : (m, 8) array
-        Its standard deviation, NaN if the estimate has none.
     """
 
     estimate: str
@@ -134,7 +132,6 @@ class ProfileData(RecordedProfile):
     prior: Array
     reconstructed: Array
     motion: Array
-    motion_std: Array
 
     @property
     def converged(self) -> Mask:
@@ -216,18 +213,15 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     # Only these: every variable takes about a millisecond.
     series = _group_row(archive, "series", number, "time", "quality", *(() if smoothed else CHANNELS))
     moving = ("time", *TRACKED, *MOTION, *_std_names(CHANNELS))
-    only_smoothed = (*CHANNELS, *_std_names(MOTION)) if smoothed else ()
-    state = _group_row(archive, _group_of(archive, estimate), number, *moving, *only_smoothed)
+    state = _group_row(archive, _group_of(archive, estimate), number, *moving, *(CHANNELS if smoothed else ()))
     observed, prior = _group_row(archive, "observed", number), _group_row(archive, "prior", number, *CHANNELS)
     recorded = _recorded(archive, table, series, state, observed)
     time, record_time = recorded.time, recorded.record_time
     samples, records = _filled_mask(series["time"]), _filled_mask(state["time"])
     if smoothed:
         disturbances = _interpolate_to_samples(time, record_time, _columns(state, CHANNELS)[records])
-        motion_std = _columns(state, _std_names(MOTION))[records]
     else:
         disturbances = _columns(series, CHANNELS)[samples]
-        motion_std = np.full((len(record_time), len(MOTION)), np.nan)
     deviation = _optional_columns(state, _std_names(CHANNELS))[records]
     reconstructed = _columns(state, TRACKED)[records]
     reconstructed[:, 2] = on_branch_of(recorded.measured[:, 2], reconstructed[:, 2])
@@ -239,7 +233,6 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
         prior=_columns(prior, CHANNELS)[samples],
         reconstructed=reconstructed,
         motion=_columns(state, MOTION)[records],
-        motion_std=motion_std,
     )
 
 
@@ -397,4 +390,4 @@ def _optional_columns(dataset: xr.Dataset, names: list[str]) -> Array:
 
 
 def _seconds(instants: NDArray[Any], epoch: np.datetime64) -> Array:
-    return np.asarray((instants - epoch) / _SECOND, dtype=np.float64)
+    return np.asarray((instants - epoch) / SECOND, dtype=np.float64)

@@ -20,7 +20,7 @@ DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: done; something failed during the run; wrong usage or input; interrupted."""
 
 UNREAD = 128 + signal.SIGPIPE
-"""Exit status if the reader of the output, such as `head`, ended first, as of any program in a shell's pipe."""
+"""Exit status if the output pipe closed early (for example by `head`), as of any program in a shell's pipe."""
 
 VERBS = {
     "run-mission": "run_mission",
@@ -197,7 +197,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _report_interruption(verb, remedy)
     except SystemExit as end:
-        # Click ends the program if the reader of the output has ended.
+        # Click ends the program if the output pipe is closed.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
         _discard("stdout")

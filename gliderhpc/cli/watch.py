@@ -7,9 +7,6 @@ from typing import Any
 
 import click
 
-from gliderhpc.api.alerts import Alerts, read_alerts
-from gliderhpc.api.watch import Listener, Watch, WatchInputs, open_watch
-from gliderhpc.api.watch_records import KINDS, FileImport
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to
 from gliderhpc.cli.messages import echo
@@ -20,6 +17,9 @@ from gliderhpc.observations.landing import folder_of
 from gliderhpc.report.dive_plan import read_plan
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.watch.alerts import Alerts, read_alerts
+from gliderhpc.watch.records import KINDS, FileImport
+from gliderhpc.watch.watcher import Listener, Watch, WatchInputs, open_watch
 from gliderhpc.yaml_text import parse_value, split_assignment
 
 _DAY = 86_400.0

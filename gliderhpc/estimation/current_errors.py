@@ -236,9 +236,6 @@ _MIN_VARIANCE = 1e-12
 MIN_TWINS = 3
 """Smallest number of twins to which a budget can be fitted."""
 
-CHI_SQUARE_MEDIAN = 1.386
-"""Median of the squared Mahalanobis distance in two dimensions for an exact budget and normal errors."""
-
 
 class Budget(Settings):
     """Error budget of a hull by ``twin recoverability`` and ``twin currents``, for ``analyze currents --budget``."""
@@ -280,7 +277,10 @@ class CurrentError:
 
 @dataclass(frozen=True)
 class FittedBudget:
-    """Maximum-likelihood terms, and the median squared distance of the errors under them (`CHI_SQUARE_MEDIAN`)."""
+    """Maximum-likelihood terms, and the median squared Mahalanobis distance of the errors under them.
+
+    For an exact budget and normal errors, the median in two dimensions is 1.386.
+    """
 
     settings: CurrentErrors
     median_distance: float

@@ -13,14 +13,14 @@ from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.observations.times import SECOND
 
 Array = NDArray[np.float64]
 
-_SECOND = np.timedelta64(1, "s")
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 STRONG = 1.0
-"""Speed of a depth-averaged current (m/s) from which on its fixes are in doubt, except in the strongest currents."""
+"""Speed of a depth-averaged current (m/s) above which the fixes are doubtful, except in the strongest currents."""
 MIN_DRIFT_TIME = 60.0
 """Shortest time between two fixes (s) that determine the surface drift."""
 
@@ -215,7 +215,7 @@ def single_cycle(series: ProfileSeries) -> NDArray[np.int64]:
     return np.array([0, len(series.time) - 1])
 
 
-def smoothed_current(
+def current_from_displacement(
     record: ProfileRecord,
     clock: Array,
     displacement: Array,
@@ -224,7 +224,7 @@ def smoothed_current(
     *,
     with_hull: bool = False,
 ) -> DepthAveragedCurrent | None:
-    """Compute the current from the smoother's displacement through the water, or None unless both sides have a fix.
+    """Compute the current from a displacement through the water, or None unless both sides have a fix.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
     """
     if len(fixes) < 2:
         return None
-    elapsed = float((fixes[-1].time - fixes[0].time) / _SECOND)
+    elapsed = float((fixes[-1].time - fixes[0].time) / SECOND)
     if elapsed < MIN_DRIFT_TIME:
         return None
     velocity = local_displacement(fixes[0], fixes[-1]) / elapsed
@@ -383,4 +383,4 @@ def _position_variance(duration: float, drift_removed: float, carried: float, er
 
 
 def _seconds(fix: Fix, record: ProfileRecord) -> float:
-    return float((fix.time - record.epoch) / _SECOND)
+    return float((fix.time - record.epoch) / SECOND)

@@ -19,26 +19,26 @@ Mask = NDArray[np.bool_]
 
 _INSTRUMENTS: tuple[tuple[str, ...], ...] = (("roll", "pitch", "heading"), ("depth",))
 """Measurements of one instrument, whose values have the same times."""
-_FEWEST = 15
-"""Least number of changes from which a pattern is recognised."""
-_FEW = 5
-"""Least number of changes from which they are compared with the times of the other instrument."""
-_LONGEST = 60
-"""Largest number of rows from one measured value to the next."""
+_MIN_CHANGES = 15
+"""Minimum number of changes for a pattern."""
+_MIN_SHARED_CHANGES = 5
+"""Minimum number of changes for a comparison with the times of the other instrument."""
+_MAX_PERIOD = 60
+"""Maximum number of rows from one measured value to the next."""
 _NEIGHBOURS = 11
 """Number of distances between changes that determine the local period."""
-_ALIKE, _MOSTLY = 0.02, 0.9
+_EQUAL_STEPS, _MIN_EQUAL_SHARE = 0.02, 0.9
 """Relative difference of steps of the depth that are considered equal, and share of such steps in a rounded record."""
-_REGULAR = 0.95
-"""Least share of the changes that occur at the same place of every period, or at the other instrument's times."""
-_OFTEN = 0.3
-"""Least share of filled values, if the times of the measured ones are irregular."""
-_ADJACENT = 0.1
-"""Largest share of changes in neighbouring rows, which a manoeuvre has."""
-_SIZES, _OF_ALL = 6, 0.8
-"""Least number of distinct sizes that most changes have; a record is rounded in which many changes have few sizes."""
-_UNEVEN = 20.0
-"""Ratio to the median time without a change from which on a time is a gap, or a glide without noise."""
+_MIN_REGULAR_SHARE = 0.95
+"""Minimum share of the changes that occur at the same place of every period, or at the other instrument's times."""
+_MIN_FILLED_SHARE = 0.3
+"""Minimum share of filled values if the times of the measured ones are irregular."""
+_MAX_ADJACENT_SHARE = 0.1
+"""Maximum share of changes in neighbouring rows; manoeuvres have more."""
+_MIN_SIZES, _MAIN_SHARE = 6, 0.8
+"""Minimum number of distinct sizes of this share of the changes; with fewer sizes, the record is rounded."""
+_GAP_RATIO = 20.0
+"""Ratio to the median time without a change above which such a time is a gap, or a glide without noise."""
 _ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
 """Relative rounding of values in single precision, as most files have them."""
 
@@ -53,7 +53,7 @@ def without_filled_values(record: ProfileRecord) -> tuple[ProfileRecord, tuple[s
     changes from one to the next. Nothing is left out where attitude and depth would have no times in common.
     """
     rows = np.flatnonzero(np.isfinite(np.column_stack([getattr(record, name) for name in MEASURED])).all(axis=1))
-    if len(rows) <= _FEWEST:
+    if len(rows) <= _MIN_CHANGES:
         return record, ()
     measured = _measured_rows(record, rows)
     if not measured or 2 * np.count_nonzero(np.all(list(measured.values()), axis=0)) < min(map(sum, measured.values())):
@@ -133,7 +133,7 @@ def _are_one_quantum(values: Array, steps: FloatArray) -> bool:
     if len(values) > 1:
         return False
     known = steps[(steps > 1.0) & np.isfinite(steps)]
-    return len(known) > 0 and float(np.mean(np.abs(known / np.median(known) - 1.0) <= _ALIKE)) >= _MOSTLY
+    return len(known) > 0 and float(np.mean(np.abs(known / np.median(known) - 1.0) <= _EQUAL_STEPS)) >= _MIN_EQUAL_SHARE
 
 
 def _highest(bends: FloatArray) -> Mask:
@@ -154,9 +154,9 @@ def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
     # Whether the first and the last row were measured is unknown.
     at = place[1:-1][changed[1:-1]]
     apart = np.diff(at)
-    if len(apart) < _FEWEST:
+    if len(apart) < _MIN_CHANGES:
         return None
-    regular = [n for n in range(2, _LONGEST + 1) if np.mean(apart % n == 0) >= _REGULAR]
+    regular = [n for n in range(2, _MAX_PERIOD + 1) if np.mean(apart % n == 0) >= _MIN_REGULAR_SHARE]
     if not regular:
         return None
     before = np.clip(np.searchsorted(at, place, side="right") - 1, 0, len(apart))
@@ -167,7 +167,7 @@ def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
 def _local_periods(apart: NDArray[np.int64], common: int) -> NDArray[np.int64]:
     """Return the period about each distance between changes, which depends on the depth; all have a common divisor."""
     periods = np.full(len(apart), common)
-    for period in range(2 * common, _LONGEST + 1, common):
+    for period in range(2 * common, _MAX_PERIOD + 1, common):
         share = scipy.ndimage.uniform_filter1d((apart % period == 0).astype(np.float64), _NEIGHBOURS, mode="nearest")
         periods[share > 1.0 - 1.5 / _NEIGHBOURS] = period
     return periods
@@ -187,15 +187,21 @@ def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:
     """
     changed = sizes > 1.0
     apart = np.diff(np.flatnonzero(changed & nearest))
-    if len(apart) < 2 * _FEWEST or np.mean(~changed[possible]) < _OFTEN or np.mean(apart == 1) > _ADJACENT:
+    if (
+        len(apart) < 2 * _MIN_CHANGES
+        or np.mean(~changed[possible]) < _MIN_FILLED_SHARE
+        or np.mean(apart == 1) > _MAX_ADJACENT_SHARE
+    ):
         return False
-    if apart[apart > _UNEVEN * np.median(apart)].sum() > 0.5 * apart.sum():
+    if apart[apart > _GAP_RATIO * np.median(apart)].sum() > 0.5 * apart.sum():
         return False
     _, counts = np.unique(np.rint(0.25 * sizes[changed & np.isfinite(sizes)]), return_counts=True)
-    most = np.cumsum(np.sort(counts)[::-1]) < _OF_ALL * counts.sum()
-    return int(np.count_nonzero(most)) + 1 >= _SIZES
+    most = np.cumsum(np.sort(counts)[::-1]) < _MAIN_SHARE * counts.sum()
+    return int(np.count_nonzero(most)) + 1 >= _MIN_SIZES
 
 
 def _happens_at(changed: Mask, known: Mask) -> bool:
     """Return whether an instrument's changes, even if few, occur at the measured values of the other one."""
-    return int(np.count_nonzero(changed)) >= _FEW and float(np.mean(known[changed])) >= _REGULAR
+    return (
+        int(np.count_nonzero(changed)) >= _MIN_SHARED_CHANGES and float(np.mean(known[changed])) >= _MIN_REGULAR_SHARE
+    )

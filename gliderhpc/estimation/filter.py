@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.density_check import describe_unexpected_density
 from gliderhpc.estimation.innovations import contradict_prior, departing_quantity, log_density
-from gliderhpc.estimation.preparation import PreparedProfile, fed_samples, feed_interval, steps_in
+from gliderhpc.estimation.preparation import (
+    PreparedProfile,
+    describe_unexpected_density,
+    fed_samples,
+    feed_interval,
+    steps_in,
+)
+from gliderhpc.estimation.priors import candidate_priors
 from gliderhpc.estimation.self_motion import flight_guesses
 from gliderhpc.estimation.sensor_noise import measurement_variance
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile

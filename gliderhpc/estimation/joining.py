@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.angles import principal_angle
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.flight.glider import SENSED
@@ -98,7 +99,7 @@ class JoinedWindows:
             disturbances[:overlap] - self.disturbances[begin:end]
         )
         apart = states[: overlap + 1] - self.states[begin : end + 1]
-        apart[:, 2] = np.arctan2(np.sin(apart[:, 2]), np.cos(apart[:, 2]))
+        apart[:, 2] = principal_angle(apart[:, 2])
         states[: overlap + 1] -= (1.0 - weights) * apart
         return disturbances, states
 

@@ -21,13 +21,13 @@ from gliderhpc.wording import counted
 Array = NDArray[np.float64]
 
 MIN_ATTACK_ERROR = 0.02
-"""Least relative error of the measured angle of attack: that of the velocity's axes and scale."""
+"""Minimum relative error of the measured angle of attack: that of the velocity's axes and scale."""
 
 _MIN_SAMPLES = 10
-"""Least number of samples of a dive, and of a climb, for an angle of attack."""
-_UPPER = 0.975
+"""Minimum number of samples of a dive, and of a climb, for an angle of attack."""
+_UPPER_LEVEL = 0.975
 """Level of the quantile by which Student's distribution is wider than the normal one."""
-_WIDEST, _POINTS = 4.0, 321
+_MAX_WIDTH, _GRID_POINTS = 4.0, 321
 """Reach of the factors tried, in standard deviations of the prior, and their number."""
 _PLAUSIBLE = 3.0
 """Largest change of drag over lift, in standard deviations of the prior, that is attributed to the hull."""
@@ -89,7 +89,7 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
 
 def _error_of_mean(values: Array) -> float:
     """Standard error of a mean, widened by Student's quantile over the normal one where there are few values."""
-    few = few_values_factor(_UPPER, len(values) - 1)
+    few = few_values_factor(_UPPER_LEVEL, len(values) - 1)
     return float(few * np.std(values, ddof=1) / math.sqrt(len(values)))
 
 
@@ -104,7 +104,7 @@ def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePo
         )
     scatter = _error_of_mean(attack) if len(attack) > 1 else 0.5 * usual
     error = math.hypot(scatter, MIN_ATTACK_ERROR * usual)
-    logarithms = polar.deviation * np.linspace(-_WIDEST, _WIDEST, _POINTS)
+    logarithms = polar.deviation * np.linspace(-_MAX_WIDTH, _MAX_WIDTH, _GRID_POINTS)
     modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), found) for x in logarithms])
     cost = ((modelled - float(attack.mean())) / error) ** 2 + (logarithms / polar.deviation) ** 2
     cost = np.where(np.isfinite(cost), cost, np.inf)

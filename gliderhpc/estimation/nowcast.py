@@ -225,12 +225,6 @@ class CurrentState:
         return ahead.mean[..., _INTEGRAL], ahead.covariance[..., _INTEGRAL, _INTEGRAL]
 
 
-def filter_currents(observations: Sequence[CurrentObservation], process: CurrentProcess) -> CurrentState:
-    """Return the state after observations that follow one another without overlap (`filtered_states`)."""
-    *_, last = filtered_states(observations, process)
-    return last
-
-
 def filtered_states(observations: Sequence[CurrentObservation], process: CurrentProcess) -> Iterator[CurrentState]:
     """Yield the state after each of several observations that follow one another without overlap.
 
@@ -283,12 +277,6 @@ class Nowcast:
         mean = self.weights @ means
         misses = means - mean
         return mean, np.einsum("p,pij->ij", self.weights, covariances + misses[:, :, None] * misses[:, None, :])
-
-
-def nowcast(observations: Sequence[CurrentObservation], tides: Sequence[str] = tuple(TIDAL_PERIODS)) -> Nowcast:
-    """Return the nowcast after all observations (`nowcasts`)."""
-    *_, last = nowcasts(observations, tides)
-    return last
 
 
 def nowcasts(

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.flight.buoyancy import excess_weight
+from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, excess_weight
 from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import TYPICAL_COMPRESSIBILITY
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform, ballast_masses
 
@@ -169,13 +170,46 @@ def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
     return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))
 
 
-_SAME = 1e-9
+_EQUAL_ANGLES = 1e-9
 """Largest difference (rad) of values that are considered equal."""
 
 
 def repetitions(values: Array) -> NDArray[np.int64]:
     """Length ``(m,)`` of the run of equal values around each of ``values (m,)``; a NaN is a run of its own."""
-    new = ~(np.abs(np.diff(values)) <= _SAME)
+    new = ~(np.abs(np.diff(values)) <= _EQUAL_ANGLES)
     starts = np.concatenate([[0], np.flatnonzero(new) + 1]).astype(np.int64)
     counts = np.diff(np.append(starts, len(values)))
     return np.repeat(counts, counts)
+
+
+# Measured density against the platform file's: the CTD's record or the neutral volume may be wrong
+
+UNEXPECTED_DIFFERENCE = 5.0
+"""Difference from the platform file's density, kg/m3, that is reported: a plausible deviation of the neutral volume."""
+
+
+def surface_density(seawater: NDArray[np.float64]) -> float:
+    """Median density (kg/m3) at surface pressure of seawater ``(n, 4)``, as in `gliderhpc.flight.buoyancy`."""
+    return float(np.median(seawater[:, DENSITY] * (1.0 - TYPICAL_COMPRESSIBILITY * seawater[:, PRESSURE])))
+
+
+def is_unexpected_density(platform: Platform, density: float) -> bool:
+    """Return whether a density at the surface (kg/m3) is far from that of the platform file."""
+    return abs(density - platform.buoyancy.water_density) >= UNEXPECTED_DIFFERENCE
+
+
+def describe_unexpected_density(platform: Platform, series: ProfileSeries) -> str | None:
+    """Describe a density far from the platform file's, with the remedy; None if it is near or not used.
+
+    A hull that seems to be too heavy or too light may be right, and the record of temperature or salinity wrong.
+    """
+    if series.seawater is None or not by_density(platform, series):
+        return None
+    density = surface_density(series.seawater)
+    if not is_unexpected_density(platform, density):
+        return None
+    return (
+        f"the water has {density:.1f} kg/m3 (median, at surface pressure) and the platform file "
+        f"{platform.buoyancy.water_density:g} (buoyancy.water_density): check the record's practical_salinity and "
+        "temperature"
+    )

@@ -84,7 +84,7 @@ class ProfileEstimate:
 
 
 def estimate_profile(
-    profile: PreparedProfile, settings: EstimationSettings, *, smooth: bool = False
+    profile: PreparedProfile, settings: EstimationSettings, *, with_hull: bool = False
 ) -> ProfileEstimate:
     """Filter, smooth and invert one profile (sections 4.1 to 4.3).
 
@@ -94,7 +94,7 @@ def estimate_profile(
         Profile on its steps (`prepare_profile`).
     settings : EstimationSettings
         Settings of the estimation.
-    smooth : bool
+    with_hull : bool
         Whether to return the smoother's estimate with the hull's errors. The smoother runs anyway if the windows start
         from its path.
 
@@ -109,7 +109,7 @@ def estimate_profile(
     filtered = run_filter(profile, settings)
     smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-    on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=smooth)
+    on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
@@ -183,7 +183,7 @@ def estimate_profiles(
     profiles: Iterable[tuple[Key, PreparedProfile]],
     settings: EstimationSettings,
     *,
-    smooth: bool = False,
+    with_hull: bool = False,
     threads: Executor | None = None,
 ) -> Iterator[tuple[Key, ProfileEstimate | ProfileError]]:
     """Filter, smooth and invert many profiles as `estimate_profile` does one; yield each with its key when complete.
@@ -194,7 +194,7 @@ def estimate_profiles(
         Profiles, taken when they are needed: a generator that reads records has only few of them in memory.
     settings : EstimationSettings
         Settings for all of them.
-    smooth : bool
+    with_hull : bool
         Whether to return the smoother's estimates. They are computed after the windows, or before if these start from
         the smoothed path.
     threads : concurrent.futures.Executor, optional
@@ -212,7 +212,7 @@ def estimate_profiles(
         The engine cannot run on this machine.
     """
     refused: deque[tuple[Key, ProfileError]] = deque()
-    posed = _posed(profiles, settings, refused, with_hull=smooth, threads=threads)
+    posed = _posed(profiles, settings, refused, with_hull=with_hull, threads=threads)
     for work, solution in solve_dives(posed, settings):
         while refused:
             yield refused.popleft()

@@ -6,11 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.density_check import describe_unexpected_density
-from gliderhpc.estimation.preparation import by_density
+from gliderhpc.estimation.preparation import by_density, describe_unexpected_density
+from gliderhpc.estimation.priors import ROUGH_WATER
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.sensor_noise import noisier_than_stated
-from gliderhpc.estimation.settings import ROUGH_WATER
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
@@ -23,15 +22,15 @@ from gliderhpc.wording import counted
 MAX_ANGLE_OF_ATTACK = np.radians(15.0)
 SPEED_RANGE = (0.05, 1.5)
 STEADY_MINUTE = 60.0
-"""Time (s) of self-motion outside those limits in steady glide from which on the profile gets a message."""
+"""Time (s) with self-motion outside these limits in steady glide beyond which the profile gets a message."""
 ROTATED = np.radians(1.0)
 """Rotation (rad) beyond which the battery is flagged as rotated: more than the jitter of real actuators at rest."""
 _CLIMB_SMOOTHING = 20.0
 
 USUALLY_CONVERGED = 0.9
 """Share of converged windows below which a profile gets a message."""
-_PREVAILS = 0.3
-"""Share of a window's samples beyond which a condition is named as the reason why it did not converge."""
+_MIN_CAUSE_SHARE = 0.3
+"""Share of a window's samples above which a condition is named as the reason why the window did not converge."""
 SEGMENT = 600.0
 """Length of a segment of steady glide, s."""
 SLOPE_BIAS = "the neutral volume was fitted with measured density, so heave, speed and current are biased"
@@ -115,11 +114,11 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
 def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
     """Name the prevailing condition in a window that did not converge."""
     rows = slice(window.start, window.stop)
-    if implausible[rows].mean() > _PREVAILS:
+    if implausible[rows].mean() > _MIN_CAUSE_SHARE:
         return f"where the self-motion is implausible: {_remedy(platform)}"
-    if estimate.vibrating[rows].mean() > _PREVAILS:
+    if estimate.vibrating[rows].mean() > _MIN_CAUSE_SHARE:
         return "where the actuators move between samples"
-    if (estimate.series.weights[rows] == 0.0).mean() > _PREVAILS:
+    if (estimate.series.weights[rows] == 0.0).mean() > _MIN_CAUSE_SHARE:
         return "in gaps of the record"
     return (
         "at the iteration limit"

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.format import MEASURED
 from gliderhpc.observations.headings import MIN_CHANGES, frozen_profiles, share_of_changes
 from gliderhpc.observations.intervals import usual_interval, without_gaps
@@ -18,11 +19,12 @@ from gliderhpc.observations.rows import onto_nearest, rarely_together
 # Sensors that have stopped
 
 _STUCK_TIME, _STUCK_SAMPLES = 120.0, 10
-"""Time (s) and number of samples from which a depth that stays the same is not that of a glide."""
-_SURFACE, _WHOLE = 3.0, 0.9
-"""Depth (m) above which a glider may stay, and share of the samples from which on it may not stay there either."""
-_PITCH = np.radians(8.0)
-"""Median size of the pitch above which a glider moves up or down."""
+"""Duration (s) and number of samples beyond which a constant depth is not that of a glide."""
+_SURFACE_DEPTH, _WHOLE_RECORD = 3.0, 0.9
+"""A constant depth shallower than this (m) is accepted as time at the surface, unless it covers this fraction of the
+record."""
+_MIN_PITCH = np.radians(8.0)
+"""Median magnitude of the pitch above which a glider moves up or down, rad."""
 
 
 def check_sensors(record: ProfileRecord) -> None:
@@ -47,8 +49,8 @@ def check_sensors(record: ProfileRecord) -> None:
     for start, stop in equal_runs(depth, _STUCK_SAMPLES):
         duration = time[stop - 1] - time[start]
         angle = float(np.median(np.abs(pitch[start:stop])))
-        dived = depth[start] > _SURFACE or stop - start > _WHOLE * len(depth)
-        if duration >= _STUCK_TIME and angle > _PITCH and dived:
+        dived = depth[start] > _SURFACE_DEPTH or stop - start > _WHOLE_RECORD * len(depth)
+        if duration >= _STUCK_TIME and angle > _MIN_PITCH and dived:
             raise ProfileError(
                 f"profile {record.number}: the depth stays at {depth[start]:.6g} m for {duration / 60.0:.0f} minutes, "
                 f"from {time[start]:.0f} s on, at a pitch of {np.degrees(angle):.0f} degrees: the sensor had stopped, "
@@ -87,7 +89,7 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
         return values, 0
     before, after = np.diff(values[present])[:-1], np.diff(values[present])[1:]
     if name == "heading":
-        before, after = _wrap(before), _wrap(after)
+        before, after = wrap(before, 2.0 * np.pi), wrap(after, 2.0 * np.pi)
     distance = 0.5 * np.abs(before - after)
     false = (
         (distance > max(_MIN_DISTANCE[name], _MIN_RATIO * float(np.median(distance))))
@@ -97,10 +99,6 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
     screened = values.copy()
     screened[present[1:-1][false]] = np.nan
     return screened, int(false.sum())
-
-
-def _wrap(angle: FloatArray) -> NDArray[np.float64]:
-    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 # Attitude and depth in different rows, as where files of two computers were joined by time

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.estimation.self_motion import angle_of_attack, depth_rate
 from gliderhpc.observations.format import MAX_VELOCITY
 from gliderhpc.observations.series import ProfileSeries
@@ -21,19 +22,17 @@ USUAL_STD = 0.02
 """Standard deviation of a sample (m/s) where the record gives none."""
 
 MIN_GLIDE_PITCH = np.radians(8.0)
-"""Least magnitude of the pitch in a glide, rad."""
+"""Minimum magnitude of the pitch in a glide, rad."""
 MIN_DEPTH = 5.0
 """Depth above which waves move the glider, m; samples above it are not used."""
 MIN_SAMPLES = 20
-"""Least number of samples of a dive or a climb from which a velocity is judged."""
+"""Minimum number of samples of a dive or a climb for a check of the velocity."""
 _DISAGREEMENT = (0.01, 0.08)
 """Largest difference between the depth rate and that of the measured velocity: in m/s, and relative to the rate."""
 _ONE_LEG_DISAGREEMENT = (0.05, 0.08)
 """The same for samples of dives or climbs alone, where the water's vertical velocity is part of the difference."""
 _SIDESLIP = 0.3
 """Largest median of the lateral velocity, relative to that of the forward velocity."""
-_NORMAL = 1.4826
-"""Ratio of a normal distribution's standard deviation to the median of its absolute deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ def assess_velocity(
     for channel in range(3):
         known = np.flatnonzero(np.isfinite(values[:, channel]))
         if len(known) > MIN_SAMPLES:
-            scatter = _NORMAL * float(np.median(np.abs(np.diff(values[known, channel])))) / np.sqrt(2.0)
+            scatter = MAD_TO_STD * float(np.median(np.abs(np.diff(values[known, channel])))) / np.sqrt(2.0)
             variance[:, channel] = np.maximum(variance[:, channel], scatter**2)
     return RelativeVelocity(values, variance, refusal)
 

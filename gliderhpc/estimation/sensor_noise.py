@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import recorded_samples, stated_variance, vibration_set
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.format import MEASURED
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
@@ -21,25 +22,26 @@ Array = NDArray[np.float64]
 
 _ORDER = 3
 """Order of the differences: the motion of a glider is a polynomial of second degree over four samples."""
-_LEAST = 30
-"""Number of differences from which the noise is found."""
-_MEDIAN = 0.6745
+_MIN_DIFFERENCES = 30
+"""Minimum number of differences for an estimate of the noise."""
+_NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
-_LARGEST = np.array([*np.radians([3.0, 3.0, 3.0]), 3.0])
-"""Noise (rad, m) from which on a measurement is not one: the filter then refuses the record."""
-_SAME = 1e-9
+_NOT_MEASURED = np.array([*np.radians([3.0, 3.0, 3.0]), 3.0])
+"""Noise level (rad, m) at and above which a channel counts as not measured: the filter then refuses the record."""
+_EQUAL_VALUES = 1e-9
 """Largest difference of values (rad, m) that are considered equal."""
-_FEW = 0.05
+_SHARE_BELOW_QUANTUM = 0.05
 """Share of the distances that may be smaller than the quantum, after corrections of the record."""
-_FEWEST = 10
-"""Number of distances from which a quantum is found; a few values between two levels are not the steps of a sensor."""
-_REPEATED = 0.5
+_MIN_DISTANCES = 10
+"""Minimum number of distances for an estimate of the quantum; a few values between two levels are not the steps of a
+sensor."""
+_MAX_DISTINCT_SHARE = 0.5
 """Largest ratio of the number of distinct values to that of samples in a rounded record."""
-_EVEN = 0.1
+_EQUAL_INTERVALS = 0.1
 """Largest relative difference of intervals that are considered equal."""
-_CLEARLY = 1.5
-"""Ratio of the noise found to that stated, as standard deviations, from which on the former is used. On twins whose
-sensors are as stated it is at most 1.1 for pitch, heading and depth."""
+_MIN_NOISE_RATIO = 1.5
+"""Ratio of the standard deviation found to the stated one above which the former is used. On twins whose sensors are as
+stated it is at most 1.1 for pitch, heading and depth."""
 
 
 def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
@@ -52,7 +54,7 @@ def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
     """
     stated = stated_variance(platform)
     found = np.maximum(noise_of_record(platform, series), rounding_of_record(series))
-    return np.where((found > _CLEARLY**2 * stated) & (found < _LARGEST**2), found, stated)
+    return np.where((found > _MIN_NOISE_RATIO**2 * stated) & (found < _NOT_MEASURED**2), found, stated)
 
 
 def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
@@ -71,12 +73,12 @@ def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
     if len(rows) <= _ORDER:
         return np.zeros(4)
     intervals = np.diff(rows)
-    usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EVEN
+    usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EQUAL_INTERVALS
     even = np.convolve(usual, np.ones(_ORDER), "valid") > _ORDER - 0.5
     differences = np.diff(series.measurements[rows], _ORDER, axis=0)[even]
-    if len(differences) < _LEAST:
+    if len(differences) < _MIN_DIFFERENCES:
         return np.zeros(4)
-    found = (np.median(np.abs(differences), axis=0) / _MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
+    found = (np.median(np.abs(differences), axis=0) / _NORMAL_MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
     found[0] = min(found[0], max(found[1], found[2]))
     return np.asarray(found)
 
@@ -90,10 +92,10 @@ def _quantum(values: Array) -> float:
     """Least distance of distinct values but for a few; zero where most values occur once, as where none is rounded."""
     distinct = np.unique(values[np.isfinite(values)])
     gaps = np.diff(distinct)
-    gaps = gaps[gaps > _SAME]
-    if len(gaps) < _FEWEST or len(gaps) + 1 > _REPEATED * len(values):
+    gaps = gaps[gaps > _EQUAL_VALUES]
+    if len(gaps) < _MIN_DISTANCES or len(gaps) + 1 > _MAX_DISTINCT_SHARE * len(values):
         return 0.0
-    return float(np.quantile(gaps, _FEW))
+    return float(np.quantile(gaps, _SHARE_BELOW_QUANTUM))
 
 
 def measurement_variance(platform: Platform, series: ProfileSeries, settings: EstimationSettings) -> Array:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gliderhpc.estimation.priors import is_slow_and_untuned
 from gliderhpc.observations.intervals import longest_bridged
-from gliderhpc.platform import DisturbancePrior, Platform
+from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import SixPositive
 from gliderhpc.yaml_text import shown
 
@@ -19,11 +20,6 @@ USUAL_WINDOW = 30.0
 
 MAX_SETTING = 1e12
 """Largest value of a setting in any unit; a larger one is a typing error."""
-
-SLOW_SENSORS_PRIOR = 2.0
-"""Sample interval (s) beyond which a platform that states no prior gets the prior of slow sensors."""
-_UNEVEN = 1.25
-"""Ratio to this of a record's own interval beyond which it is slow: every 2 s, but not quite evenly, is not."""
 
 
 Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
@@ -210,7 +206,7 @@ class EstimationSettings(Settings):
         """
         if self.start is not None:
             return self.start
-        return "smoothed" if self.transformed and not _slow_and_untuned(platform, interval) else "prior"
+        return "smoothed" if self.transformed and not is_slow_and_untuned(platform, interval) else "prior"
 
     def window_length(self, sample_interval: float) -> float:
         """Window length T_seg in s: the setting, else 30 s, or six sample intervals where those exceed 5 s."""
@@ -241,104 +237,4 @@ def smoother_passes(platform: Platform, settings: SmootherSettings, interval: fl
     """
     if settings.max_passes is not None:
         return settings.max_passes
-    return 1 if _slow_and_untuned(platform, interval) else 20
-
-
-ROUGH_WATER = DisturbancePrior(
-    deviation=(0.4, 1.0, 0.4, 0.3, 0.15, 1.0), correlation_time=(3600.0, 10.0, 3600.0, 10.0, 3600.0, 60.0)
-)
-"""Prior in which sway and roll follow gusts within seconds, tried if the calmer one does not fit the record."""
-
-
-_GUST_FORCE, _GUST_TIME = 2.0, 1.0
-"""Standard deviation (N) and correlation time (s) of the side force in gusts of a few centimetres per second."""
-
-
-def with_lateral_gusts(prior: DisturbancePrior) -> DisturbancePrior:
-    """Return a prior, usual or tuned, in which the side force follows gusts from the side within seconds."""
-    return DisturbancePrior(
-        deviation=(prior.deviation[0], max(_GUST_FORCE, prior.deviation[1]), *prior.deviation[2:]),
-        correlation_time=(
-            prior.correlation_time[0],
-            min(_GUST_TIME, prior.correlation_time[1]),
-            *prior.correlation_time[2:],
-        ),
-    )
-
-
-def candidate_priors(platform: Platform, interval: float = 0.0) -> dict[str, DisturbancePrior]:
-    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`); parameters as for `default_prior`.
-
-    They are the platform's own prior alone, or `default_prior` and a freer one. The calmer prior is better wherever it
-    can follow the record (docs/accuracy.md). In gusts it cannot, and the filter rejects samples
-    (docs/scenario-current.md) or finds innovations far larger than it expects. For fast sensors the freer prior is
-    `ROUGH_WATER`. For slow ones it is the usual one with only the yawing moment of `SLOW_RECORD`, since their buoyancy
-    and trim are free already.
-    """
-    usual = default_prior(platform, interval)
-    if platform.prior is not None:
-        return {"usual": usual}
-    rough = with_yaw_of(SLOW_RECORD, usual) if _slow_and_untuned(platform, interval) else ROUGH_WATER
-    return {"usual": usual, "rough_water": rough}
-
-
-def with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> DisturbancePrior:
-    """Return a prior with the yawing moment's numbers of another one."""
-    return DisturbancePrior(
-        deviation=(*prior.deviation[:5], source.deviation[5]),
-        correlation_time=(*prior.correlation_time[:5], source.correlation_time[5]),
-    )
-
-
-SLOW_RECORD = DisturbancePrior(
-    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 3.0), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
-)
-"""Prior of the smoother for slow records of a hull that has not been tuned (docs/smoother.md)."""
-
-
-def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float = 0.0) -> DisturbancePrior:
-    """Disturbance prior of the smoother, given that of the filter and the interval of the record's attitude, s.
-
-    It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
-    pitching moment are wrong by amounts that change with depth. With a correlation time of an hour the smoother would
-    attribute such changes to the speed. The prior therefore lets these channels change within minutes. The yawing
-    moment is free: the rate of turn determines the speed only as well as the turning coefficients are known, and glides
-    hardly determine these. With a tight prior of the yawing moment, the speed of a calibrated Seaglider was a quarter
-    too slow.
-    """
-    return SLOW_RECORD if _slow_and_untuned(platform, interval) else prior
-
-
-def _slow_and_untuned(platform: Platform, interval: float) -> bool:
-    slow = platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _UNEVEN * SLOW_SENSORS_PRIOR
-    return platform.prior is None and slow
-
-
-def default_prior(platform: Platform, interval: float = 0.0) -> DisturbancePrior:
-    """The platform's disturbance prior, or a usual one for its sensors.
-
-    Parameters
-    ----------
-    platform : Platform
-        The hull.
-    interval : float
-        Interval (s) of the record's attitude, which may be longer than the platform file's: decimated records, or those
-        whose values were filled in. With the prior for fast records, gusts that such a record does not resolve had made
-        the true hull's speed wrong by 0.1 m/s.
-
-    Notes
-    -----
-    Yaw represents the water's action within a minute, the other channels the hull's errors over an hour. Hulls with
-    slow sensors are usually uncalibrated. Their pitch trim may be wrong by newton metres but hardly changes during a
-    dive. Their surge has a tight prior because a slow record cannot separate it from heave, and impulses in yaw cannot
-    be resolved.
-    """
-    if platform.prior is not None:
-        return platform.prior
-    if _slow_and_untuned(platform, interval):
-        return DisturbancePrior(
-            deviation=(0.1, 0.4, 0.3, 0.4, 3.0, 0.3), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 90000.0, 60.0)
-        )
-    return DisturbancePrior(
-        deviation=(0.4, 0.1, 0.4, 0.1, 0.15, 1.0), correlation_time=(3600.0, 3600.0, 3600.0, 3600.0, 3600.0, 60.0)
-    )
+    return 1 if is_slow_and_untuned(platform, interval) else 20

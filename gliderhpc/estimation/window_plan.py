@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 _SPLIT = 1.25
 """Length, in usual windows, beyond which windows that do not converge are halved."""
 
-_LONG = 4.0
+_LONG_WINDOW = 4.0
 """Length, in usual windows, beyond which windows are halved after a third of the iterations; shorter ones, if they
 result from halving."""
 
@@ -33,7 +33,7 @@ class WindowPlan:
     length, margin : int
         Window length and margin, steps.
     cost_threshold : float
-        Cost (rad2 s) from which on a window hands over without retraction.
+        Cost (rad2 s) at and above which a window hands over without retraction.
     scale : tuple of 6 floats
         Scale s of the control-variable transform ``b = s x`` for this length, N and N m.
     shorter : WindowPlan, optional
@@ -68,7 +68,7 @@ def plan_windows(settings: EstimationSettings, interval: float, prior: Disturban
         share = length / lengths[0]
         steps, margin = _whole_records(length, share * settings.window_margin(interval), settings)
         scale = np.ones(6) if prior is None else transform_scale(prior, length, settings)
-        early = plan is not None and (length > _LONG * USUAL_WINDOW or length < lengths[0])
+        early = plan is not None and (length > _LONG_WINDOW * USUAL_WINDOW or length < lengths[0])
         plan = WindowPlan(steps, margin, share * settings.cost_threshold(interval), tuple(scale.tolist()), plan, early)
     assert plan is not None
     return plan

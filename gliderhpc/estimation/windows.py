@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.angles import principal_angle
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.joining import JoinedWindows
 from gliderhpc.estimation.preparation import PreparedProfile
@@ -119,7 +120,7 @@ _NO_DATA = WindowSolution(
 def misfit(states: Array, measurements: Array) -> Array:
     """States ``(n, 12)`` less measurements ``(n, 4)``: roll, pitch, heading (rad, wrapped) and depth (m)."""
     errors = states[:, [0, 1, 2, 5]] - measurements
-    errors[:, 2] = np.arctan2(np.sin(errors[:, 2]), np.cos(errors[:, 2]))
+    errors[:, 2] = principal_angle(errors[:, 2])
     return np.asarray(errors)
 
 

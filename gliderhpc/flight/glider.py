@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from numbers import Real
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -207,27 +206,6 @@ class Glider:
         InputError
             A shape differs, a value is not finite, or the step is not above zero.
         """
-        cost, gradient, _ = self._cost(state0, controls, disturbances, measurements, step, weights)
-        return cost, gradient
-
-    def tracking_cost_state0(
-        self, state0: ArrayLike, controls: ArrayLike, disturbances: ArrayLike, measurements: ArrayLike, step: float
-    ) -> Array:
-        """Gradient ``(12,)`` of `tracking_cost` with respect to the initial state (X and Y: zero)."""
-        gradient = np.zeros(12)
-        gradient[SENSED] = self._cost(state0, controls, disturbances, measurements, step, None)[2]
-        return gradient
-
-    def _body(self, control: ArrayLike) -> Array:
-        """Mass properties ``(1, 11)`` of one control ``(4,)`` to ``(6,)``."""
-        row = numbers("control", control)
-        if row.shape not in ((4,), (5,), (6,)):
-            raise InputError(f"control has shape {row.shape}; it must be (4,), (5,) or (6,)")
-        return self.bodies(row[None])
-
-    def _cost(
-        self, state0: Any, controls: Any, disturbances: Any, measurements: Any, step: float, weights: Any
-    ) -> tuple[float, Array, Array]:
         y0 = checked("state0", state0, 12)
         bodies = self.bodies(controls)
         n = len(bodies)
@@ -244,7 +222,14 @@ class Glider:
             self.hull, bodies, y0[SENSED][None], b, measured, w, _positive("step", step),
             states, tape, gradient, gradient0, cost,
         )  # fmt: skip
-        return float(cost[0]), gradient, gradient0
+        return float(cost[0]), gradient
+
+    def _body(self, control: ArrayLike) -> Array:
+        """Mass properties ``(1, 11)`` of one control ``(4,)`` to ``(6,)``."""
+        row = numbers("control", control)
+        if row.shape not in ((4,), (5,), (6,)):
+            raise InputError(f"control has shape {row.shape}; it must be (4,), (5,) or (6,)")
+        return self.bodies(row[None])
 
 
 def _positive(name: str, value: float) -> float:

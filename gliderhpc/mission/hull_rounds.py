@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.errors import CalibrationError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.currents import smoothed_current
+from gliderhpc.estimation.currents import current_from_displacement
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.resample import on_steps
@@ -35,10 +35,9 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.common_errors import variance_ratios, weakened
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
 from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
-from gliderhpc.tuning.rounds import RoundSettings
+from gliderhpc.tuning.rounds import RoundSettings, inflation_ratios, with_inflated_variance
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
 
 log = logging.getLogger("gliderhpc.calibrate")
@@ -154,7 +153,7 @@ def _current(
     record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], by_hull: Array
 ) -> DiveCurrent | None:
     """Return the dive's current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
-    between = smoothed_current(record, series.time, *displacement, _NO_OTHER_ERRORS)
+    between = current_from_displacement(record, series.time, *displacement, _NO_OTHER_ERRORS)
     if between is None:
         return None
     return DiveCurrent(between.velocity, by_hull / between.drift.elapsed, between.covariance)
@@ -231,11 +230,10 @@ class DiveRounds:
     Notes
     -----
     Errors of the model (rounding, lags that differ among the actuators, the assumed noise) change the scores of all
-    dives in the same way. Let their variance be ``misfit`` times the variance that one dive states. The sum of the
-    scores of ``n`` dives then has ``1 + misfit n`` times the variance that the dives state, and their information is
-    divided by this factor; that on the terms of sway, roll and yaw by a larger one
-    (`gliderhpc.tuning.common_errors.weakened`). With any number of dives, the hull is determined no better than these
-    errors allow.
+    dives in the same way. Let their variance be ``misfit`` times the stated variance of one dive. The sum of the
+    scores of ``n`` dives then has ``1 + misfit n`` times its stated variance, and their information is divided by this
+    factor; that on the terms of sway, roll and yaw by a larger one (`with_inflated_variance`). With any number of
+    dives, the hull is determined no better than these errors allow.
     """
 
     def __init__(
@@ -268,7 +266,7 @@ class DiveRounds:
             platform = moved_platform(self._base, self._parameters, eta)
             dives = self._smooth_dives(platform, noise_factor)
             known = {each.number: each for each in dives if each.information is not None}
-            ratios = variance_ratios(self._parameters, sum(number in known for number in self._fitted), self._settings)
+            ratios = inflation_ratios(self._parameters, sum(number in known for number in self._fitted), self._settings)
             terms = {number: self._term(each, platform, eta, ratios) for number, each in known.items()}
             mission = self._combine(terms, dives)
             noise_factor = noise_factor * pooled_factor([each for each in dives if each.number in self._fitted])
@@ -339,7 +337,9 @@ class DiveRounds:
         current = dive.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
-        score, information = weakened(dive.score / ratio, dive.information / np.outer(ratio, ratio), ratios)
+        score, information = with_inflated_variance(
+            dive.score / ratio, dive.information / np.outer(ratio, ratio), ratios
+        )
         return DiveTerm(dive.number, dive.time, eta, score, information, current=current)
 
     def _combine(self, terms: dict[int, DiveTerm], dives: Sequence[SmoothedDive]) -> MissionHull:

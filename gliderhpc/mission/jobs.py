@@ -27,10 +27,10 @@ from gliderhpc.mission.executors import Executor, one_line, spare_threads, was_k
 from gliderhpc.mission.inputs import common_digests, earliest_start, input_digests
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.planning import batch_sizes
-from gliderhpc.mission.profile_currents import epoch_seconds
 from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, recompute_currents
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import ArchiveRows, Commit, read_commits
 from gliderhpc.store_schema.commits import UNREADABLE, damages
@@ -104,7 +104,7 @@ def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResu
     # On vectors this short, threads of linear algebra cost far more than they gain.
     with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated == 1 else 0) as threads:
         batch = _Batch(job, observations)
-        for work, estimate in estimate_profiles(batch.tasks(), job.settings, smooth=True, threads=threads):
+        for work, estimate in estimate_profiles(batch.tasks(), job.settings, with_hull=True, threads=threads):
             batch.finish(work, estimate)
             yield from batch.new_results()
         yield from batch.new_results()

@@ -18,22 +18,22 @@ from gliderhpc.estimation.currents import (
     Segment,
     SurfaceInterval,
     Track,
+    current_from_displacement,
     cycles_of,
     depth_averaged_current,
     mean_surface_drift,
     single_cycle,
-    smoothed_current,
     track_of,
     with_disagreement,
 )
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.observations import Fix, ProfileRecord
+from gliderhpc.observations.times import epoch_seconds
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
 
-_SECOND = np.timedelta64(1, "s")
 
 BY_FIXES = ("entry_", "exit_", "dac_", "surface_drift_")
 """Prefixes of the table's columns that depend on the fixes."""
@@ -150,7 +150,7 @@ def _current_by_smoother(record: ProfileRecord, tracks: Tracks, errors: CurrentE
     track = tracks.smoothed
     if track is None:
         return None
-    return smoothed_current(
+    return current_from_displacement(
         record, tracks.adjoint.clock, track.displacement, track.covariance, errors, with_hull=track.with_hull
     )
 
@@ -204,11 +204,6 @@ def _fix_row(end: str, fix: Fix) -> Row:
         f"{end}_latitude": fix.latitude,
         f"{end}_longitude": fix.longitude,
     }
-
-
-def epoch_seconds(time: np.datetime64) -> float:
-    """Convert a time to seconds since 1970."""
-    return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
 # Content stored with the commit, as JSON, which reproduces every finite number exactly

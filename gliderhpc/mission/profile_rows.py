@@ -6,20 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.currents import describe_implausible_current
 from gliderhpc.estimation.preparation import by_density
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.posterior import HullPart
+from gliderhpc.estimation.smoother.posterior import HullPart, adjoint_deviation
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.flight.hull_parameters import among_parameters
 from gliderhpc.mission.profile_currents import (
     BY_FIXES,
     current_rows,
-    epoch_seconds,
     tracks_as_json,
     tracks_from_json,
     tracks_of,
@@ -27,6 +25,7 @@ from gliderhpc.mission.profile_currents import (
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
 from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, DISTURBANCE_PRIOR, ArchiveRows, Commit

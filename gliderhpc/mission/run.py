@@ -46,7 +46,7 @@ ExecutorContext = AbstractContextManager[Executor]
 _FOR_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
 """Settings of the smoother that act from its second pass on."""
 
-_FEWEST_TO_TUNE = 3
+_MIN_PROFILES_TO_TUNE = 3
 """Minimum number of profiles for advice on the disturbance prior."""
 
 
@@ -201,7 +201,7 @@ def _advise_to_tune(platform: Platform, result: MissionResult) -> None:
     done = [row for row in result.rows.values() if row["status"] == "done"]
     rough = DISTURBANCE_PRIOR.meanings["rough_water"]
     unlike = sum(row.get("disturbance_prior") == rough for row in done)
-    if platform.prior is not None or len(done) < _FEWEST_TO_TUNE or unlike <= 0.5 * len(done):
+    if platform.prior is not None or len(done) < _MIN_PROFILES_TO_TUNE or unlike <= 0.5 * len(done):
         return
     if np.mean([row["converged_fraction"] for row in done]) < USUALLY_CONVERGED:
         log.info(

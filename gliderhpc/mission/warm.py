@@ -18,8 +18,9 @@ from numba import config
 
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.priors import candidate_priors
 from gliderhpc.estimation.profile import estimate_profiles, smooth_profile
-from gliderhpc.estimation.settings import EstimationSettings, candidate_priors
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.jacobian import ENTRIES
@@ -52,7 +53,7 @@ def warm_kernels(engine: str = "lanes") -> None:
         with compile_in_background("smoother"):
             # Two, since the windows of one would be solved alone.
             list(estimate_profiles([(None, record), (None, record)], from_prior))
-    list(estimate_profiles([(None, record)], settings, smooth=True))
+    list(estimate_profiles([(None, record)], settings, with_hull=True))
 
 
 def warm_single_window() -> None:

@@ -17,10 +17,10 @@ SAME_PAUSE = 0.5
 """Fraction of an actuator's pause beyond which a pause of the attitude belongs to the whole record."""
 
 START_LOGGED = 2.0
-"""Ratio of the rest before a movement to its duration from which both its begin and its end count as logged."""
+"""Ratio of the rest before a movement to its duration at or above which its beginning and its end count as logged."""
 
 MIN_CHANGE = {"ballast_volume": 20.0, "battery_position": 0.002, "battery_rotation": 5.0}
-"""Least change of an actuator that counts as a movement, in the units of the format (cm3, m, degree).
+"""Minimum change of an actuator that counts as a movement, in the units of the format (cm3, m, degree).
 
 Each changes a glide perceptibly: the speed by about 3 %, the pitch by about 2 degrees, or the course.
 """

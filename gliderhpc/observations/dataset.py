@@ -30,8 +30,8 @@ from gliderhpc.observations.survey import (
     Survey,
     survey_of,
 )
+from gliderhpc.observations.times import SECOND
 
-_SECOND = np.timedelta64(1, "s")
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 """Options that leave times undecoded; `gliderhpc.observations.times` decodes and checks them."""
 
@@ -104,7 +104,7 @@ class Observations:
     def duration(self, number: int) -> float:
         """Time from the profile's first sample to its last (s)."""
         span = self._span(number)
-        return float((span.end_time - span.start_time) / _SECOND)
+        return float((span.end_time - span.start_time) / SECOND)
 
     def sample_count(self, number: int) -> int:
         """Count the profile's samples."""
@@ -124,7 +124,7 @@ class Observations:
             raise ProfileError(self.faults[number])
         values = {name: self._stored.numbers(name, span.start, span.stop) for name in PROFILE_VARIABLES}
         time = self._stored.times("time", span.start, span.stop).time
-        seconds = (time - time[0]) / _SECOND
+        seconds = (time - time[0]) / SECOND
         before, after, reasons = self._fixes(span)
         return ProfileRecord(
             number=number,

@@ -12,7 +12,7 @@ PAIRS = 5
 """Number of neighbours on either side from which a depth is predicted."""
 
 FLOOR, SPEED, SCATTER = 5.0, 0.5, 10.0
-"""Least deviation of an impossible depth: so many metres, plus this vertical speed (m/s) over the time to the third
+"""Minimum deviation of an impossible depth: so many metres, plus this vertical speed (m/s) over the time to the third
 neighbour, plus so many times the scatter of the record. Gliders sink and rise at 0.3 m/s at most, in a turn too."""
 
 _PASSES = 30

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.observations.regions import bounding_polygon, longitude_range
+from gliderhpc.observations.times import SECOND
 
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 
@@ -60,7 +61,7 @@ def discovery_attributes(
     known = time[~np.isnat(time)]
     if len(known):
         first, last = (value.astype("datetime64[s]") for value in (known.min(), known.max()))
-        seconds = int((last - first) / np.timedelta64(1, "s"))
+        seconds = int((last - first) / SECOND)
         attributes |= {
             "time_coverage_start": f"{first}Z", "time_coverage_end": f"{last}Z",
             "time_coverage_duration": f"PT{seconds}S",

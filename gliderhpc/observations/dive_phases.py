@@ -18,7 +18,7 @@ from gliderhpc.observations.series import ProfileSeries
 Mask = npt.NDArray[np.bool_]
 
 MIN_STATIONARY = 300.0
-"""Least duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
+"""Minimum duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
 MAX_RANGE, WINDOW = 2.0, 120.0
 """Largest range of depths (m) within so many seconds of a stationary stretch; the flattest glides pass three times as
 much."""
@@ -28,14 +28,14 @@ _BIN, _BRIDGED = 30.0, 90.0
 """Length (s) of the bins in which the range is computed, and largest time (s) from a bin's centre to a sample."""
 
 SHALLOW, DEEP = 12.0, 0.05
-"""Depth at the end of a record from which on it is reported, m and relative to the greatest depth: some vehicles rise
-the last ten metres without gliding, and these are not part of the dive."""
+"""Depth at the end of a record above which it is reported, m and relative to the greatest depth: some vehicles rise the
+last ten metres without gliding, and these are not part of the dive."""
 LATE_FIX = 1200.0
 """Time (s) after the surfacing by which a fix is expected; if it comes later, the glider may have dived again."""
-_LATEST = 90.0
-"""Time (s) at the end of a record from which it is taken whether the glider rises or sinks."""
-_FLATTEST = np.radians(10.0)
-"""Least pitch from which the steepness of a glide is taken."""
+_FINAL_PERIOD = 90.0
+"""Time (s) at the end of a record that shows whether the glider rises or sinks."""
+_MIN_GLIDE_PITCH = np.radians(10.0)
+"""Minimum pitch (rad) in the steepness of a glide."""
 
 
 def is_stationary(time: FloatArray, depth: FloatArray) -> Mask:
@@ -75,7 +75,7 @@ def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, 
 
 
 _SHARE_OF_ONE_VALUE = 0.8
-"""Share of the samples of stationary stretches that have the same depth, from which the sensor may be stuck."""
+"""Share of the samples of stationary stretches with the same depth at or above which the sensor may be stuck."""
 
 
 def _is_one_value(time: FloatArray, depth: FloatArray, still: Sequence[tuple[float, float]]) -> bool:
@@ -144,7 +144,7 @@ def distance_to_surface(
     way_up = height / speed
     may_fly_on = depth[-1] > _reported_depth(depth) and (not _rises(time, depth) or lasts > way_up + LATE_FIX)
     under_way = lasts if may_fly_on else min(way_up, lasts)
-    return float(speed * under_way / np.tan(max(float(np.nanmedian(np.abs(pitch))), _FLATTEST)))
+    return float(speed * under_way / np.tan(max(float(np.nanmedian(np.abs(pitch))), _MIN_GLIDE_PITCH)))
 
 
 def _vertical_speed(time: FloatArray, depth: FloatArray) -> float:
@@ -159,7 +159,7 @@ def _vertical_speed(time: FloatArray, depth: FloatArray) -> float:
 
 def _rises(time: FloatArray, depth: FloatArray) -> bool:
     """Return whether a record ends on the way to the surface."""
-    before = np.searchsorted(time, time[-1] - _LATEST, side="right") - 1
+    before = np.searchsorted(time, time[-1] - _FINAL_PERIOD, side="right") - 1
     return bool(depth[np.clip(before, 0, len(depth) - 2)] > depth[-1])
 
 

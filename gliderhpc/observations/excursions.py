@@ -22,13 +22,13 @@ SUBMERGED = 5.0
 _NANOSECONDS = 1_000_000_000
 _STEP = int(CLOCK_SET_BACK * _NANOSECONDS)
 
-_LONGEST = 86_400 * _NANOSECONDS
+_MAX_DURATION = 86_400 * _NANOSECONDS
 """Longest duration (ns) of an excursion whose times overlap with those before and after it."""
 
 _SURFACING = 1800 * _NANOSECONDS
 """Longest usual pause (ns) of a record at the surface."""
 
-_JUMP = 3600 * _NANOSECONDS
+_CLOCK_JUMP = 3600 * _NANOSECONDS
 """Step forward (ns) that does not count as elapsed time: the clock may have gone from one wrong time to another."""
 
 
@@ -58,7 +58,7 @@ class Excursion:
 
     @property
     def brief(self) -> bool:
-        """Whether it costs no more than a few rows."""
+        """Return whether the excursion costs no more than a few rows."""
         return self.seconds <= CLOCK_SET_BACK
 
     def describe(self) -> str:
@@ -105,7 +105,7 @@ def in_excursion(time: TimeArray, *, brief: bool = False) -> npt.NDArray[np.bool
 def find_lost(
     time: TimeArray, part: npt.NDArray[np.int64], depth: FloatArray, keep: npt.NDArray[np.bool_]
 ) -> dict[int, str]:
-    """Find the parts of a record that wrong times cost.
+    """Find the parts of a record lost to wrong times.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class _Increasing:
     def add(self, row: int) -> None:
         """Add a row that is later than all."""
         step = self.clock[row] - self.clock[self.rows[-1]] if self.rows else 0
-        self.elapsed.append((self.elapsed[-1] if self.rows else 0) + (step if step <= _JUMP else 0))
+        self.elapsed.append((self.elapsed[-1] if self.rows else 0) + (step if step <= _CLOCK_JUMP else 0))
         self.rows.append(row)
 
     def lasts(self, place: int) -> int:
@@ -225,7 +225,7 @@ def _place_ahead(rising: _Increasing, row: int, resumed: int) -> int | None:
         first, before = clock[rising.rows[place]], clock[rising.rows[place - 1]]
         if _is_return(first - before, back):
             return place
-        if clock[row] - first > _LONGEST:
+        if clock[row] - first > _MAX_DURATION:
             break
     return None
 
@@ -239,7 +239,7 @@ def _end_behind(rising: _Increasing, row: int, resumed: int) -> int:
     for end in range(row + 1, len(clock)):
         if _is_return(clock[end] - clock[end - 1], back):
             return end
-        if abs(clock[end] - clock[row]) > _LONGEST:
+        if abs(clock[end] - clock[row]) > _MAX_DURATION:
             break
     return row
 

@@ -24,7 +24,7 @@ from geographiclib.geodesic import Geodesic
 
 from gliderhpc.observations.records import Fix, FloatArray, TimeArray
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.observations.times import plausible_times
+from gliderhpc.observations.times import SECOND, plausible_times
 
 Position = tuple[float, float]
 """Latitude and longitude, degree."""
@@ -45,13 +45,13 @@ def midpoint(first: Position, last: Position) -> Position:
 
 
 MAXIMUM_DRIFT = 3.0
-"""Greatest drift of a glider at the surface (m/s): boundary currents reach 2.5 m/s there."""
+"""Maximum drift of a glider at the surface (m/s): boundary currents reach 2.5 m/s there."""
 
 POSITION_ERROR = 20.0
-"""Greatest distance (m) between two fixes of the same place."""
+"""Maximum distance (m) between two fixes of the same place."""
 
 SAME_SURFACING = np.timedelta64(900, "s")
-"""Greatest time between two fixes of one surfacing; fixes further apart in time are not compared."""
+"""Maximum time between two fixes of one surfacing; fixes further apart in time are not compared."""
 
 _METRES_A_DEGREE = 111_195.0
 
@@ -111,7 +111,7 @@ def _is_plausible(fixes: Fixes, index: int) -> bool:
         return True
     north = fixes.latitude[others] - fixes.latitude[index]
     east = _east(fixes.longitude[others] - fixes.longitude[index], fixes.latitude[index])
-    reach = MAXIMUM_DRIFT * (apart / np.timedelta64(1, "s")) + POSITION_ERROR
+    reach = MAXIMUM_DRIFT * (apart / SECOND) + POSITION_ERROR
     return bool(np.any(_METRES_A_DEGREE * np.hypot(north, east) <= reach))
 
 
@@ -122,7 +122,7 @@ def decimal_degrees(value: FloatArray) -> FloatArray:
 
 
 MAX_GROUND_SPEED = 4.0
-"""Greatest speed over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, plus
+"""Maximum speed over ground from fix to fix (m/s): 1 m/s through the water, which gliders reach with a thruster, plus
 3 m/s of current. Western boundary currents reach 2.5 m/s at the surface, and less on average over the depth of a
 dive."""
 
@@ -134,11 +134,10 @@ STALE_AFTER = np.timedelta64(1800, "s")
 """Time after which an exactly repeated position is taken as an old one reported again: at sea nothing stays in place to
 a metre. Of such a run of fixes, only those of the first surfacing are used."""
 
-_SECOND = np.timedelta64(1, "s")
 _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
-_PROVEN = 10**9
+_PROVEN_WEIGHT = 10**9
 """Weight of a run over more than one surfacing; it exceeds the weight of all fixes of the other runs together."""
 
 
@@ -253,7 +252,7 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
     time = np.array([entry.time, exit_.time])
     latitude, longitude = np.array([[fix.latitude, fix.longitude] for fix in (entry, exit_)]).T
     distance = _distances(latitude, longitude)
-    elapsed = np.diff(time) / _SECOND
+    elapsed = np.diff(time) / SECOND
     if _reachable(distance, elapsed)[0]:
         return None
     speed = _ground_speed(float(distance[0]), float(elapsed[0]))
@@ -296,7 +295,7 @@ def _unreachable(time: TimeArray, latitude: FloatArray, longitude: FloatArray) -
     """Find fixes that no glider can have reached from their neighbours, or left for them."""
     if len(time) < 2:
         return {}
-    distance, elapsed = _distances(latitude, longitude), np.diff(time) / _SECOND
+    distance, elapsed = _distances(latitude, longitude), np.diff(time) / SECOND
     breaks = np.flatnonzero(~_reachable(distance, elapsed))
     if not len(breaks):
         return {}
@@ -323,7 +322,7 @@ def _wrong_runs(
     to every largest set of consistent fixes.
     """
     proven = [bool(time[stop - 1] - time[start] > SAME_SURFACING) for start, stop in runs]
-    weights = [_PROVEN if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
+    weights = [_PROVEN_WEIGHT if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
     stays = _in_every_best_chain(weights, _links(runs, time, latitude, longitude))
     return [run for run, right, sure in zip(runs, stays, proven, strict=True) if not (right or sure)]
 
@@ -333,7 +332,7 @@ def _links(
 ) -> npt.NDArray[np.bool_]:
     """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one."""
     last, first = np.array([(stop - 1, start) for start, stop in runs]).T
-    elapsed = (time[first][None, :] - time[last][:, None]) / _SECOND
+    elapsed = (time[first][None, :] - time[last][:, None]) / SECOND
     north = latitude[first][None, :] - latitude[last][:, None]
     east = _east(longitude[first][None, :] - longitude[last][:, None], latitude[last][:, None])
     linked: npt.NDArray[np.bool_] = np.triu(_reachable(_METRES_A_DEGREE * np.hypot(north, east), elapsed), 1)

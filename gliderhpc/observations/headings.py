@@ -120,7 +120,7 @@ _ONE_TURN_MORE = (-360.0, 540.0)
 """Range of headings that are angles too: those of both usual ranges, turned by half a turn, or by a declination."""
 
 MIN_DISTINCT = 10
-"""Number of different impossible values from which they are no fill values."""
+"""Minimum number of different impossible values that are not fill values."""
 
 
 _TENTHS = ((0.0, 3600.0), (-1800.0, 1800.0))
@@ -211,7 +211,7 @@ MIN_FROZEN, MIN_CHANGES = 20, 0.3
 have failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real records. In
 simulated calm water it is the same to 0.1 degree for half an hour, but then the pitch hardly changes either."""
 
-_LEAST_CHANGE = 1e-6
+_MIN_CHANGE = 1e-6
 """Change of an angle (rad) that a sensor may resolve; a simulated glide without noise changes by less."""
 
 FROZEN_TIME, FROZEN_SHARE, LEAST_TIME, MIN_OVERLAP = 1800.0, 0.25, 300.0, 5
@@ -251,4 +251,4 @@ def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, pr
 def share_of_changes(values: FloatArray) -> float:
     """Share of the known values (rad) that differ from the one before, zero without two of them."""
     known = values[np.isfinite(values)]
-    return float(np.mean(np.abs(np.diff(known)) > _LEAST_CHANGE)) if len(known) > 1 else 0.0
+    return float(np.mean(np.abs(np.diff(known)) > _MIN_CHANGE)) if len(known) > 1 else 0.0

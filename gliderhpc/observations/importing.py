@@ -20,6 +20,7 @@ from gliderhpc.observations.profile_checks import check_length, check_values, fa
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import ClockStep, Columns, without_doubtful
 from gliderhpc.observations.sign_checks import GLIDE, fault_of_signs
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
 from gliderhpc.observations.writer import Attribute, write_observations
 from gliderhpc.output_files import check_output
@@ -284,7 +285,7 @@ def median_interval(time: TimeArray, spans: Sequence[Span]) -> float:
 
     It is the time-weighted median, without gaps.
     """
-    steps = [np.diff(time[start:stop]) / np.timedelta64(1, "s") for start, stop in spans or [(0, len(time))]]
+    steps = [np.diff(time[start:stop]) / SECOND for start, stop in spans or [(0, len(time))]]
     return usual_interval(np.concatenate([without_gaps(part) for part in steps]))
 
 
@@ -322,7 +323,7 @@ def _profile(number: int, parts: Parts, start: int, stop: int, variables: Column
         number=number,
         parts=parts,
         start_time=time[0],
-        duration=float((time[-1] - time[0]) / np.timedelta64(1, "s")),
+        duration=float((time[-1] - time[0]) / SECOND),
         samples=len(time),
         max_depth=float(np.max(depth, where=np.isfinite(depth), initial=-np.inf)),
         fault=_fault(number, start, time, variables),

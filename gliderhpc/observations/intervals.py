@@ -16,7 +16,7 @@ _QUANTILE = 0.85
 """Quantile of the neighbours: the fourth longest of twenty."""
 
 MIN_GAP, GAP = 10.0, 3.5
-"""Least length of a gap, in seconds and in local intervals; a gap exceeds both."""
+"""Minimum length of a gap, in seconds and in local intervals; a gap exceeds both."""
 
 _BLOCK = 65_536
 """Number of intervals whose neighbours are processed together."""

@@ -17,13 +17,14 @@ from gliderhpc.observations.dataset import open_observations
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
 from gliderhpc.observations.stored_reads import Reads, read_directly
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.observations.writer import TIMES
 
 log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
-_SAME_TIME, _SAME_DEPTH, _ALIKE = 5.0, 2.0, 0.95
+_SAME_TIME, _SAME_DEPTH, _MIN_AGREEING_SHARE = 5.0, 2.0, 0.95
 """Two records are of the same dive if their ends agree within 5 s and 0.95 of the depths within 2 m."""
 
 
@@ -200,7 +201,7 @@ def _is_part_of(records: _FileContent, other: _FileContent) -> bool:
 
 def _samples(records: _FileContent, number: int) -> tuple[Array, Array]:
     """Times (s since 1970) and depths (m) of a profile; of the whole file if the number is 0."""
-    time = (records.values("time") - np.datetime64(0, "s")) / np.timedelta64(1, "s")
+    time = epoch_seconds(records.values("time"))
     depth = np.asarray(records.values("depth"), dtype=np.float64)
     if number:
         chosen = records.values("profile") == number
@@ -216,7 +217,7 @@ def _holds(whole: tuple[Array, Array], part: tuple[Array, Array]) -> bool:
         return True
     if len(time) < len(at) or at[0] < time[0] - _SAME_TIME or at[-1] > time[-1] + _SAME_TIME:
         return False
-    return bool(np.mean(np.abs(np.interp(at, time, depth) - wanted) < _SAME_DEPTH) > _ALIKE)
+    return bool(np.mean(np.abs(np.interp(at, time, depth) - wanted) < _SAME_DEPTH) > _MIN_AGREEING_SHARE)
 
 
 def _joined(parts: Sequence[_FileContent]) -> xr.Dataset:

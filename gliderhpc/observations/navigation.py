@@ -20,7 +20,7 @@ from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_faul
 from gliderhpc.observations.headings import frozen_profiles
 from gliderhpc.observations.navigation_checks import check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
-from gliderhpc.observations.navigation_columns import NavigationColumns
+from gliderhpc.observations.navigation_columns import NavigationColumns, join_velocity, read_velocity
 from gliderhpc.observations.navigation_fixes import (
     SURFACE,
     find_positions,
@@ -29,10 +29,10 @@ from gliderhpc.observations.navigation_fixes import (
     time_order,
     with_neighbours,
 )
-from gliderhpc.observations.navigation_velocity import join_velocity, read_velocity
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import describe_time, profile_spans
 from gliderhpc.wording import counted
 
@@ -40,13 +40,11 @@ RECORD_BREAK = 86_400.0
 """Longest pause of the record within a profile (s); a longer one ends the profile."""
 
 MIN_SAMPLES = 10
-"""Least number of samples of depth, of pitch and of heading in a usable profile."""
+"""Minimum number of samples of depth, of pitch and of heading in a usable profile."""
 
 _DEPTH_ALLOWANCE, _MAX_DEPTH_RATE, _MIN_DIFFERENT = 20.0, 2.0, 20
 """Largest difference of depth (m) between two files of one glider at one time, its growth with the time to the nearest
 sample (m/s), and number of larger differences from which files are of two gliders."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +119,7 @@ class Navigation:
         span = slice(int(rows[0]), int(rows[-1]) + 1)
         time = self.time[span]
         still = np.zeros(len(time))
-        seconds = (time - time[0]) / _SECOND
+        seconds = (time - time[0]) / SECOND
         before, after, notes = self._fixes(number, span)
         return ProfileRecord(
             number=number, epoch=time[0], time=seconds,
@@ -321,7 +319,7 @@ def _check_one_glider(parts: Sequence[Navigation]) -> None:
 
 
 def _differ(first: Navigation, second: Navigation) -> bool:
-    """Whether most depths of two files differ by more than a glider's motion between their samples allows."""
+    """Return whether most depths of two files differ by more than a glider's motion between their samples allows."""
     (one, depth), (other, known) = (
         (part.time[finite].astype(np.int64) * 1e-9, part.depth[finite])
         for part in (first, second)
@@ -394,4 +392,4 @@ def _vehicle(dataset: xr.Dataset) -> str:
 
 
 def _seconds(time: TimeArray) -> FloatArray:
-    return np.asarray((time - time[0]) / _SECOND, dtype=np.float64)
+    return np.asarray((time - time[0]) / SECOND, dtype=np.float64)

@@ -12,13 +12,13 @@ from gliderhpc.observations.validation import describe_time, profile_spans
 from gliderhpc.wording import counted
 
 MIN_DEPTH = 20.0
-"""Depth (m) from which depth and pressure are compared, and least range of both."""
+"""Depth (m) below which depth and pressure are compared, and least range of both."""
 
 MIN_COMPARED = 30
-"""Least number of samples with depth and pressure for a comparison."""
+"""Minimum number of samples with depth and pressure for a comparison."""
 
 MAX_OFFSET = 5.0
-"""Greatest offset (m) of depth or pressure that needs no remark; an absolute pressure has 10 m."""
+"""Maximum offset (m) of depth or pressure that needs no remark; an absolute pressure has 10 m."""
 
 _METRES = {"feet": 0.3048, "fathoms": 1.8288, "inches": 0.0254, "centimetres": 0.01}
 """Units in which a depth may be that is taken as metres."""

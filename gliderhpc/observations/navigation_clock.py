@@ -8,11 +8,9 @@ import numpy as np
 from gliderhpc.observations.profiles import IntArray
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import times_by_two_clocks
-from gliderhpc.observations.times import plausible_times
+from gliderhpc.observations.times import SECOND, plausible_times
 from gliderhpc.observations.validation import CLOCK_SET_BACK, describe_time
 from gliderhpc.wording import counted
-
-_SECOND = np.timedelta64(1, "s")
 
 MIN_JUMP, JUMP_RATE, MAX_JUMPS = 1.0, 0.5, 0.05
 """Difference of the depths of two successive samples (m) and its growth with the time between them (m/s) that no glider
@@ -65,7 +63,7 @@ def find_clock_doubts(time: TimeArray, depth: FloatArray) -> tuple[list[ClockDou
     """
     rows = np.flatnonzero(plausible_times(time))
     time, depth = time[rows], depth[rows]
-    steps = np.diff(time) / _SECOND
+    steps = np.diff(time) / SECOND
     backwards = np.flatnonzero(steps < 0.0)
     if not len(backwards):
         return [], []
@@ -122,7 +120,7 @@ def _is_mixed(time: TimeArray, depth: FloatArray, interval: Interval) -> bool:
     inside = inside[np.argsort(time[inside], kind="stable")]
     if len(inside) < 2:
         return True
-    apart = np.diff(time[inside]) / _SECOND
+    apart = np.diff(time[inside]) / SECOND
     jumps = np.abs(np.diff(depth[inside])) > MIN_JUMP + JUMP_RATE * apart
     return bool(jumps.mean() > MAX_JUMPS)
 

@@ -1,5 +1,6 @@
-"""Quantities needed for a current, found among the variables of a Dataset of any source and read in our units."""
+"""Quantities of a current among the variables of a Dataset of any source, read in our units; with measured velocity."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gsw
@@ -23,6 +24,7 @@ from gliderhpc.observations.headings import (
 )
 from gliderhpc.observations.navigation_checks import check_depth_unit
 from gliderhpc.observations.packed import PACKING
+from gliderhpc.observations.profiles import IntArray
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
@@ -224,7 +226,7 @@ class NavigationColumns(NamedColumns):
         Raises
         ------
         InputError
-            Most of the values are impossible, and they are no fill values.
+            Most of the values are impossible, and they are not fill values.
         """
         remarks = []
         for quantity in ("pitch", "heading"):
@@ -301,3 +303,37 @@ def _without_single_dimensions(dataset: xr.Dataset) -> xr.Dataset:
         if variable.ndim > 1 and 1 in variable.shape
     }
     return dataset.drop_vars(squeezed).assign(squeezed) if squeezed else dataset
+
+
+# Measured velocity relative to the water; a current needs none
+
+
+def read_velocity(columns: NavigationColumns, order: IntArray) -> tuple[FloatArray | None, list[str]]:
+    """Measured velocity ``(n, 3)`` of rows in an order, and remarks on the components that cannot be used.
+
+    These components are NaN; without any usable one there is no velocity (None).
+    """
+    found: dict[str, FloatArray] = {}
+    remarks: list[str] = []
+    for name in (name for name in VELOCITY if columns.find(name)):
+        if not columns.lies_along_samples(name):
+            remarks.append(
+                f"{name} is not used: it does not lie along {columns.dimension}, the dimension of the samples"
+            )
+            continue
+        try:
+            found[name] = columns.quantity(name)[order]
+        except InputError as error:
+            remarks.append(f"{name} is not used: {error}")
+    missing = np.full(len(order), np.nan)
+    return (np.column_stack([found.get(name, missing) for name in VELOCITY]) if found else None), remarks
+
+
+def join_velocity(velocities: Sequence[FloatArray | None], counts: Sequence[int], order: IntArray) -> FloatArray | None:
+    """Join the velocities of several files, with these numbers of samples, in an order; NaN for files without any."""
+    if all(velocity is None for velocity in velocities):
+        return None
+    parts = zip(velocities, counts, strict=True)
+    return np.concatenate([np.full((count, 3), np.nan) if velocity is None else velocity for velocity, count in parts])[
+        order
+    ]

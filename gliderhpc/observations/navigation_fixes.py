@@ -13,7 +13,7 @@ from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.profiles import SURFACE_MARGIN, IntArray, floating_level
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.survey import MAX_GPS_DEPTH
-from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, plausible_times
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, plausible_times
 from gliderhpc.observations.validation import check_fixes
 
 Mask = npt.NDArray[np.bool_]
@@ -28,9 +28,7 @@ SURFACE = 2.0
 """Positions above this depth (m) are taken as positions at the surface, unless the record never rises above it."""
 
 SAME_SAMPLE = np.timedelta64(60, "s")
-"""Greatest difference between the times of a fix and of the sample in the same row whose depth is that of the fix."""
-
-_SECOND = np.timedelta64(1, "s")
+"""Maximum difference between the times of a fix and of the sample in the same row whose depth is that of the fix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +140,7 @@ def _surface(
     order = order[np.isfinite(depth[order])]
     if not len(order) or depth[order].min() <= SURFACE:
         return SURFACE, depth, []
-    level = floating_level((time[order] - time[order[0]]) / _SECOND, depth[order])
+    level = floating_level((time[order] - time[order[0]]) / SECOND, depth[order])
     least = float(depth[order].min())
     lacking = f"the depth is nowhere less than {least:.3g} m: the sensor has an offset, or the surface is missing"
     return level + SURFACE_MARGIN, depth, [lacking]
@@ -181,7 +179,7 @@ def impossible_rows(time: TimeArray, depth: FloatArray) -> Mask:
     """Mask of the impossible depths among samples in any order (`impossible_depths`)."""
     found, order = np.zeros(len(time), dtype=bool), time_order(time)
     if len(order):
-        found[order] = impossible_depths((time[order] - time[order[0]]) / _SECOND, depth[order])
+        found[order] = impossible_depths((time[order] - time[order[0]]) / SECOND, depth[order])
     return found
 
 

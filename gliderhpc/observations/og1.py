@@ -20,8 +20,7 @@ from gliderhpc.observations.foreign import ForeignFile, files_of
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.og1_dives import dive_numbers, drop_contradicting, find_dives, is_counted, keeps_count
 from gliderhpc.observations.og1_fills import reject_fills
-from gliderhpc.observations.og1_joining import Record, join_overlapping
-from gliderhpc.observations.og1_samples import chosen_samples, floats, is_flight
+from gliderhpc.observations.og1_joining import Record, chosen_samples, floats, is_flight, join_overlapping
 from gliderhpc.observations.og1_variables import (
     ATTITUDE,
     TIME,

@@ -13,6 +13,7 @@ from gliderhpc.observations.og1_variables import DIVE, TIME
 from gliderhpc.observations.profiles import detect_profiles, dive_span
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import increasing
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import MAX_PROFILE_NUMBER, Span
 
 IntArray = npt.NDArray[np.int64]
@@ -79,7 +80,7 @@ def detect_dives(time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArra
     known = increasing(time) & np.isfinite(depth)
     numbers = np.full(len(time), _NO_DIVE)
     if known.any():
-        seconds = (time[known] - time[known][0]) / np.timedelta64(1, "s")
+        seconds = (time[known] - time[known][0]) / SECOND
         detected = detect_profiles(seconds, depth[known])
         numbers[known] = np.where(detected > 0, detected, _NO_DIVE)
     return numbers
@@ -173,9 +174,9 @@ def _only_number(numbers: IntArray) -> int | None:
 
 
 def _without_strays(numbers: IntArray, time: npt.NDArray[np.datetime64], depth: FloatArray) -> IntArray:
-    """Numbers without the zeros that are no single dive, and without strays in the midst of another number.
+    """Numbers without zeros that do not form one dive, and without isolated numbers inside another dive.
 
-    Strays are samples with other numbers, between two of one number, that are no whole dive.
+    Isolated numbers are those between two samples of another number that do not form a whole dive.
     """
     kept = numbers.copy()
     runs = _runs(np.flatnonzero(numbers != _NO_DIVE), numbers)
@@ -204,7 +205,7 @@ def _is_one_dive(time: npt.NDArray[np.datetime64], depth: FloatArray) -> bool:
 
 
 def _is_whole_dive(depth: FloatArray) -> bool:
-    """Whether the glider begins and ends nearer to the surface than to the bottom of its dive."""
+    """Return whether the glider begins and ends nearer to the surface than to the bottom of its dive."""
     known = depth[np.isfinite(depth)]
     return _is_dive(depth) and bool(max(known[0], known[-1]) < 0.5 * known.max())
 

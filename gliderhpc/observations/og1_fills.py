@@ -26,7 +26,7 @@ from gliderhpc.observations.records import FloatArray
 from gliderhpc.wording import counted
 
 HUGE = 1e30
-"""Magnitude from which a value is a fill value, such as the netCDF library's 9.96921e36."""
+"""Magnitude at or above which a value is a fill value, such as the netCDF library's 9.96921e36."""
 
 _TERMS: dict[str, Term] = {
     "depth": DEPTH,
@@ -86,7 +86,7 @@ def _range(what: str) -> tuple[float, float]:
 
 
 def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.bool_]:
-    """Mask ``(n,)`` of the values, as stored and converted, that are no measurements."""
+    """Mask ``(n,)`` of the values, as stored and converted, that are not measurements."""
     low, high = _range(what)
     with np.errstate(invalid="ignore"):
         usual = np.abs(stored) >= HUGE

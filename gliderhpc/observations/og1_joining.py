@@ -1,4 +1,4 @@
-"""Content of OG1 files, and joining of files that overlap or that divide a dive between them.
+"""Content of OG1 files: rows that are samples of the flight, and joining of files that overlap or divide a dive.
 
 A file that is delivered again, or one for each transmission, may repeat the end of another one, or begin within a dive.
 Its dives are complete only together with those of the other file.
@@ -9,15 +9,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.observations.excursions import SUBMERGED
 from gliderhpc.observations.fixes import Fixes
+from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.og1_dives import IntArray, detect_dives, find_dives
-from gliderhpc.observations.og1_samples import floats
-from gliderhpc.observations.og1_variables import SPEED, Declination, medians_over
+from gliderhpc.observations.og1_variables import SEAWATER, SPEED, Declination, medians_over
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.rows import Columns, join_columns
+from gliderhpc.observations.rows import Columns, join_columns, onto_nearest, rarely_together
 from gliderhpc.observations.time_order import SEGMENT_BREAK, order_of_rows
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
 from gliderhpc.wording import counted
 
@@ -143,7 +145,7 @@ def _joined(first: Record, second: Record) -> Record | None:
 
 def _divide_a_dive(first: Record, second: Record) -> bool:
     """Return whether one record ends under water and the other begins there at once."""
-    pause = (second.samples["time"][0] - first.samples["time"][-1]) / np.timedelta64(1, "s")
+    pause = (second.samples["time"][0] - first.samples["time"][-1]) / SECOND
     levels = [floats(first.samples["depth"])[-1], floats(second.samples["depth"])[0]]
     return bool(pause <= SEGMENT_BREAK and min(levels) > SUBMERGED)
 
@@ -194,3 +196,38 @@ def _describe(first: Record, second: Record, repeated: int) -> str:
     if not repeated:
         return f"{second.path.name}: begins within a dive of {first.path.name}; the two files are joined"
     return f"{second.path.name}: {counted(repeated, 'sample')} also in {first.path.name}, each taken once"
+
+
+# Rows that are samples of the flight, and the water's values on them
+
+
+def is_flight(samples: Columns) -> npt.NDArray[np.bool_]:
+    """Mask of the rows with attitude, and of those with depth if the two are hardly ever in one row.
+
+    Other rows contain fixes, or sensors that are sampled at other times.
+    """
+    roll, pitch, heading, depth = (np.isfinite(floats(samples[name])) for name in ("roll", "pitch", "heading", "depth"))
+    attitude = roll | pitch | heading
+    return attitude | depth if rarely_together(roll, pitch, heading, depth) else attitude
+
+
+def chosen_samples(samples: Columns, rows: npt.NDArray[np.int64]) -> Columns:
+    """Select rows; temperature, salinity and pressure that are sampled in other rows are put on the nearest ones.
+
+    Nothing is interpolated: a sample is moved by half the usual interval between the rows at most.
+    """
+    chosen = {name: values[rows] for name, values in samples.items()}
+    every, time = (one["time"].astype("datetime64[ns]") for one in (samples, chosen))
+    usual = usual_interval(without_gaps(np.diff(time) / SECOND))
+    for name in [name for name in SEAWATER if name in samples and np.isfinite(usual)]:
+        values = floats(samples[name])
+        known = np.flatnonzero(np.isfinite(values) & ~np.isnat(every))
+        if len(known) > 2 * np.count_nonzero(np.isfinite(values[rows])):
+            reach = np.timedelta64(round(0.5e9 * usual), "ns")
+            chosen[name] = onto_nearest(time, every[known], values[known], reach)
+    return chosen
+
+
+def floats(values: npt.NDArray[np.generic]) -> FloatArray:
+    """Return values as float64."""
+    return values.astype(np.float64)

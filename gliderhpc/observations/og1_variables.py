@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.angles import wrap
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import FACTORS, Term, UnitError, bare_unit
 from gliderhpc.observations.dive_files import read_fixes, reference_speeds
@@ -293,10 +294,10 @@ def read_speeds(file: ForeignFile) -> Columns:
 
 
 MIN_STEP = 1.0
-"""Least horizontal displacement (m) for which a dead reckoning determines its course."""
+"""Minimum horizontal displacement (m) for which a dead reckoning determines its course."""
 
 AGREEMENT = 1.0
-"""Greatest deviation (degree) of course less heading from its median, in 90 % of the samples, for which a dead
+"""Maximum deviation (degree) of course less heading from its median, in 90 % of the samples, for which a dead
 reckoning gives the declination."""
 
 
@@ -354,15 +355,11 @@ def _from_track(file: ForeignFile, heading: str) -> Declination:
     file.check_lengths((heading, *map(str, names)))
     north, east = (file.converted(str(name), "m") for name in names)
     course = np.degrees(np.arctan2(east, north))
-    turned = _wrap(course - file.converted(heading, "degree"))[np.hypot(north, east) > MIN_STEP]
+    turned = wrap(course - file.converted(heading, "degree"))[np.hypot(north, east) > MIN_STEP]
     turned = turned[np.isfinite(turned)]
     if len(turned) == 0:
         return unknown
-    centre = turned[0] + float(np.median(_wrap(turned - turned[0])))
-    if np.quantile(np.abs(_wrap(turned - centre)), 0.9) > AGREEMENT:
+    centre = turned[0] + float(np.median(wrap(turned - turned[0])))
+    if np.quantile(np.abs(wrap(turned - centre)), 0.9) > AGREEMENT:
         return unknown
     return Declination(float(centre), "the file's dead reckoning: its true course less the magnetic heading")
-
-
-def _wrap(degrees: FloatArray) -> FloatArray:
-    return np.mod(degrees + 180.0, 360.0) - 180.0

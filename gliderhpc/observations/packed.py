@@ -13,7 +13,7 @@ PACKING = ("scale_factor", "add_offset")
 """Attributes by which stored values are multiplied, and to which they are added."""
 
 _STORAGE = ("engine", "consolidated", "cache")
-"""Options of `xarray.open_dataset` that are none of `xarray.decode_cf`."""
+"""Options of `xarray.open_dataset` that `xarray.decode_cf` does not accept."""
 
 
 def open_dataset(path: Path, **options: Any) -> xr.Dataset:
@@ -22,7 +22,7 @@ def open_dataset(path: Path, **options: Any) -> xr.Dataset:
     Raises
     ------
     InputError
-        An attribute `scale_factor` or `add_offset` is no number, or the file is truncated.
+        An attribute `scale_factor` or `add_offset` is not a number, or the file is truncated.
     OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError
         As for `xarray.open_dataset`.
     """
@@ -70,7 +70,7 @@ def packing_number(value: Any, where: str, attribute: str) -> float:
     Raises
     ------
     InputError
-        It is no number.
+        The value is not a number.
     """
     plain = plain_value(value)
     try:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from gliderhpc.observations.records import FloatArray
 
-_LARGEST = (9060.0, 18_060.0)
+_MAX_DEGREE_MINUTES = (9060.0, 18_060.0)
 """Limits of latitude and longitude as DDMM.mmm; larger values are junk."""
 
 _DECIMALS = 1e-4
@@ -55,5 +55,5 @@ def are_not_decimal(latitude: FloatArray, longitude: FloatArray) -> bool:
 def _known(latitude: FloatArray, longitude: FloatArray) -> npt.NDArray[np.bool_]:
     """Mask of the positions that are present and not junk."""
     with np.errstate(invalid="ignore"):
-        known = (np.abs(latitude) <= _LARGEST[0]) & (np.abs(longitude) <= _LARGEST[1])
+        known = (np.abs(latitude) <= _MAX_DEGREE_MINUTES[0]) & (np.abs(longitude) <= _MAX_DEGREE_MINUTES[1])
     return np.asarray(known & ((latitude != 0.0) | (longitude != 0.0)))

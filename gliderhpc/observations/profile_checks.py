@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.format import MEASURED, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import (
     Span,
     describe_range,
@@ -21,26 +22,26 @@ from gliderhpc.observations.validation import (
 from gliderhpc.wording import counted
 
 MIN_SAMPLES = 30
-"""Least number of samples of a profile that can be estimated."""
+"""Minimum number of samples of a profile that can be estimated."""
 
 MIN_DURATION = 120.0
-"""Least duration of a profile that can be estimated (s)."""
+"""Minimum duration of a profile that can be estimated (s)."""
 
 MAX_PROFILE_DURATION = 20.0 * 86_400.0
-"""Greatest plausible time from surfacing to surfacing (s): the deepest dives take half a day, drifts under ice two
+"""Maximum plausible time from surfacing to surfacing (s): the deepest dives take half a day, drifts under ice two
 weeks."""
 
 MAX_GAP = 86_400.0
 """Longest gap within a profile (s); the motion over a longer one is unknown."""
 
 MIN_BALLAST = 2.0
-"""Least magnitude that the ballast volume of a glider reaches (cm3); gliders move hundreds of cm3."""
+"""Minimum magnitude that the ballast volume of a glider reaches (cm3); gliders move hundreds of cm3."""
 
 MIN_PITCH = 1.6
-"""Least magnitude that the pitch of a glide reaches (degree); in radians, no pitch exceeds it."""
+"""Minimum magnitude that the pitch of a glide reaches (degree); in radians, no pitch exceeds it."""
 
 _MIN_MAGNITUDE = {"ballast_volume": MIN_BALLAST, "pitch": MIN_PITCH}
-"""Least magnitude that a variable reaches somewhere in a profile; a variable that stays below it is in another unit."""
+"""Minimum magnitude that a variable reaches somewhere in a profile; one that stays below it is in another unit."""
 
 _CIRCLE = (-3.15, 6.29)
 """Limits of headings in radians, from -pi or from 0 on, with a margin for rounding."""
@@ -139,11 +140,11 @@ def check_length(number: int, time: TimeArray) -> str | None:
     """Fault of a profile with too few samples, too short or too long a time, or too long a gap; None if it has none."""
     if len(time) < MIN_SAMPLES:
         return f"profile {number}: only {counted(len(time), 'sample')}, but at least {MIN_SAMPLES} are needed"
-    duration = float((time[-1] - time[0]) / np.timedelta64(1, "s"))
+    duration = float((time[-1] - time[0]) / SECOND)
     if duration < MIN_DURATION:
         return f"profile {number}: lasts only {duration:.0f} s, but at least {MIN_DURATION:.0f} s are needed"
     gap = int(np.argmax(np.diff(time)))
-    longest = float((time[gap + 1] - time[gap]) / np.timedelta64(1, "s"))
+    longest = float((time[gap + 1] - time[gap]) / SECOND)
     if longest > MAX_GAP:
         return (
             f"profile {number}: a gap of {_describe_days(longest)} from {describe_time(time[gap])} on, but at most "
@@ -252,7 +253,7 @@ def check_pace(
 def fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None:
     """Fault of the vertical speed of one profile, from its times and depths (m) ``(n,)``; None if it has none."""
     known = np.isfinite(depth)
-    seconds, depth = (time[known] - time[0]) / np.timedelta64(1, "s"), depth[known]
+    seconds, depth = (time[known] - time[0]) / SECOND, depth[known]
     extent = float(np.ptp(depth))
     if extent < _MIN_RANGE:
         return None

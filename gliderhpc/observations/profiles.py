@@ -36,17 +36,17 @@ MIN_DEPTH = 10.0
 """Depth below the surface threshold that an excursion must reach to be a profile (m)."""
 
 MAX_FLOATING_LEVEL = 5.0
-"""Greatest depth reading of a floating glider without an offset (m)."""
+"""Maximum depth reading of a floating glider without an offset (m)."""
 
 MAX_OFFSET_LEVEL = 15.0
-"""Greatest depth reading of a floating glider with an offset (m): the atmosphere makes 10 m."""
+"""Maximum depth reading of a floating glider with an offset (m): the atmosphere makes 10 m."""
 
 MIN_STAY, MIN_STAYS = 180.0, 2
 """Duration (s) and number of the stays that make a level other than 0 to 5 m the surface; a glider that turns under
 water does so faster."""
 
 MIN_SURFACE_TIME = 60.0
-"""Least duration of a surfacing (s); a shorter visit above the threshold is the turning point of a yo."""
+"""Minimum duration of a surfacing (s); a shorter visit above the threshold is the turning point of a yo."""
 
 
 def detect_profiles(

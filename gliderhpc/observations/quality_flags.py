@@ -19,7 +19,7 @@ REJECTED = (3.0, 4.0, 9.0)
 MISSING = 9.0
 """Flag of missing values; where all values have it although they are there, the flags were never set."""
 
-_BAD = re.compile(r"bad|fail|missing|invalid|wrong|erroneous|reject", re.IGNORECASE)
+_BAD_MEANINGS = re.compile(r"bad|fail|missing|invalid|wrong|erroneous|reject", re.IGNORECASE)
 """Meanings of flags whose values are not used; QARTOD's 3, `suspect`, is not among them."""
 
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -127,7 +127,7 @@ def _rejected_flags(values: str, meanings: str) -> tuple[float, ...]:
     numbers, words = [float(text) for text in _NUMBER.findall(values)], re.split(r"[\s,]+", meanings.strip())
     if not meanings.strip() or len(numbers) != len(words):
         return REJECTED
-    return tuple(number for number, word in zip(numbers, words, strict=True) if _BAD.search(word))
+    return tuple(number for number, word in zip(numbers, words, strict=True) if _BAD_MEANINGS.search(word))
 
 
 def numeric_flags(values: npt.NDArray[np.generic]) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from gliderhpc.observations.excursions import SUBMERGED, in_excursion
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import EARLIEST, LATEST
+from gliderhpc.observations.times import EARLIEST, LATEST, SECOND
 from gliderhpc.observations.validation import CLOCK_SET_BACK
 
 NOT_INCREASING = "time not increasing"
@@ -98,7 +98,7 @@ def join_columns(parts: Sequence[Columns]) -> Columns:
     }
 
 
-_RARELY = 0.1
+_RARE_SHARE = 0.1
 """Share of the samples of one measurement below which rows with all measurements are rare."""
 
 
@@ -108,7 +108,7 @@ def rarely_together(*measured: npt.NDArray[np.bool_]) -> bool:
     This is so where several computers sample them, and their files were joined by time.
     """
     together = np.count_nonzero(np.logical_and.reduce(measured))
-    return bool(together < _RARELY * min(map(np.count_nonzero, measured)))
+    return bool(together < _RARE_SHARE * min(map(np.count_nonzero, measured)))
 
 
 def nearest_rows(time: npt.NDArray[Any], wanted: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
@@ -152,9 +152,6 @@ def onto_nearest(time: npt.NDArray[Any], sampled: npt.NDArray[Any], values: Floa
     return placed
 
 
-_SECOND = np.timedelta64(1, "s")
-
-
 @dataclass(frozen=True, eq=False)
 class ClockStep:
     """A backward step of the clock.
@@ -195,14 +192,14 @@ def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatA
     """
     there = np.flatnonzero(~np.isnat(time) & ~in_excursion(time))
     steps: dict[int, ClockStep] = {}
-    for index in np.flatnonzero((time[there[:-1]] - time[there[1:]]) / _SECOND > CLOCK_SET_BACK).tolist():
+    for index in np.flatnonzero((time[there[:-1]] - time[there[1:]]) / SECOND > CLOCK_SET_BACK).tolist():
         before, after = int(there[index]), int(there[index + 1])
         following = np.flatnonzero(keep[after:])
         resumed = after + int(following[0]) if len(following) else len(time)
         lost = depth[after:resumed][~keep[after:resumed]]
         place = int(np.count_nonzero(keep[:after]))
         step = ClockStep(
-            place, time[before], float((time[before] - time[after]) / _SECOND), bool(np.any(lost > SUBMERGED))
+            place, time[before], float((time[before] - time[after]) / SECOND), bool(np.any(lost > SUBMERGED))
         )
         known = steps.get(place)
         steps[place] = step if known is None else replace(known, submerged=known.submerged or step.submerged)
@@ -291,7 +288,7 @@ def times_by_two_clocks(time: TimeArray) -> list[tuple[np.datetime64, np.datetim
     known = time[~np.isnat(time) & ~in_excursion(time, brief=True)]
     if not len(known):
         return []
-    edges = [0, *(np.flatnonzero((known[:-1] - known[1:]) / _SECOND > CLOCK_SET_BACK) + 1).tolist(), len(known)]
+    edges = [0, *(np.flatnonzero((known[:-1] - known[1:]) / SECOND > CLOCK_SET_BACK) + 1).tolist(), len(known)]
     pieces = sorted((known[start:stop].min(), known[start:stop].max()) for start, stop in pairwise(edges))
     found: list[tuple[np.datetime64, np.datetime64]] = []
     for (_, reached), (begin, end) in zip(_reached(pieces), pieces[1:], strict=False):

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import number_samples
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, Fixes, decimal_degrees, drop_outliers
 from gliderhpc.observations.importing import ImportSummary, MissionRecords, describe_reasons, import_mission
@@ -31,6 +30,7 @@ from gliderhpc.observations.rows import ClockStep, Columns, Rows
 from gliderhpc.observations.seaexplorer_ctd import read_water
 from gliderhpc.observations.seaexplorer_files import MissionFiles, find_files, is_seaexplorer_file, read_rows
 from gliderhpc.observations.seaexplorer_legs import TRANSMITTING, find_legs
+from gliderhpc.observations.sign_checks import refuse_negative_depth
 from gliderhpc.observations.stored_reads import Reads, read_directly
 
 _NAVIGATION = {

@@ -42,7 +42,7 @@ SEA, FRESH = (1.0, 42.0), (0.02, 1.0)
 """Plausible ranges of the median practical salinity in the sea and in a lake; lower values mean a cell in the air."""
 
 AGREEMENT = 0.2
-"""Greatest median relative difference between the salinity computed from conductivity and the one in the file."""
+"""Maximum median relative difference between the salinity computed from conductivity and the one in the file."""
 
 IMMERSED = 2.0
 """Pressure (dbar) up to which a conductivity cell may be in the air."""

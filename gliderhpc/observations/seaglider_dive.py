@@ -18,7 +18,6 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.columns import UnitError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.dive_files import check_samples, read_fixes
 from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.fixes import Fixes
@@ -28,9 +27,9 @@ from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.rows import Columns, increasing, onto_nearest
+from gliderhpc.observations.sign_checks import refuse_negative_depth
+from gliderhpc.observations.times import SECOND, epoch_seconds
 from gliderhpc.observations.validation import clock_set_back
-
-_SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def _from_table(file: ForeignFile, control: Control, time: TimeArray) -> FloatAr
         raise InputError(
             f"{file.path}: lacks {control.conversion} or {control.centre}, which convert counts to positions"
         )
-    seconds = (time - np.datetime64(0, "s")) / _SECOND
+    seconds = epoch_seconds(time)
     return conversion * (np.interp(seconds, clock, counts) - centre)
 
 
@@ -329,7 +328,7 @@ def _ctd(file: ForeignFile, time: TimeArray, remarks: list[str]) -> Columns:
     sampled = file.times("ctd_time")
     known = ~np.isnat(sampled)
     within = np.clip(np.searchsorted(time, sampled[known]) - 1, 0, len(time) - 2)
-    reach = (local_intervals(np.diff(time) / np.timedelta64(1, "s"))[within] / 2.0 * 1e9).astype("timedelta64[ns]")
+    reach = (local_intervals(np.diff(time) / SECOND)[within] / 2.0 * 1e9).astype("timedelta64[ns]")
     found: Columns = {}
     for name, (corrected, raw, unit) in _CTD.items():
         column = file.first([corrected, raw])

@@ -3,6 +3,10 @@
 Samples of one dive or climb are gridded by pressure. Each cell takes their median, and the cells are median filtered
 along the grid. Parts of a leg without samples are filled from the whole profile. Absolute Salinity and Conservative
 Temperature are interpolated across gaps of limited width, and density is computed at the record's own pressure.
+
+CTD samples that cannot be measurements of the water are not used: temperatures or salinities that the sea and lakes
+never have. A sensor that is switched off, and a fill value that is not declared, give a salinity of exactly zero; rain
+and melt water have a few thousandths. Salinities in kg/kg are a thousandth of the practical ones.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from gliderhpc.observations.ctd_checks import fault_of_water, plausible_water
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 
@@ -24,7 +27,7 @@ FILTER = 5
 """Width of the running median, in cells that hold samples."""
 
 MIN_CELLS = 10
-"""Least number of cells with samples in a usable cast."""
+"""Minimum number of cells with samples in a usable cast."""
 
 MIN_BRIDGED_GAP = 20.0
 """Width of a gap (dbar) that is bridged at any pressure."""
@@ -36,7 +39,7 @@ MIN_TURN = 10.0
 """Change of pressure (dbar) on both sides of a turning point between legs."""
 
 MAX_PRESSURE_OFFSET = 10.0
-"""Greatest deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
+"""Maximum deviation (dbar), from the profile's median, of the difference of recorded pressure and pressure from depth;
 a pressure that deviates more is not used."""
 
 _NORMAL_LATITUDE = 45.0
@@ -208,3 +211,83 @@ def _along(pressure: FloatArray, own: _Cast, whole: _Cast) -> FloatArray:
     density = gsw.rho(values[:, 0], values[:, 1], levels)
     temperature = gsw.t_from_CT(values[:, 0], values[:, 1], levels)
     return np.column_stack([np.interp(pressure, levels, v) for v in (density, temperature)])
+
+
+# Samples that cannot be measurements of the water
+
+PLAUSIBLE_TEMPERATURE = (-2.6, 45.0)
+PLAUSIBLE_SALINITY = (0.0, 42.0)
+"""Plausible ranges (degC; practical salinity); samples outside, and a salinity of exactly zero, count as missing."""
+
+MAX_SALINITY_IN_KG = 0.045
+"""Practical salinity up to which that of a whole profile is suspected to be in kg/kg: the sea has up to 0.042 kg/kg,
+and the lakes in which gliders fly have a practical salinity of 0.05 and more."""
+
+_WHOLE_PROFILE = 0.95
+"""Share of the samples that count as the whole profile, since a record contains spikes."""
+
+
+def plausible_water(temperature: FloatArray, salinity: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask ``(m,)`` of the samples with a plausible temperature (degC) and practical salinity, ``(m,)`` each."""
+    return _is_plausible_temperature(temperature) & _is_plausible_salinity(salinity)
+
+
+def _is_plausible_temperature(temperature: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask of the temperatures in the plausible range; NaN compares false, as it is missing."""
+    low, high = PLAUSIBLE_TEMPERATURE
+    return np.asarray((temperature >= low) & (temperature <= high))
+
+
+def _is_plausible_salinity(salinity: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask of the practical salinities in the plausible range, without zero."""
+    low, high = PLAUSIBLE_SALINITY
+    return np.asarray((salinity > low) & (salinity <= high))
+
+
+def fault_of_water(temperature: FloatArray, salinity: FloatArray) -> str | None:
+    """Describe why the samples of a profile cannot be measurements of its water; None if some are.
+
+    Parameters
+    ----------
+    temperature, salinity : (m,) array
+        Temperature (degC) and practical salinity; NaN where missing, each with some value.
+
+    Returns
+    -------
+    str or None
+        Name of the variable, its values and the remedy.
+    """
+    warm, salty = _is_plausible_temperature(temperature), _is_plausible_salinity(salinity)
+    if not warm.any():
+        low, high = PLAUSIBLE_TEMPERATURE
+        return (
+            f"temperature is {_extent(temperature)} degC, outside {low:g} to {high:g} degC; if it is in kelvin, "
+            "convert it to degC"
+        )
+    if not salty.any():
+        return _fault_of_salinity(salinity)
+    if np.quantile(salinity[salty], _WHOLE_PROFILE) <= MAX_SALINITY_IN_KG:
+        return (
+            f"practical_salinity is {_extent(salinity[salty])}, fresher than nearly any lake, as if it was in kg/kg; "
+            "multiply it by 1000"
+        )
+    if not (warm & salty).any():
+        return "no sample with both temperature and practical_salinity in their plausible range"
+    return None
+
+
+def _fault_of_salinity(salinity: FloatArray) -> str:
+    """Describe practical salinities that are all implausible."""
+    low, high = PLAUSIBLE_SALINITY
+    if not salinity[np.isfinite(salinity)].any():
+        return "practical_salinity is 0 in all samples, as if it was not measured; correct it or mark it missing (NaN)"
+    return (
+        f"practical_salinity is {_extent(salinity)}, outside its plausible range, {low:g} to {high:g}; correct it or "
+        "mark it missing (NaN)"
+    )
+
+
+def _extent(values: FloatArray) -> str:
+    """Format the least and the greatest of the known values; a single number if they are equal."""
+    low, high = (f"{limit:.4g}" for limit in (np.nanmin(values), np.nanmax(values)))
+    return low if low == high else f"between {low} and {high}"

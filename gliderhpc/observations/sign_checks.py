@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.errors import InputError
 from gliderhpc.observations.profile_checks import faults_of
-from gliderhpc.observations.profiles import stretches
+from gliderhpc.observations.profiles import MIN_DEPTH, stretches
 from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span
 
 Mask = npt.NDArray[np.bool_]
@@ -24,20 +26,20 @@ BIN = 20.0
 """Time over which depth and the other variables are averaged (s)."""
 
 MIN_BINS = 4
-"""Least number of consecutive bins in one direction that count.
+"""Minimum number of consecutive bins in one direction that count.
 
 In cycles that the bins or the samples do not resolve, the direction is wrong as often as right; such a profile is not
 checked.
 """
 
 MIN_RATE = 0.03
-"""Vertical speed (m/s) from which a bin counts as sinking or rising."""
+"""Vertical speed (m/s) above which a bin counts as sinking or rising."""
 
 MIN_STEEP = 10.0
-"""Magnitude of the pitch (degree) from which depth must change."""
+"""Magnitude of the pitch (degree) above which depth must change."""
 
 MIN_DEPTH_RANGE = 5.0
-"""Range of depths (m) from which their rate is judged; within less, the glider floats or the sensor is stuck."""
+"""Minimum range of depths (m) for a check of their rate; within less, the glider floats or the sensor is stuck."""
 
 SLOWEST_FLIGHT = 0.08
 """Speed (m/s) along the pitch that some part of every glide exceeds."""
@@ -58,13 +60,13 @@ SURE_BALLAST = 20.0
 """Excess of the median ballast volume (cm3) sinking over that rising that proves a reversed sign."""
 
 MIN_ROTATION_RANGE = 10.0
-"""Range of the battery rotation (degree) from which the roll that follows it is judged."""
+"""Minimum range of the battery rotation (degree) for a check of the roll that follows it."""
 
 MIN_SIDE = 3
-"""Least number of bins with the battery rotated to either side."""
+"""Minimum number of bins with the battery rotated to either side."""
 
 MIN_CORRELATION = 0.6
-"""Least magnitude of the correlation of roll and rotation from which roll is judged."""
+"""Minimum magnitude of the correlation of roll and rotation for a check of the roll."""
 
 SURE_ROLL = 2.5
 """Difference of the median roll (degree) against a rotation that is held for a while that proves a reversed sign."""
@@ -80,7 +82,7 @@ MAX_HELD_CHANGE = 0.1
 """Change of the rotation (degree) between bins up to which it is held."""
 
 MIN_HELD = 0.4
-"""Fraction of the bins from which the rotation counts as held."""
+"""Fraction of the bins at or above which the rotation counts as held."""
 
 MAX_RADIANS = 0.6
 """Magnitude that roll in degrees exceeds in a profile with turns, and roll in radians hardly anywhere."""
@@ -148,7 +150,7 @@ def fault_of_depth_rate(number: int, time: TimeArray, depth: FloatArray, pitch: 
 
 def _bin_means(time: TimeArray, glide: Mapping[str, FloatArray]) -> dict[str, FloatArray] | None:
     """Means of the time (s) and the variables in bins of `BIN`; None if there are too few bins."""
-    seconds = (time - time[0]) / np.timedelta64(1, "s")
+    seconds = (time - time[0]) / SECOND
     known = np.isfinite(glide["depth"])
     begins = np.flatnonzero(np.diff(np.floor(seconds[known] / BIN), prepend=-1.0))
     if len(begins) < 2 * MIN_BINS:
@@ -277,3 +279,31 @@ def _filled(seconds: FloatArray, values: FloatArray) -> FloatArray:
 
 def _medians(values: FloatArray, *masks: Mask) -> list[float]:
     return [float(np.median(values[mask])) for mask in masks]
+
+
+# Sign of the depth in an instrument's own files, which declare none: positive down is expected
+
+MIN_NEGATIVE = 10
+"""Minimum number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
+
+
+def refuse_negative_depth(depth: FloatArray, source: str, name: str) -> None:
+    """Refuse depths that are negative under water.
+
+    Parameters
+    ----------
+    depth : (n,) array
+        Depths (m); NaN where missing.
+    source, name : str
+        Names of the file or folder and of the variable in the message.
+
+    Raises
+    ------
+    InputError
+        More depths are far above the surface than far below it; the message gives the remedy.
+    """
+    negative = np.count_nonzero(depth < -MIN_DEPTH)
+    if negative >= MIN_NEGATIVE and negative > np.count_nonzero(depth > MIN_DEPTH):
+        raise InputError(
+            f"{source}: {name} is negative under water ({np.nanmin(depth):.4g} m at the deepest); make it positive down"
+        )

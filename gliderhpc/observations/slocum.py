@@ -25,6 +25,7 @@ from gliderhpc.observations.slocum_files import BALLAST_SENSORS, find_files, is_
 from gliderhpc.observations.slocum_records import HANGING_CYCLE, Mission, read_mission
 from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.survey import MAX_GPS_DEPTH
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import Span, profile_spans
 from gliderhpc.wording import counted
 
@@ -32,13 +33,11 @@ RECORD_BREAK = 900.0
 """Longest pause of the record within a profile (s); a longer one is due to a missing file and splits the profile."""
 
 MIN_SURFACE_TIME = 180.0
-"""Least duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
+"""Minimum duration of a surfacing (s): filling the air bladder and calling take minutes. A shorter visit to the surface
 is the turning point of a yo."""
 
-LEAST_OF_THE_SEA = 0.5
+MIN_SEA_CONDUCTIVITY = 0.5
 """Conductivity (mS/cm) that the sea exceeds, but neither a wet sensor in the air nor most lakes."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 def import_slocum(
@@ -201,7 +200,7 @@ def _converted(rows: Rows, heading: FloatArray, ballast: str, battery_scale: flo
 def _profile_numbers(rows: Rows) -> npt.NDArray[np.int64]:
     """Profile number of every row, 0 outside any profile."""
     return detect_profiles(
-        (rows.time - rows.time[0]) / _SECOND,
+        (rows.time - rows.time[0]) / SECOND,
         rows["m_depth"],
         surface_level=surface_level(rows),
         minimum_surface_time=MIN_SURFACE_TIME,
@@ -217,7 +216,7 @@ def _lost_profiles(mission: Mission, spans: Mapping[int, Span]) -> dict[int, str
         for number, (start, stop) in spans.items():
             if time[start] <= end and time[stop - 1] >= begin:
                 lost[number] = (
-                    f"the clock was set back by {(end - begin) / _SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
+                    f"the clock was set back by {(end - begin) / SECOND:.0f} s at {end.astype('datetime64[s]')}: rows "
                     "from before and after it cannot be separated"
                 )
     return lost
@@ -258,7 +257,7 @@ def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float)
 
 def _without_air(conductivity: FloatArray) -> FloatArray:
     """Conductivity (mS/cm) without that of a wet sensor in the air, unless the water is a lake's throughout."""
-    in_water = conductivity >= LEAST_OF_THE_SEA
+    in_water = conductivity >= MIN_SEA_CONDUCTIVITY
     return np.where(in_water, conductivity, np.nan) if in_water.any() else conductivity
 
 
@@ -357,7 +356,7 @@ def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str
             "m_gps_mag_var is missing, so the magnetic heading cannot be referred to true north; give the declination "
             "with --declination (degree, east positive; 0 leaves the heading as it is)"
         )
-    seconds = (rows.time - rows.time[0]) / np.timedelta64(1, "s")
+    seconds = (rows.time - rows.time[0]) / SECOND
     east = -np.interp(seconds, seconds[reported], variation[reported])
     note = (
         "magnetic heading (m_heading) less m_gps_mag_var, interpolated between surfacings: a declination of "

@@ -151,7 +151,7 @@ _CRC = re.compile(r"[0-9a-fA-F]{1,8}")
 _COUNT = re.compile(r"\d{1,6}")
 
 MAX_SEGMENT = 10.0 * 86_400.0
-"""Greatest deviation of a time in a file from the median (s); a new file begins with every surfacing or mission."""
+"""Maximum deviation of a time in a file from the median (s); a new file begins with every surfacing or mission."""
 
 _COMPRESSED_CACHE = ".ccc"
 _CACHE_FOLDERS = (".", "cac", "cache")

@@ -27,7 +27,7 @@ from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import Rows, join_rows
-from gliderhpc.observations.times import EARLIEST, LATEST, check_resolution, decode_times
+from gliderhpc.observations.times import EARLIEST, LATEST, check_resolution, decode_times, epoch_seconds
 
 log = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ def conversion(quantity: str, unit: str | None, where: str) -> Conversion:
     return found
 
 
-_EARLIEST, _LATEST = (float((time - np.datetime64(0, "s")) / np.timedelta64(1, "s")) for time in (EARLIEST, LATEST))
+_EARLIEST, _LATEST = (epoch_seconds(time) for time in (EARLIEST, LATEST))
 """Limits of plausible times (s since 1970); an unset clock gives 1970."""
 
 

@@ -15,11 +15,11 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
 from gliderhpc.observations.excursions import in_excursion
 from gliderhpc.observations.headings import describe_impossible, outside, remove_turns
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows, times_by_two_clocks
+from gliderhpc.observations.sign_checks import refuse_negative_depth
 from gliderhpc.observations.slocum_binary import BinaryReader
 from gliderhpc.observations.slocum_files import (
     FLIGHT_CLOCK,
@@ -32,6 +32,7 @@ from gliderhpc.observations.slocum_files import (
 )
 from gliderhpc.observations.stored_reads import Reads
 from gliderhpc.observations.time_order import order_of_rows
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.validation import clock_set_back
 
 _NO_PART = -1
@@ -226,7 +227,7 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
 
 def _without_hung(rows: Rows, dropped: Counter[str]) -> Rows:
     """Replace the measurements of delayed cycles, whose time is unknown, by NaN."""
-    lasted = np.asarray(np.diff(rows.time) / np.timedelta64(1, "s"), dtype=np.float64)
+    lasted = np.asarray(np.diff(rows.time) / SECOND, dtype=np.float64)
     hung = np.flatnonzero(lasted > HANGING_CYCLE * _usual_cycles(lasted))
     for name in _MEASURED:
         rows[name][hung] = np.nan

@@ -21,7 +21,7 @@ from gliderhpc.observations.profile_checks import (
 from gliderhpc.observations.profiles import detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.sign_checks import GLIDE, check_signs
-from gliderhpc.observations.times import DecodedTimes, decode_texts, decode_times, texts_in
+from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
 from gliderhpc.observations.validation import (
     Span,
     check_clock,
@@ -89,15 +89,13 @@ class StoredVariables:
 
 
 MAX_FIX_AGE = np.timedelta64(1800, "s")
-"""Greatest time between a fix and the begin or end of a profile whose position it gives."""
+"""Maximum time between a fix and the begin or end of a profile whose position it gives."""
 
 PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
 """Variables that are read for every profile."""
 
 MAX_GPS_DEPTH = 20.0
 """Depth (m) below which a glider cannot receive GPS, because the antenna is under water."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True)
@@ -214,7 +212,7 @@ def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], 
         places, faults = profile_spans(numbers.astype(np.int64))
     else:
         check_clock(time, {}, path, stored.times("time", 0, len(time)).implausible)
-        seconds = (time - time[0]) / _SECOND if len(time) else np.zeros(0)
+        seconds = (time - time[0]) / SECOND if len(time) else np.zeros(0)
         depth = stored.numbers("depth", 0, len(time))
         places, faults = profile_spans(detect_profiles(seconds, depth))
     if not places:

@@ -21,9 +21,9 @@ IntArray = npt.NDArray[np.int64]
 SEGMENT_BREAK, LONGEST_PAUSE = 600.0, 6.0 * 3600.0
 """Pause (s) at which a file's rows are divided into segments, and longest pause between two segments of a mission."""
 
-_SECOND = 1_000_000_000
+_NANOSECONDS = 1_000_000_000
 
-_LEAST_ROOM, _MOST_ROOM = 0.5, 2.5
+_MIN_EXCESS, _MAX_EXCESS = 0.5, 2.5
 """Limits of the width of a gap into which late rows fit: usual intervals in excess of the number of these rows."""
 
 
@@ -105,13 +105,13 @@ def _repeats(clock: IntArray, columns: Sequence[FloatArray]) -> npt.NDArray[np.b
 def _count_parts(clock: IntArray) -> int:
     """Count the parts of a file that follow one another closely when they are sorted; 0 if they overlap or do not."""
     steps = np.diff(clock)
-    first = np.append(0, np.flatnonzero((steps < 0) | (steps > SEGMENT_BREAK * _SECOND)) + 1)
+    first = np.append(0, np.flatnonzero((steps < 0) | (steps > SEGMENT_BREAK * _NANOSECONDS)) + 1)
     last = np.append(first[1:], len(clock)) - 1
     order = np.argsort(clock[first], kind="stable")
     pauses = clock[first[order[1:]]] - clock[last[order[:-1]]]
     # A long pause between segments that also follow one another in the file, as between two missions, is no fault.
     joints = np.diff(order) != 1
-    if (pauses < 0).any() or (pauses[joints] > LONGEST_PAUSE * _SECOND).any():
+    if (pauses < 0).any() or (pauses[joints] > LONGEST_PAUSE * _NANOSECONDS).any():
         return 0
     return int(np.count_nonzero(steps < 0)) + 1
 
@@ -132,7 +132,7 @@ def _count_late(clock: IntArray, order: IntArray) -> int:
     # Before the first of the other rows and after the last, the gap ends with the usual interval.
     begin, end = min(late[0], others[0]) - usual[0], max(late[-1], others[-1]) + usual[-1]
     widths = np.diff(np.concatenate([[begin], others, [end]]))
-    fits = (widths > (count + _LEAST_ROOM) * usual) & (widths < (count + _MOST_ROOM) * usual)
+    fits = (widths > (count + _MIN_EXCESS) * usual) & (widths < (count + _MAX_EXCESS) * usual)
     return int(count.sum()) if fits[count > 0].all() else 0
 
 

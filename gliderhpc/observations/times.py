@@ -3,14 +3,14 @@
 import re
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.records import TimeArray
+from gliderhpc.observations.records import FloatArray, TimeArray
 
 FIRST_YEAR, LAST_YEAR = 2000, 2099
 """Plausible years: gliders have flown missions since about 2000; an unset clock gives 1970 or 1980, a damaged one any
@@ -18,6 +18,9 @@ year."""
 
 MAX_RESOLUTION = 10.0
 """Resolution of stored times (s) above which samples have no usable times; seconds since 1970 as float32 have 128 s."""
+
+SECOND = np.timedelta64(1, "s")
+"""Unit of elapsed times."""
 
 EARLIEST = np.datetime64(f"{FIRST_YEAR}-01-01", "ns")
 LATEST = np.datetime64(f"{LAST_YEAR + 1}-01-01", "ns")
@@ -40,6 +43,20 @@ _SECONDS = {
     "sec": 1.0, "second": 1.0, "millisecond": 1e-3, "msec": 1e-3, "ms": 1e-3, "microsecond": 1e-6, "us": 1e-6,
     "nanosecond": 1e-9, "ns": 1e-9, "s": 1.0,
 }  # fmt: skip
+
+
+@overload
+def epoch_seconds(time: np.datetime64) -> float: ...
+
+
+@overload
+def epoch_seconds(time: TimeArray) -> FloatArray: ...
+
+
+def epoch_seconds(time: np.datetime64 | TimeArray) -> float | FloatArray:
+    """Seconds since 1970 of one time or of times (n,), both UTC; NaN for NaT."""
+    seconds = (time - np.datetime64(0, "s")) / SECOND
+    return float(seconds) if np.ndim(time) == 0 else np.asarray(seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +102,11 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
         units = f"{written['unit'].lower()} since {written['reference']}"
     with np.errstate(invalid="ignore", over="ignore"):
         seconds = begin + values.astype(np.float64) * factor
-    plausible = (seconds >= _since_1970(EARLIEST)) & (seconds < _since_1970(LATEST))
+    plausible = (seconds >= epoch_seconds(EARLIEST)) & (seconds < epoch_seconds(LATEST))
     implausible = ~plausible & ~np.isnan(seconds)
     usable = values if plausible.all() else np.where(plausible, values.astype(np.float64), np.nan)
     # A day in the years of gliders, which tests unit and calendar even if there is no plausible time.
-    probe = np.array([(_since_1970(EARLIEST) - begin) / factor + 86_400.0 / factor])
+    probe = np.array([(epoch_seconds(EARLIEST) - begin) / factor + 86_400.0 / factor])
     time = _decoded(usable if plausible.any() else np.append(probe, usable), units, calendar, where)
     return DecodedTimes(time[len(time) - len(values) :], implausible)
 
@@ -248,7 +265,3 @@ def _decoded(values: npt.NDArray[np.generic], units: str, calendar: str, where: 
             f"{where} has no CF time unit of the standard calendar; give it units such as 'seconds since 1970-01-01'"
         )
     return np.asarray(decoded, dtype="datetime64[ns]")
-
-
-def _since_1970(time: np.datetime64) -> float:
-    return float((time - np.datetime64(0, "ns")) / np.timedelta64(1, "s"))

@@ -16,10 +16,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
 from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, check_resolution, check_time_unit, texts_in
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, check_resolution, check_time_unit, texts_in
 
 MAX_PROFILE_NUMBER = 1_000_000
-"""Greatest profile number; greater values are undeclared fill values."""
+"""Maximum profile number; greater values are undeclared fill values."""
 
 CLOCK_SET_BACK = 60.0
 """Backward step (s) above which the clock was set back; smaller steps are corrections by GPS."""
@@ -96,7 +96,7 @@ def clock_set_back(time: TimeArray) -> float | None:
     known = time[~np.isnat(time)]
     if len(known) < 2:
         return None
-    step = float((known[:-1] - known[1:]).max() / np.timedelta64(1, "s"))
+    step = float((known[:-1] - known[1:]).max() / SECOND)
     return step if step > CLOCK_SET_BACK else None
 
 
@@ -272,7 +272,7 @@ def _describe_clock(time: TimeArray, sample: int, implausible: npt.NDArray[np.bo
         return f"time is missing at sample {sample}; every sample needs a time"
     before = time[:sample][~np.isnat(time[:sample])][-1]
     place = f"at sample {sample} ({describe_time(time[sample])} after {describe_time(before)})"
-    step = float((before - time[sample]) / np.timedelta64(1, "s"))
+    step = float((before - time[sample]) / SECOND)
     if step > CLOCK_SET_BACK:
         return (
             f"the clock was set back by {step:.0f} s {place}; correct the times from there on or leave these samples "

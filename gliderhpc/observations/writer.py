@@ -8,6 +8,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.observations.format import CONVENTIONS, REFERENCE, REQUIRED, VARIABLES, Variable
+from gliderhpc.observations.times import SECOND
 from gliderhpc.output_files import output_file
 
 Attribute = str | int | float
@@ -129,7 +130,7 @@ def seconds_since(time: npt.NDArray[np.datetime64], unit: str) -> npt.NDArray[np
     returned, so that a time that is read and written again remains the same.
     """
     elapsed = time - np.datetime64(unit.removeprefix("seconds since "), "ns")
-    seconds = np.asarray(elapsed / np.timedelta64(1, "s"))
+    seconds = np.asarray(elapsed / SECOND)
     known, wanted = ~np.isnat(elapsed), elapsed.astype(np.int64)
     above = np.nextafter(seconds, np.inf)
     exact = known & (_whole_nanoseconds(seconds, known) < wanted) & (_whole_nanoseconds(above, known) == wanted)

@@ -36,7 +36,7 @@ BY_DENSITY = (
 )
 
 _OF_TURNS = QUANTITIES[2:]
-_GROWN = 3.0
+_REPORTED_GROWTH = 3.0
 """Growth of an error, from the first scale on, that is reported although the trimmed one has not grown."""
 _HOLD_LATERAL = (
     "if turns matter, hold the lateral coefficients with --set calibration.hold="
@@ -110,7 +110,7 @@ def notes(found: Calibration) -> list[str]:
             score.after / np.maximum(score.before, FIRST_SCALES),
             strict=True,
         )
-        if times > _GROWN and name in _OF_TURNS
+        if times > _REPORTED_GROWTH and name in _OF_TURNS
     ]
     return [*lines, *score_notes(found.fitted, found.held_out)]
 

@@ -14,6 +14,7 @@ from gliderhpc.estimation.next_displacement import displacement_scatter, expecte
 from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
+from gliderhpc.observations.times import SECOND
 from gliderhpc.report.dive_plan import DivePlan
 
 Array = NDArray[np.float64]
@@ -37,8 +38,6 @@ east each, m/s: wind, waves and the flow near the surface."""
 
 LONGEST_STAY = 3600.0
 """Longest plausible time at the surface, s; a longer time between two dives means that records are missing."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +230,7 @@ def _predict_cycle(
 
 def is_followed(dives: xr.Dataset, place: int) -> bool:
     """Return whether the next dive in the table began before the longest stay at the surface had passed."""
-    stay = (dives["start_time"].values[place + 1] - dives["exit_time"].values[place]) / _SECOND
+    stay = (dives["start_time"].values[place + 1] - dives["exit_time"].values[place]) / SECOND
     return bool(stay <= LONGEST_STAY)
 
 
@@ -277,7 +276,7 @@ def dives_until(archive: Archive, number: int, most: int | None = MAX_DIVES) -> 
     table = table.assign({name: smoothed[name].load() for name in names})
     table = table.sortby("start_time")
     # Also without a current, the dive before is not a time at the surface.
-    table["stay"] = (table["entry_time"] - table["exit_time"].shift(profile=1)) / _SECOND
+    table["stay"] = (table["entry_time"] - table["exit_time"].shift(profile=1)) / SECOND
     known = np.isfinite(table["dac_north_smoothed"].values) & np.isfinite(table["displacement_north"].values)
     known &= table["start_time"].values <= table["start_time"].sel(profile=number).values
     found = np.flatnonzero(known)
@@ -289,7 +288,7 @@ def _instant(row: xr.Dataset, name: str) -> np.datetime64:
 
 
 def _seconds(dives: xr.Dataset, name: str) -> Array:
-    elapsed: Array = (dives[name].values - dives["start_time"].values[0]) / _SECOND
+    elapsed: Array = (dives[name].values - dives["start_time"].values[0]) / SECOND
     return elapsed
 
 
@@ -341,7 +340,7 @@ def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: f
         row = dives.isel(profile=place)
         duration = float(row["duration"])
         end = begin + duration
-        surface = max(float((row["exit_time"].values - row["entry_time"].values) / _SECOND) - duration, 0.0)
+        surface = max(float((row["exit_time"].values - row["entry_time"].values) / SECOND) - duration, 0.0)
         variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
         found.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
@@ -358,7 +357,7 @@ def _cycle(dives: xr.Dataset, place: int) -> tuple[float, float]:
     """Return the times (s) at the surface and below for a cycle like that of a dive."""
     row = dives.isel(profile=place)
     below = float(row["duration"])
-    surface = (row["exit_time"].values - row["entry_time"].values) / _SECOND - below
+    surface = (row["exit_time"].values - row["entry_time"].values) / SECOND - below
     stay = float(row["stay"])
     surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
     return max(float(surface), 0.0), below

@@ -23,7 +23,7 @@ IMPLAUSIBLE = 3.0
 """Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
 
 UNDETERMINED = 0.9
-"""Remaining fraction of the plausible deviation from which the dives do not determine a parameter."""
+"""Remaining fraction of the plausible deviation at or above which the dives do not determine a parameter."""
 
 _FIFTH = 0.2
 

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
 """Quality flags, and the fraction of a dive above which a remark is added for each."""
 
-_MANY_GATED = 0.02
+_MAX_REJECTED_SHARE = 0.02
 """Fraction of samples rejected by the filter above which a remark is added."""
 
 
@@ -229,7 +229,7 @@ def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
     """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
-    if gated > _MANY_GATED * samples:
+    if gated > _MAX_REJECTED_SHARE * samples:
         remarks.append(f"the filter rejected {gated} of {counted(samples, 'sample')}")
     if data.estimate != SMOOTHED:
         remarks.append("the smoother diverged; the filter's estimate is used")

@@ -165,7 +165,7 @@ class SurfacingMessage(_Part):
 
     @property
     def only_current_changed(self) -> bool:
-        """Whether only the current has changed since the previous revision."""
+        """Return whether only the current has changed since the previous revision."""
         return bool(self.changes) and all(change.startswith("current ") for change in self.changes)
 
     def changes_since(self, earlier: str) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ def actuator_rates(plan: FlightPlan, scenario: Scenario) -> FloatArray:
 
 DEPTH = 5
 """Index of depth in the state of eq. 16."""
-_ABOUT = 0.5
+_SLOPE_HALF_RANGE = 0.5
 """Distance (m) above and below a depth over which the slope of the buoyancy is computed."""
 
 
@@ -215,7 +215,7 @@ class _Autopilot:
 
         Over a control interval the glider sinks by a fraction of a metre, within which the net weight is linear.
         """
-        slope = floating.depth_slope(depth, float(oil_volume[0]), _ABOUT)
+        slope = floating.depth_slope(depth, float(oil_volume[0]), _SLOPE_HALF_RANGE)
         self._bodies[:, NET_WEIGHT] = GRAVITY * floating.net_mass(depth, oil_volume) + slope * depth
         return hull._replace(depth_slope=slope)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.truth import read_currents, truth_path
 from gliderhpc.output_files import check_output
 from gliderhpc.platform import Platform
@@ -170,7 +171,7 @@ def simulate_mission(
             summaries.append(_summary(truth))
             if report is not None:
                 report(summaries[-1])
-    elapsed = float((truth.surface_until - np.datetime64(scenario.start, "ns")) / np.timedelta64(1, "s"))
+    elapsed = float((truth.surface_until - np.datetime64(scenario.start, "ns")) / SECOND)
     return MissionSummary(path, truth_path(path), tuple(summaries), elapsed)
 
 

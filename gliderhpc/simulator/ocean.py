@@ -20,7 +20,7 @@ from gliderhpc.simulator.sections import Current, Latitude, Longitude, Ocean, Ve
 SPACING = 0.25
 """Spacing of the nodes in depth, m."""
 
-_BELOW = 100.0
+_DEPTH_MARGIN = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class OceanColumn:
 
 def ocean_column(settings: Ocean, position: tuple[Latitude, Longitude], deepest: float) -> OceanColumn:
     """Compute a scenario's ocean down to 100 m below `deepest` (m), at a latitude and longitude (degree)."""
-    depth = SPACING * np.arange(math.ceil((deepest + _BELOW) / SPACING) + 1, dtype=np.float64)
+    depth = SPACING * np.arange(math.ceil((deepest + _DEPTH_MARGIN) / SPACING) + 1, dtype=np.float64)
     above = _above(settings, depth)
     temperature = settings.deep_temperature + (settings.surface_temperature - settings.deep_temperature) * above
     salinity = settings.deep_salinity + (settings.surface_salinity - settings.deep_salinity) * above
@@ -72,7 +72,7 @@ def _above(settings: Ocean, depth: FloatArray) -> FloatArray:
 
 
 _NODES_PER_SCALE = 8
-_LARGEST_SPACING = 5.0
+_MAX_SPACING = 5.0
 _SLOW_TERMS = 8
 _FINE_TERMS = 16
 
@@ -125,7 +125,7 @@ def draw_uniform(settings: Current, seed: int, number: int) -> FloatArray:
 def node_spacing(settings: Current) -> float:
     """Spacing of the nodes in depth that resolves every part, m."""
     finest = min(settings.surface_scale, settings.fine_scale, settings.mode_depth / settings.modes)
-    return min(finest / _NODES_PER_SCALE, _LARGEST_SPACING)
+    return min(finest / _NODES_PER_SCALE, _MAX_SPACING)
 
 
 def _slow_part(settings: Current, seed: int, place: float, nodes: FloatArray) -> FloatArray:

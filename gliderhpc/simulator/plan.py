@@ -29,7 +29,7 @@ RELATIVE_NET_MASS = 0.0035
 """Net mass at half the depth, as a fraction of the hull's mass."""
 
 MIN_RELATIVE_NET_MASS = 0.0025
-"""Least net mass at any depth, as a fraction of the hull's mass."""
+"""Minimum net mass at any depth, as a fraction of the hull's mass."""
 
 SETTLING_TIME = 60.0
 """Time after which a turn is steady (s)."""
@@ -41,7 +41,7 @@ GRACE = 600.0
 """Constant part of the time limit of a profile (s)."""
 
 RESERVE = 1.25
-"""Greatest path length of a profile relative to that of its steady glides."""
+"""Maximum path length of a profile relative to that of its steady glides."""
 
 
 @dataclass(frozen=True)

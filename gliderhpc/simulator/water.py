@@ -39,14 +39,6 @@ _MARGIN = 3
 """Number of cells of the largest scale on either side of the line, which prevent end effects."""
 
 
-def scaling_exponent(settings: Gusts, order: float) -> float:
-    """Scaling exponent zeta_p of a field."""
-    slope = spectral_slope(settings)
-    if settings.kind == "gaussian":
-        return 0.5 * order * (slope - 1.0)
-    return she_leveque(order) + 0.5 * order * (slope - 1.0 - she_leveque(2.0))
-
-
 def spectral_slope(settings: Gusts) -> float:
     """Slope of the spectrum between the largest and the smallest scale; positive for a falling spectrum."""
     return 1.0 + she_leveque(2.0) if settings.slope is None else settings.slope

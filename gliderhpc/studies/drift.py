@@ -21,7 +21,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, PHASES, median_column
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
-from gliderhpc.studies.library.drift.change_text import stored_changes
+from gliderhpc.studies.library.drift.change_text import stored_changes, stored_moment_changes
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
     SegmentMedians,
@@ -38,7 +38,6 @@ from gliderhpc.studies.library.drift.medians import (
     depth_band,
     profile_row,
 )
-from gliderhpc.studies.library.drift.moment_text import stored_moment_changes
 from gliderhpc.studies.library.drift.series import choose_epochs, epoch_of_profiles, of_epochs, values_of
 from gliderhpc.studies.library.drift.verdict import VALIDATION_GROUP, DriftFindings, find_drift, forward_errors
 from gliderhpc.studies.library.trends import MIN_VALUES

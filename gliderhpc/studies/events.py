@@ -11,11 +11,11 @@ from pydantic import Field
 
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
+from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
-from gliderhpc.studies.library.trends import MAD
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
 from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
@@ -92,7 +92,7 @@ def _half_width(values: Array, at: int) -> int:
 def noise_floor(series: GappySeries) -> float:
     """Standard deviation of a Gaussian series with the same median magnitude; impulses hardly affect it."""
     values = series.values[series.counted]
-    return float(MAD * np.median(np.abs(values))) if values.size else float("nan")
+    return float(MAD_TO_STD * np.median(np.abs(values))) if values.size else float("nan")
 
 
 # One profile

@@ -233,8 +233,8 @@ def run_nulls(archive: str, estimate: str, settings: NullSettings, nulls: Sequen
                 else:
                     yield (null, row, factors), task
 
-        smooth = estimate == SMOOTHED
-        inverted = estimate_profiles(tasks(), without_corrections(mission), smooth=smooth)
+        with_hull = estimate == SMOOTHED
+        inverted = estimate_profiles(tasks(), without_corrections(mission), with_hull=with_hull)
         for (null, row, factors), inversion in inverted:
             found = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
             results.append((null, {**row, **found}, factors))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.archive.angles import wrap
+from gliderhpc.angles import wrap
 from gliderhpc.archive.profile import ADJOINT, SETTLING, TRACKED, ProfileData, uses_measured_density
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError

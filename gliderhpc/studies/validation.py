@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.angles import principal_angle
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING
 from gliderhpc.archive.reader import Archive
@@ -109,7 +110,7 @@ def vertical_errors(flight: ForwardRun, series: ProfileSeries, counted: Mask) ->
     define its own measure.
     """
     residual = flight.states[:, [0, 1, 2, 5]] - series.measurements
-    residual[:, 2] = np.arctan2(np.sin(residual[:, 2]), np.cos(residual[:, 2]))
+    residual[:, 2] = principal_angle(residual[:, 2])
     width = max(RATE_SMOOTHING, 3.0 * series.sample_interval)
     rates = smoothed_slope(np.column_stack([flight.states[:, 5], series.measurements[:, 3]]), series.step, width)
     pitch = rms(residual[counted, 1]) / rms(series.measurements[counted, 1])

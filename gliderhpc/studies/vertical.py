@@ -16,6 +16,7 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
 from gliderhpc.studies.library.scores import correlation, rms
@@ -30,8 +31,6 @@ NAME = "vertical"
 
 LEVELS = 20
 """Number of equal depth intervals in which the dive is compared with the climb."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 def record_rows(data: ProfileData, found: VerticalVelocity) -> dict[str, Array]:
@@ -128,7 +127,7 @@ class _Levels:
 
 def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
     """Errors relative to the truth, which passes through the same filter."""
-    time = (truth["time"].values - data.epoch) / _SECOND
+    time = (truth["time"].values - data.epoch) / SECOND
     rate = truth["water_up"].values.astype(np.float64)
     risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
     true = found.filter.slopes(np.interp(data.record_time[found.record], time, risen))

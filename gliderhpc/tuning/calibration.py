@@ -1,4 +1,7 @@
-"""Calibration of the trim, drag and lateral terms that a hull's own steady glides determine."""
+"""Calibration of the trim, drag and lateral terms that a hull's own steady glides determine.
+
+`calibrate` fits all of them; `fit_trim` fits buoyancy, drag and trim in pitch, the start of the rounds over the dives.
+"""
 
 import math
 from collections.abc import Callable
@@ -25,11 +28,23 @@ from gliderhpc.flight.hull_parameters import (
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.tuning.calibration_covariance import LEVEL, Fit, few_profiles_factor
+from gliderhpc.tuning.calibration_fit import (
+    HELD_REASONS,
+    LEVEL,
+    Fit,
+    few_profiles_factor,
+    is_better_held,
+    reason_to_hold,
+)
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
-from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict, best_start
+from gliderhpc.tuning.calibration_search import (
+    DEFAULT_TOLERANCE,
+    RESCALINGS,
+    CalibrationSearch,
+    CalibrationVerdict,
+    best_start,
+)
 from gliderhpc.tuning.disturbance_prior import TuningSettings
-from gliderhpc.tuning.lateral_terms import WHY_HELD, is_better_held, reason_to_hold
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
 from gliderhpc.tuning.segment_errors import LATERAL, MIN_PROFILES, SegmentErrors, keys_of, steady_parameters
@@ -151,7 +166,7 @@ def calibrate(
     """Fit a hull's parameters to the balance of its steady glides.
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
-    `steady_balance`, each divided by its own scale. At first all parameters are free, with their plausible deviations
+    `steady_balances`, each divided by its own scale. At first all parameters are free, with their plausible deviations
     as a prior, and the fit starts from several points. Then the glides are checked for directions that they do not
     determine, the weakest singular direction first. The largest parameter of such a direction is held at the platform's
     value, or at the most probable one if the glides refute the platform's. When every direction is determined, the
@@ -190,7 +205,7 @@ def calibrate(
     fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
     why = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if why is not None:
-        report(f"fitting again with the lateral terms held ({WHY_HELD[why]})")
+        report(f"fitting again with the lateral terms held ({HELD_REASONS[why]})")
         separate = errors.with_separate_turns()
         held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
         if is_better_held(why, fit, held):
@@ -356,3 +371,56 @@ def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> Calibrati
     return errors_in_units(
         errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]
     )
+
+
+# Trim in pitch, buoyancy and drag alone: the start of the rounds over the dives
+
+TRIM = (
+    "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "viscous.K_D0", "position.hull.2",
+    "position.battery",
+)  # fmt: skip
+"""Buoyancy, drag and trim in pitch, which decide whether the filter can follow the records at all."""
+
+
+def fit_trim(
+    platform: Platform,
+    segments: SteadySegments,
+    settings: CalibrationSettings,
+    report: Callable[[str], None] = lambda _: None,
+) -> Platform:
+    """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
+
+    The result is the start of the rounds over the dives. With these few numbers near the truth the filter follows the
+    records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight an offset of the
+    pitch or the roll acts like them, and a fit without these offsets would move them far from the truth.
+
+    Parameters
+    ----------
+    platform : Platform
+        The hull to start from.
+    segments : SteadySegments
+        Segments to fit.
+    settings : CalibrationSettings
+        Settings of the calibration; parameters that they hold stay unchanged.
+    report : callable
+        Called with a line of text at every step.
+
+    Returns
+    -------
+    Platform
+        Fitted hull; the hull given if the fitted one has no stable glide.
+
+    Raises
+    ------
+    InputError
+        Fewer profiles than `MIN_PROFILES`.
+    """
+    check_profiles(segments)
+    candidates = steady_parameters(platform, segments)
+    keys = [p.key for p in candidates]
+    free = np.isin(keys, TRIM) & ~np.isin(keys, keys_of(settings.hold, (*candidates, *hull_parameters(platform))))
+    errors = SegmentErrors(platform, candidates, segments)
+    search = CalibrationSearch(errors, free, settings.undetermined, report)
+    search.steps = best_start(start_subset(errors), free, report)
+    search.fit_everything(RESCALINGS, DEFAULT_TOLERANCE)
+    return errors.hull(search.steps) if is_stable(errors, search) else platform

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance
 from gliderhpc.tuning.segment_errors import DIFFERENCE, SegmentErrors
 
@@ -41,10 +42,9 @@ REFUTED_DISTANCE = 3.0
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
 
-_MAD = 1.4826
-_LARGE = 3.0
-_INVOLVED = 0.3
-_UNMOVED = 1e-6
+_LARGE_RESIDUAL = 3.0
+_MIN_COMPONENT = 0.3
+_NEGLIGIBLE_MOVE = 1e-6
 _AT_BOUND = 0.999 * PARAMETER_BOUND
 _SEED = 0
 
@@ -74,7 +74,7 @@ class HeldParameter:
     verdict : CalibrationVerdict
         Reason, and value at which it was held.
     confounded_with : tuple of int
-        Other parameters that move by more than `_INVOLVED` along the undetermined direction.
+        Other parameters that move by more than `_MIN_COMPONENT` along the undetermined direction.
     """
 
     index: int
@@ -200,7 +200,7 @@ class CalibrationSearch:
                 break
             parts = np.abs(weakest.vector)
             index = int(chosen[np.argmax(parts)])
-            confounded_with = tuple(int(i) for i in chosen[parts > _INVOLVED] if i != index)
+            confounded_with = tuple(int(i) for i in chosen[parts > _MIN_COMPONENT] if i != index)
             self._hold(HeldParameter(index, CalibrationVerdict.UNDETERMINED, confounded_with))
         return len(self.held) > before
 
@@ -230,7 +230,7 @@ class CalibrationSearch:
             held, value = replace(held, verdict=CalibrationVerdict.IMPLAUSIBLE), math.copysign(PARAMETER_BOUND, value)
         self.held.append(held)
         self._report(f"{self._errors.parameters[held.index].key} is {held.verdict.value}")
-        moved = abs(self.steps[held.index] - value) > _UNMOVED
+        moved = abs(self.steps[held.index] - value) > _NEGLIGIBLE_MOVE
         self.free[held.index], self.steps[held.index] = False, value
         if moved:
             self._fit(prior=1.0)
@@ -334,8 +334,8 @@ def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> flo
     The scale is the robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``. This factor is the scatter of sums
     over a leg relative to that of independent errors.
     """
-    deviation = max(_MAD * float(np.median(np.abs(errors))), least)
-    clipped = np.clip(errors, -_LARGE * deviation, _LARGE * deviation)
+    deviation = max(MAD_TO_STD * float(np.median(np.abs(errors))), least)
+    clipped = np.clip(errors, -_LARGE_RESIDUAL * deviation, _LARGE_RESIDUAL * deviation)
     _, place = np.unique(leg, return_inverse=True)
     inflation = float(np.sum(np.bincount(place, clipped) ** 2) / max(np.sum(clipped**2), least**2))
     return deviation * math.sqrt(max(inflation, 1.0))

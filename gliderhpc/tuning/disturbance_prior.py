@@ -10,14 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import (
-    EstimationSettings,
-    Settings,
-    candidate_priors,
-    default_prior,
-    smoother_prior,
-    with_yaw_of,
-)
+from gliderhpc.estimation.priors import candidate_priors, default_prior, smoother_prior, with_yaw_of
+from gliderhpc.estimation.settings import EstimationSettings, Settings
 from gliderhpc.platform import DisturbancePrior, Platform
 from gliderhpc.tuning.fisher_scoring import LONGEST_STEP, Expansion, Maximum, maximise
 from gliderhpc.tuning.likelihood import SENSORS, PriorEvaluation, PriorLikelihood, Whiteness, whiteness
@@ -126,7 +120,7 @@ class TunedPrior:
 
 def tune_prior(
     platform: Platform,
-    requests: Sequence[PreparedProfile],
+    profiles: Sequence[PreparedProfile],
     settings: TuneSettings,
     report: Callable[[float], None] = lambda _: None,
 ) -> TunedPrior:
@@ -139,15 +133,15 @@ def tune_prior(
 
     The noise of a channel never becomes smaller than that of the untuned prior (`tuning.least_noise`): both its numbers
     are then held at the untuned ones, and the others are fitted again. The filter that predicts best has hardly any
-    noise where the water is calm; but then the smallest error of a hull's coefficients acts on the speed, which has to
-    explain what they leave. In simulated gusts and yaw impulses, the prior with the highest likelihood made the speed
-    of a true hull wrong by 0.05 m/s (root mean square).
+    noise where the water is calm; but then even a small error in the coefficients is absorbed by the estimated speed.
+    In simulated gusts and yaw impulses, the prior with the highest likelihood made the speed of a true hull wrong by
+    0.05 m/s (root mean square).
 
     Parameters
     ----------
     platform : Platform
         The hull.
-    requests : sequence of PreparedProfile
+    profiles : sequence of PreparedProfile
         Profiles of that hull.
     settings : TuneSettings
         Settings of the filter and of the tuning.
@@ -159,8 +153,8 @@ def tune_prior(
     ProfileError
         No sample of a profile could be fed to the filter.
     """
-    likelihood = PriorLikelihood(requests, settings, recovery=settings.tuning.recovery)
-    interval = float(np.median([request.series.attitude_interval for request in requests]))
+    likelihood = PriorLikelihood(profiles, settings, recovery=settings.tuning.recovery)
+    interval = float(np.median([profile.series.attitude_interval for profile in profiles]))
     before = default_prior(platform, interval)
     search = _Search(likelihood, before, settings, report)
     search.climb([_logarithms(prior) for prior in _starts(platform, interval)])
@@ -185,7 +179,7 @@ def tune_prior(
         search.settled,
         whiteness_by_sensor(evaluation_before),
         whiteness_by_sensor(evaluation_after),
-        any(request.series.sample_interval > settings.filter.slow_feed for request in requests),
+        any(profile.series.sample_interval > settings.filter.slow_feed for profile in profiles),
     )
 
 

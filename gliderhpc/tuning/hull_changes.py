@@ -21,15 +21,15 @@ from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
 FORMS = ("step", "ramp")
 
-_UNCHANGED = 0.5
+_PROBABILITY_OF_NO_CHANGE = 0.5
 """Prior probability that nothing changes."""
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
 _MIN_SCATTER = 0.3
-"""Smallest ratio of the variance between dives to the one that they state; a few dives can agree by chance."""
+"""Minimum ratio of the variance between dives to their stated one; a few dives can agree by chance."""
 _MIN_FREEDOM = 60
-"""Degrees of freedom of all dives from which a smaller scatter than stated counts."""
+"""Degrees of freedom of all dives at or above which a smaller scatter than stated is taken into account."""
 _MIN_DIVES = 4
 """Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
 
@@ -305,5 +305,5 @@ def _weights(candidates: Sequence[_Candidates]) -> Array:
 
 def _probability(log_evidence: float) -> float:
     """Posterior probability of a change with this log evidence relative to none."""
-    odds = np.exp(min(log_evidence, 700.0)) * (1.0 - _UNCHANGED) / _UNCHANGED
+    odds = np.exp(min(log_evidence, 700.0)) * (1.0 - _PROBABILITY_OF_NO_CHANGE) / _PROBABILITY_OF_NO_CHANGE
     return float(odds / (1.0 + odds))

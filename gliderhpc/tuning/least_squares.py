@@ -1,9 +1,12 @@
 """Least squares with errors that are correlated within clusters: weights, covariances, undetermined directions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gliderhpc.distributions import MAD_TO_STD
 
 Array = NDArray[np.float64]
 
@@ -46,16 +49,24 @@ def jackknife_covariance(jacobian: Array, residuals: Array, cluster: NDArray[np.
     ``C = (G-1)/G sum_g d_g d_g^T``, where ``d_g = (J^T J - J_g^T J_g)^-1 J_g^T r_g`` is the move of the estimate when
     cluster g is left out. It is conservative where clusters are few.
     """
-    information = jacobian.T @ jacobian
-    numbers = np.unique(cluster)
-    moves = []
-    for number in numbers:
-        own = cluster == number
-        rest = information - jacobian[own].T @ jacobian[own]
-        # Pseudo-inverse: directions that one cluster alone determines cannot be judged by leaving it out.
-        moves.append(np.linalg.pinv(rest, hermitian=True) @ (jacobian[own].T @ residuals[own]))
-    moved = np.array(moves)
-    return np.asarray((len(numbers) - 1) / len(numbers) * moved.T @ moved)
+    rows = [cluster == number for number in np.unique(cluster)]
+    parts = [(jacobian[own].T @ jacobian[own], jacobian[own].T @ residuals[own]) for own in rows]
+    return _scatter_of_moves(jacobian.T @ jacobian, parts)
+
+
+def _scatter_of_moves(normal: Array, parts: Sequence[tuple[Array, Array]]) -> Array:
+    """Covariance ``(p, p)`` from the moves of an estimate when each of its parts is left out.
+
+    Parameters
+    ----------
+    normal : (p, p)
+        Matrix of the normal equations.
+    parts : sequence of ((p, p), (p,))
+        Terms of each part in this matrix and in the right-hand side.
+    """
+    # Pseudo-inverse: directions that one part alone determines cannot be judged by leaving it out.
+    moves = np.array([solve_normal_equations(normal - own, score) for own, score in parts])
+    return np.asarray((len(moves) - 1) / len(moves) * moves.T @ moves)
 
 
 def sensitivity(jacobian: Array, held: Array) -> Array:
@@ -83,7 +94,7 @@ def biweight_stiffness(residuals: Array, least: float) -> float:
 
 
 def _scale(residuals: Array, least: float) -> float:
-    return 1.4826 * float(np.median(np.abs(residuals))) + least
+    return MAD_TO_STD * float(np.median(np.abs(residuals))) + least
 
 
 def solve_normal_equations(normal: Array, score: Array) -> Array:
@@ -109,13 +120,9 @@ def left_out_covariance(
     """
     weighted = design * weights[:, None]
     normal = stiffness * weighted.T @ design + np.diag(prior)
-    moves = []
-    for number in np.unique(profile):
-        own = profile == number
-        rest = normal - stiffness * weighted[own].T @ design[own]
-        moves.append(solve_normal_equations(rest, weighted[own].T @ residuals[own]))
-    count = len(moves)
-    scatter = (count - 1) / count * np.array(moves).T @ np.array(moves)
+    rows = [profile == number for number in np.unique(profile)]
+    parts = [(stiffness * weighted[own].T @ design[own], weighted[own].T @ residuals[own]) for own in rows]
+    scatter = _scatter_of_moves(normal, parts)
     inverse = np.linalg.pinv(normal, hermitian=True)
     return np.asarray(scatter + inverse @ np.diag(prior) @ inverse)
 

@@ -33,7 +33,7 @@ from gliderhpc.wording import most_frequent_reason
 log = logging.getLogger("gliderhpc.tune")
 
 
-def tuning_requests(
+def tuning_profiles(
     observations: Observations, platform: Platform, numbers: Sequence[int], longest: float, settings: EstimationSettings
 ) -> list[PreparedProfile]:
     """Read the profiles that a prior is tuned on; one that cannot be used is left out with a warning in the log.
@@ -53,20 +53,20 @@ def tuning_requests(
         No profile can be used, or density is requested with a hull that states no compressibility.
     """
     check_seawater(platform, settings)
-    requests, reasons = [], []
+    profiles, reasons = [], []
     for number in numbers:
         try:
-            requests.append(_request(observations, platform, number, longest, settings))
+            profiles.append(_profile(observations, platform, number, longest, settings))
         except ProfileError as error:
             reasons.append(str(error))
             log.warning("profile %d is left out: %s", number, error)
-    if not requests:
+    if not profiles:
         reason = most_frequent_reason(reasons or ["it has no profile"])
         raise InputError(f"{observations.path}: no profile to tune on can be used; {reason}")
-    return requests
+    return profiles
 
 
-def _request(
+def _profile(
     observations: Observations, platform: Platform, number: int, longest: float, settings: EstimationSettings
 ) -> PreparedProfile:
     series = _cut(on_steps(observations.profile(number), settings, platform), longest)
@@ -130,7 +130,7 @@ class PriorLikelihood:
 
     Parameters
     ----------
-    requests : sequence of PreparedProfile
+    profiles : sequence of PreparedProfile
         Prepared profiles.
     settings : EstimationSettings
         Settings of the filter and of its records.
@@ -144,11 +144,11 @@ class PriorLikelihood:
     """
 
     def __init__(
-        self, requests: Sequence[PreparedProfile], settings: EstimationSettings, *, recovery: float = 0.0
+        self, profiles: Sequence[PreparedProfile], settings: EstimationSettings, *, recovery: float = 0.0
     ) -> None:
-        self._trials = FilterTrials(requests, settings)
+        self._trials = FilterTrials(profiles, settings)
         self._gate = settings.filter.gate
-        self._profiles = [_ScoredSamples.of(request, settings, recovery) for request in requests]
+        self._profiles = [_ScoredSamples.of(profile, settings, recovery) for profile in profiles]
         self.weights = np.concatenate([np.full(len(p.counted), p.weight) for p in self._profiles])
         self.lengths = tuple(len(p.counted) for p in self._profiles)
 
@@ -206,13 +206,13 @@ class _ScoredSamples:
     restart_variance: Array
 
     @classmethod
-    def of(cls, request: PreparedProfile, settings: EstimationSettings, recovery: float) -> "_ScoredSamples":
-        series = request.series
+    def of(cls, profile: PreparedProfile, settings: EstimationSettings, recovery: float) -> "_ScoredSamples":
+        series = profile.series
         fed = fed_samples(series, settings)
         interpolated = series.sample_interval > settings.filter.slow_feed
-        variance = measurement_variance(request.glider.platform, series, settings)
+        variance = measurement_variance(profile.glider.platform, series, settings)
         weight = settings.filter.feed_interval / series.sample_interval if interpolated else 1.0
-        return cls(_undisturbed(request, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
+        return cls(_undisturbed(profile, recovery)[fed], weight, INITIAL_DEVIATION[:4] ** 2 + variance)
 
     def evaluate(self, estimate: FilterEstimate, gate: float) -> PriorEvaluation:
         """Evaluate a prior on one profile, from the filter's estimate with it."""
@@ -223,11 +223,11 @@ class _ScoredSamples:
         return PriorEvaluation(self.weight * float(total), innovations, variances, (estimate.rejected_fraction,))
 
 
-def _undisturbed(request: PreparedProfile, recovery: float) -> NDArray[np.bool_]:
+def _undisturbed(profile: PreparedProfile, recovery: float) -> NDArray[np.bool_]:
     """Rows ``(n+1,)`` outside the vibration set and not within ``recovery`` seconds after it."""
-    vibrating = np.append(0, np.cumsum(request.vibrating))
-    reach = round(recovery / request.series.step)
-    rows = np.arange(len(request.vibrating))
+    vibrating = np.append(0, np.cumsum(profile.vibrating))
+    reach = round(recovery / profile.series.step)
+    rows = np.arange(len(profile.vibrating))
     return np.asarray(vibrating[rows + 1] == vibrating[np.maximum(rows - reach, 0)])
 
 

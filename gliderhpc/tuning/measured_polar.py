@@ -58,7 +58,7 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     Parameters
     ----------
     hull : Platform
-        Hull whose buoyancy matches the records, such as the result of `gliderhpc.tuning.trim.fit_trim`.
+        Hull whose buoyancy matches the records, such as the result of `gliderhpc.tuning.calibration.fit_trim`.
     segments : SteadySegments
         Segments of steady flight.
     velocity_error : float

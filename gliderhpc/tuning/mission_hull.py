@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import gamma_tail
+from gliderhpc.observations.times import SECOND
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition, about, apply
 from gliderhpc.tuning.turn_test import (
     DiveCurrent,
@@ -34,7 +35,7 @@ _MIN_CURRENTS = 2
 _UNINFORMED = 1e-9
 """Fraction of the prior's information that is added where the dives have none."""
 MIN_COMPARED = 4
-"""Minimum number of dives from which their scatter can be estimated."""
+"""Minimum number of dives for an estimate of their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class MissionHull:
     log_evidence : float
         Log evidence of all dives, with their weights.
     inflation : float
-        Ratio of the variance between dives to the variance that they state; at least one.
+        Ratio of the variance between dives to their stated variance; at least one.
     weight, chi_square : (n,)
         Weight of each dive, and its chi-square relative to the rest.
     freedom : (n,) of int
@@ -246,7 +247,7 @@ def _widen_by_assumptions(
     ``others`` are those under the other assumptions, along a leading axis.
     """
     count = len(prior.walk)
-    days = (times - times[0]) / np.timedelta64(1, "s") / _SECONDS_PER_DAY
+    days = (times - times[0]) / SECOND / _SECONDS_PER_DAY
     grown = prior.walk**2 * days[:, None] + [_jump_variances(prior, position) for position in range(len(days))]
     before = Gaussian(prior.eta.mean, prior.eta.covariance + grown[:, None] * np.eye(count))
     after = Gaussian.stacked(found).part(count)
@@ -332,7 +333,7 @@ def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array
 
 
 def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
-    return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / np.timedelta64(1, "s"), 0.0))
+    return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / SECOND, 0.0))
 
 
 def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> SumProblem:

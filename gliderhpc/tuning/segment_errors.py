@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.density_check import is_unexpected_density, surface_density
-from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.preparation import is_unexpected_density, model_controls, surface_density
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     ATTITUDE_PARAMETERS,
@@ -40,7 +39,7 @@ FLATTEST_MARGIN = 1.25
 """Minimum ratio of the segments' flattest pitch to the flattest pitch at which the hull can glide."""
 
 MIN_PROFILES = 3
-"""Minimum number of profiles from which the uncertainty of an estimate can be determined."""
+"""Minimum number of profiles for the uncertainty of an estimate."""
 
 LATERAL = ("viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r")
 """Coefficients that decide, with the speed, whether a hull is stable in yaw and roll."""

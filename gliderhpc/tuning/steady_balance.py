@@ -31,13 +31,13 @@ CONVERGED = 1e-9
 """Step length (m/s) below which the iteration ends; convergence is quadratic."""
 
 MIN_RATIO = 0.25
-"""Ratio ``W / -F.k`` (`steady_balance`) below which its square root is continued by the tangent."""
+"""Ratio ``W / -F.k`` (`steady_balances`) below which its square root is continued by the tangent."""
 
 VELOCITY, RATES = slice(4, 7), slice(7, 10)
 PITCHING, LATERAL = 8, np.array([7, 9])
 """Indices of the pitch acceleration, and of those of roll and yaw, among the rates."""
 
-_TINY = 1e-300
+_MIN_VELOCITY_STEP = 1e-300
 _MIN_STEEPNESS = 0.05
 
 
@@ -110,41 +110,19 @@ _ROWS_AT_ONCE = 4096
 def steady_balances(
     gliders: Sequence[Glider], bodies: Sequence[Array], motion: SteadyMotion, velocity: Array | None = None
 ) -> Iterator[SteadyBalance]:
-    """Yield the balance of each of several hulls over the same n stretches, as `steady_balance` finds it for one.
+    """Yield the comparison of the steady balance of each of several hulls with the same measured steady flight.
 
     Parameters
     ----------
     gliders : sequence of Glider
         The hulls.
     bodies : sequence of (n, 11)
-        Mass properties of the controls for each hull.
-    motion, velocity : SteadyMotion, (n, 3)
-        As for `steady_balance`; all hulls start from the same velocity.
-    """
-    at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
-    for first in range(0, len(gliders), at_once):
-        batch = slice(first, first + at_once)
-        flight = SteadyFlight(gliders[batch], bodies[batch], motion, velocity)
-        flight.solve_velocity()
-        errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
-        count = len(flight.gliders)
-        found = (np.column_stack(errors), flight.states[:, VELOCITY])
-        yield from map(SteadyBalance, *(np.split(values, count) for values in found))
-
-
-def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity: Array | None = None) -> SteadyBalance:
-    """Compare a hull's steady balance with measured steady flight.
-
-    Parameters
-    ----------
-    glider : Glider
-        The hull.
-    bodies : (n, 11)
-        Mass properties of the controls (`Glider.bodies`).
+        Mass properties of the controls for each hull (`Glider.bodies`).
     motion : SteadyMotion
-        Measured motion.
+        Measured motion in n stretches.
     velocity : (n, 3), optional
-        Velocity u, v, w to start from, m/s, such as a similar hull's; by default that of a straight glide.
+        Velocity u, v, w from which all hulls start, m/s, such as a similar hull's; by default that of a straight glide
+        of each hull.
 
     Notes
     -----
@@ -156,8 +134,15 @@ def steady_balance(glider: Glider, bodies: Array, motion: SteadyMotion, velocity
     measured attitude would look like a weaker righting moment. Roll and turn are predicted together from the controls,
     because a turn that the water causes also rolls the hull.
     """
-    (balance,) = steady_balances([glider], [bodies], motion, velocity)
-    return balance
+    at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
+    for first in range(0, len(gliders), at_once):
+        batch = slice(first, first + at_once)
+        flight = SteadyFlight(gliders[batch], bodies[batch], motion, velocity)
+        flight.solve_velocity()
+        errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
+        count = len(flight.gliders)
+        found = (np.column_stack(errors), flight.states[:, VELOCITY])
+        yield from map(SteadyBalance, *(np.split(values, count) for values in found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +187,7 @@ class SteadyFlight:
         for _ in range(ITERATIONS):
             step = _solve(self._by_velocity, -self.missing)
             speed, length = (np.linalg.norm(x, axis=1) for x in (self.states[:, VELOCITY], step))
-            shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _TINY))
+            shortened = np.minimum(1.0, LARGEST_STEP * speed / np.maximum(length, _MIN_VELOCITY_STEP))
             for hull in np.flatnonzero(moving):
                 rows = self._rows[hull]
                 self.states[rows, VELOCITY] += step[rows] * shortened[rows, None]
@@ -213,7 +198,7 @@ class SteadyFlight:
                 break
 
     def depth_rate_error(self) -> Array:
-        """Depth rate at which no vertical force remains less the measured one (n,), m/s (`steady_balance`)."""
+        """Depth rate at which no vertical force remains less the measured one (n,), m/s (`steady_balances`)."""
         depth = self._motion.depth
         weights = [
             glider.net_weight(bodies, depth[rows])

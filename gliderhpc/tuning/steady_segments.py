@@ -20,6 +20,7 @@ from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.rows import nearest_rows
+from gliderhpc.observations.times import SECOND
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.steady_balance import SteadyMotion
 from gliderhpc.wording import counted, most_frequent_reason
@@ -117,7 +118,7 @@ class SteadySegments:
         for number in np.intersect1d(self.profile, other.profile).tolist():
             own, others = self.profile == number, np.sort(other.time[other.profile == number])
             time = self.time[own]
-            apart = np.abs(time - others[nearest_rows(others, time)]) / np.timedelta64(1, "s")
+            apart = np.abs(time - others[nearest_rows(others, time)]) / SECOND
             shared[own] = apart <= seconds
         return self.select(shared)
 

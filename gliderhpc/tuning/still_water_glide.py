@@ -61,7 +61,7 @@ def still_water_glide(
     -----
     The first step is the straight glide with wings level: the angle of attack of eq. 15 and the speed at which
     ``V^2 (K_D0 + K_D alpha^2) = -W sin(theta - alpha)``. The second step includes roll and rate of turn: the depth
-    rate, an input of `steady_balance`, is adjusted until no vertical force remains.
+    rate, an input of `steady_balances`, is adjusted until no vertical force remains.
     """
     start = _level_glide(glider, bodies, attitude)
     found = StillWaterGlide(np.full_like(start.depth_rate, np.nan), np.full_like(start.velocity, np.nan))

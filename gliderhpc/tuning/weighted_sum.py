@@ -58,7 +58,7 @@ class WeightedSum:
 
     @classmethod
     def plain(cls, problem: SumProblem) -> "WeightedSum":
-        """Return the sum of all dives as they state."""
+        """Return the sum with each dive's stated covariance, without inflation or weights."""
         leading = problem.terms[0].vector.shape[:-1]
         return cls(problem, np.ones(leading), np.ones((*leading, len(problem.terms))))
 
@@ -68,7 +68,7 @@ class WeightedSum:
         Parameters
         ----------
         least : float
-            Smallest inflation. Below one, dives that agree better than they state are taken to be more accurate.
+            Minimum inflation. Below one, covariances are also reduced if the dives scatter less than stated.
         """
         total = self
         for _ in range(_ROUNDS):

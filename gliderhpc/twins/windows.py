@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import Comparison, Findings, number
 from gliderhpc.platform import Platform
 from gliderhpc.twins.cases import OPERATING_LENGTH, PRESETS, TwinCase, course_of, world

@@ -27,7 +27,7 @@ from gliderhpc.api.arguments import assignments_of, profiles_text
 from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.api.records import InspectedRecords
 from gliderhpc.api.studies import StudyFindings
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.observations.profiles import evenly_spaced

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.adjoint_deviation import adjoint_deviation, deviation_about
+from gliderhpc.estimation.smoother.posterior import adjoint_deviation, deviation_about
 
 
 def test_a_constant_difference_adds_its_square():

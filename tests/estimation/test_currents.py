@@ -19,11 +19,11 @@ from gliderhpc.estimation.current_errors import (
 )
 from gliderhpc.estimation.currents import (
     MIN_CYCLE,
+    current_from_displacement,
     cycles_of,
     depth_averaged_current,
     local_displacement,
     single_cycle,
-    smoothed_current,
     surface_drift,
     surface_variance,
     track_of,
@@ -244,7 +244,7 @@ def test_the_smoothed_current_by_hand():
     entry = fix(0.0, 10.0, 20.0)
     end = moved_fix(entry, 700.0, 80.0, -14.0)
     covariance = np.array([[9.0, 2.0], [2.0, 4.0]])
-    current = smoothed_current(
+    current = current_from_displacement(
         record_between(entry, end), series_of(np.zeros(5001)).time, np.array([10.0, 0.0]), covariance,
         FIXES_ALONE.model_copy(update={"fix_error": 3.0, "surface_shear": 0.1}),
     )  # fmt: skip
@@ -259,7 +259,7 @@ def test_the_same_surface_drift_is_removed_from_the_smoothed_current():
     )
     settings = CurrentErrors(fix_error=5.0, surface_shear=0.1)
     adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), settings)
-    smoothed = smoothed_current(record, series.time, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
+    smoothed = current_from_displacement(record, series.time, motion.steps.sum(axis=0), np.zeros((2, 2)), settings)
     assert removed_drift(adjoint)[0] > 300.0
     np.testing.assert_allclose(smoothed.velocity, adjoint.velocity, atol=1e-12)
 
@@ -269,7 +269,9 @@ def test_a_difference_between_adjoint_and_smoother_widens_both_covariances():
         np.array([0.1, -0.05]), np.array([-0.3, 0.4]), np.array([0.6, 0.2])
     )
     adjoint = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
-    smoothed = smoothed_current(record, series.time, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN)
+    smoothed = current_from_displacement(
+        record, series.time, motion.total + np.array([40.0, 0.0]), np.zeros((2, 2)), CERTAIN
+    )
     difference = adjoint.velocity - smoothed.velocity
     assert np.linalg.norm(difference) > 0.01
     for before, after in zip((adjoint, smoothed), with_disagreement(adjoint, smoothed, CERTAIN), strict=True):
@@ -285,7 +287,7 @@ def test_adjoint_with_the_covariance_of_the_smoother_is_uncertain_by_its_whole_d
     adjoint = depth_averaged_current(record, track, CERTAIN, np.diag([400.0, 300.0]))
     filtered = depth_averaged_current(record, track_of(series, motion, np.array([0, 20_000])), CERTAIN)
     total = motion.total + np.array([40.0, -10.0])
-    smoothed = smoothed_current(record, series.time, total, np.diag([400.0, 300.0]), CERTAIN, with_hull=True)
+    smoothed = current_from_displacement(record, series.time, total, np.diag([400.0, 300.0]), CERTAIN, with_hull=True)
     first, second = with_disagreement(adjoint, smoothed, CERTAIN, filtered)
     own, other = adjoint.velocity - smoothed.velocity, filtered.velocity - smoothed.velocity
     np.testing.assert_allclose(
@@ -300,7 +302,7 @@ def test_adjoint_with_the_covariance_of_the_smoother_is_uncertain_by_its_whole_d
 def test_no_fix_no_smoothed_current(missing):
     record = record_between(None if missing == "entry" else ORIGIN, None if missing == "exit" else ORIGIN)
     series = series_of(np.zeros(101))
-    assert smoothed_current(record, series.time, np.zeros(2), np.eye(2), CurrentErrors()) is None
+    assert current_from_displacement(record, series.time, np.zeros(2), np.eye(2), CurrentErrors()) is None
 
 
 @pytest.mark.long
@@ -324,9 +326,9 @@ def test_the_smoothed_covariance_agrees_with_monte_carlo_draws(latitude, velocit
         late = (measured(560.0, end + 60.0 * after), measured(740.0, end + 240.0 * after))[:fixes]
         return replace(record_between(early[-1], late[0]), surface_fixes_before=early, surface_fixes_after=late)
 
-    expected = smoothed_current(drawn(), series.time, np.zeros(2), covariance, options)
+    expected = current_from_displacement(drawn(), series.time, np.zeros(2), covariance, options)
     draws = np.array([
-        smoothed_current(drawn(), series.time, moved, np.zeros((2, 2)), options).velocity
+        current_from_displacement(drawn(), series.time, moved, np.zeros((2, 2)), options).velocity
         for moved in rng.multivariate_normal(np.zeros(2), covariance, 4000)
     ])  # fmt: skip
     np.testing.assert_allclose(np.cov(draws.T), expected.covariance, atol=0.06 * expected.covariance.max())
@@ -487,7 +489,7 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     track = right.drift.track / np.linalg.norm(right.drift.track)
     starboard = np.array([-track[1], track[0]])
     assert abs(error @ starboard) == pytest.approx(np.sqrt(starboard @ across @ starboard), rel=1e-3)
-    by_smoother = smoothed_current(record, series.time, motion.total, np.zeros((2, 2)), terms)
+    by_smoother = current_from_displacement(record, series.time, motion.total, np.zeros((2, 2)), terms)
     np.testing.assert_allclose(by_smoother.covariance, across, atol=1e-15)
 
 

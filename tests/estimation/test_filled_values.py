@@ -162,7 +162,7 @@ def test_filled_values_do_not_change_the_speed_and_are_mentioned_in_the_message(
     with_filled = filled(record, take(record, np.arange(0, len(record.time), 4)), "interpolated")
     settings = EstimationSettings(step=0.25)
     estimate = estimate_profile(
-        prepare_profile(Glider(PETREL), on_steps(with_filled, settings, PETREL)), settings, smooth=True
+        prepare_profile(Glider(PETREL), on_steps(with_filled, settings, PETREL)), settings, with_hull=True
     )
     records = slice(None, None, 4)
     time = estimate.series.time[records]

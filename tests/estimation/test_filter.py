@@ -10,12 +10,13 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import filter_with_priors, refusal, run_filter, run_filters
 from gliderhpc.estimation.preparation import prepare_profile, vibration_set
+from gliderhpc.estimation.priors import ROUGH_WATER, candidate_priors, default_prior
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.self_motion import flight_guesses, smoothed_slope
 from gliderhpc.estimation.sensor_noise import measurement_variance
-from gliderhpc.estimation.settings import ROUGH_WATER, EstimationSettings, candidate_priors, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.observations.truth import read_profile_truth, truth_path

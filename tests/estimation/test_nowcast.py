@@ -3,9 +3,21 @@
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.nowcast import CurrentObservation, CurrentProcess, CurrentState, filter_currents, nowcast
+from gliderhpc.estimation.nowcast import CurrentObservation, CurrentProcess, CurrentState, filtered_states, nowcasts
 
 HOUR = 3600.0
+
+
+def filter_currents(observations, process):
+    """Return the state after all observations."""
+    *_, last = filtered_states(observations, process)
+    return last
+
+
+def nowcast(observations, *tides):
+    """Return the nowcast after all observations."""
+    *_, last = nowcasts(observations, *tides)
+    return last
 
 
 def _dense_covariance(spans, process, nodes=40):

@@ -13,7 +13,7 @@ import xarray as xr
 from support.missions import CHANNELS, estimate, profile_series, program
 
 from gliderhpc.estimation.preparation import controls_of
-from gliderhpc.estimation.settings import candidate_priors, default_prior
+from gliderhpc.estimation.priors import candidate_priors, default_prior
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform

@@ -7,7 +7,8 @@ from support.smoothing import DEVIATION, GLIDE, MEASURED, PETREL, TIME, H, fly, 
 
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.preparation import prepare_profile
-from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
 from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
 from gliderhpc.estimation.smoother.noise import HeavyTails
 from gliderhpc.flight.glider import SENSED
@@ -270,7 +271,7 @@ def test_outliers_in_the_vibration_set_have_their_variance_widened():
 
 def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch):
     """If it stops before convergence, the result is the filter's estimate, without uncertainty."""
-    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._ACCEPTED_MOVE", 0.0)
     flown = fly(31, 2000)
     series = replaced(
         record(), measurements=np.column_stack([np.interp(np.arange(2001), np.arange(0, 2001, 10), x[::10])

@@ -9,17 +9,9 @@ from support.smoothing import DEVIATION, PETREL, controls, fly
 
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile, repetitions
+from gliderhpc.estimation.priors import ROUGH_WATER, SLOW_RECORD, candidate_priors, default_prior, smoother_prior
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.estimation.settings import (
-    ROUGH_WATER,
-    SLOW_RECORD,
-    EstimationSettings,
-    SmootherSettings,
-    candidate_priors,
-    default_prior,
-    smoother_passes,
-    smoother_prior,
-)
+from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother import iterate, problem
 from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive

@@ -11,8 +11,9 @@ from support.posed_windows import PETREL, STEP, glide_of, impulse, posed_dive, w
 
 from gliderhpc.estimation.engines import WindowProblem, solve_window
 from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan, plan_windows, transform_scale
 from gliderhpc.estimation.windows import WindowSolution, solve_dive, starting_disturbance
 from gliderhpc.flight.glider import SENSED, Glider

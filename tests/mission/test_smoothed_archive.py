@@ -15,16 +15,17 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data, truth_on_samples
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation import profile as estimation
-from gliderhpc.estimation.adjoint_deviation import adjoint_deviation
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.quality import remarks
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import iterate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.posterior import adjoint_deviation
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import STATES, hull_row
 from gliderhpc.mission.warm import warm_kernels
@@ -72,7 +73,7 @@ def smoothed(prepared, filtered):
 @pytest.fixture(scope="module")
 def carried(prepared):
     """Return the estimate on the records, with the hull's part of its uncertainty."""
-    return estimate_profile(prepared, SETTINGS, smooth=True)
+    return estimate_profile(prepared, SETTINGS, with_hull=True)
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +128,7 @@ def test_intervals_of_the_adjoint_cover_the_truth_at_their_nominal_rate(prepared
     """Windows of preset paper are far from the smoother: its own deviation is too small for them."""
     smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
     settings = SETTINGS.model_copy(update={"preset": "paper", "smoother": smoother})
-    found = estimate_profile(prepared, settings, smooth=True)
+    found = estimate_profile(prepared, settings, with_hull=True)
     with open_mission(brief_store) as archive:
         data = read_profile_data(archive, 1)
         true = truth_on_samples(data, read_profile_truth(truth_path(brief), 1))
@@ -230,7 +231,7 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
         return replace(found, information=found.information - 10.0 * np.eye(len(found.score)))
 
     monkeypatch.setattr(estimation, "smoothed_dive_information", lost)
-    found = estimate_profile(prepared, SETTINGS, smooth=True)
+    found = estimate_profile(prepared, SETTINGS, with_hull=True)
     assert (found.smoothed.states_std[50:, 6] > carried.smoothed.states_std[50:, 6]).all()
     assert (found.smoothed.states_std[50:, 6] > smoothed.states_std[::EVERY][50:, 6]).all()
     row = hull_row(found.hull)
@@ -248,7 +249,7 @@ def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(p
         return replace(found, others=((score, matrix - 10.0 * np.eye(len(score))), *others))
 
     monkeypatch.setattr(estimation, "smoothed_dive_information", corrupted)
-    found = estimate_profile(prepared, SETTINGS, smooth=True)
+    found = estimate_profile(prepared, SETTINGS, with_hull=True)
     np.testing.assert_array_equal(found.smoothed.states_std, carried.smoothed.states_std)
     assert np.isnan(hull_row(found.hull)["score"]).all()
 
@@ -267,7 +268,7 @@ def test_the_published_budget_of_the_current_stays_available(brief, brief_store,
 
 def test_a_hull_assumed_exact_adds_no_uncertainty(prepared, smoothed):
     smoother = SETTINGS.smoother.model_copy(update={"hull": "believed"})
-    found = estimate_profile(prepared, SETTINGS.model_copy(update={"smoother": smoother}), smooth=True)
+    found = estimate_profile(prepared, SETTINGS.model_copy(update={"smoother": smoother}), with_hull=True)
     assert found.hull is None
     np.testing.assert_array_equal(found.smoothed.states_std, smoothed.states_std[::EVERY])
 
@@ -312,7 +313,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
 
 
 def test_a_diverged_smoother_is_reported_in_the_message(prepared, filtered, monkeypatch):
-    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._NEARLY_DONE", 0.0)
+    monkeypatch.setattr("gliderhpc.estimation.smoother.iterate._ACCEPTED_MOVE", 0.0)
     hasty = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"max_passes": 2})})
     hasty = hasty.model_copy(update={"start": "smoothed"})
     corrupted = replace(filtered, disturbances=filtered.disturbances + 0.5)
@@ -358,7 +359,7 @@ def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
 
 def test_only_records_are_stored(prepared):
     """The steps' arrays are freed with the smoother: 160 bytes per record remain of ten times as much."""
-    records = estimate_profile(prepared, SETTINGS, smooth=True).smoothed
+    records = estimate_profile(prepared, SETTINGS, with_hull=True).smoothed
     for values in (records.states, records.states_std, records.disturbances, records.disturbances_std):
         assert values.base is None
         assert len(values) <= len(prepared.series.time) // EVERY + 1
@@ -431,7 +432,6 @@ def test_profile_data_of_either_estimate(brief_store, group):
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         stored = tree["state"].ds["B_cr_std"].sel(profile=1).values
     np.testing.assert_array_equal(adjoint.disturbances_std[:n:EVERY, 5], stored[: len(range(0, n, EVERY))])
-    assert np.isnan(adjoint.motion_std).all()
     for data in (adjoint, other):
         assert np.isfinite(data.disturbances[:n]).all()
         assert np.isnan(data.disturbances[n]).all()
@@ -441,7 +441,6 @@ def test_profile_data_of_either_estimate(brief_store, group):
             other.disturbances[:n:EVERY, channel], row[name].values[known][: len(range(0, n, EVERY))], rtol=1e-12
         )
         assert (other.disturbances_std[:n, channel] > 0.0).all()
-    np.testing.assert_allclose(other.motion_std[:, 0], row["X_std"].values[: len(other.motion_std)])
     np.testing.assert_allclose(other.residuals, adjoint.residuals, atol=2.0)
     assert not np.array_equal(other.residuals, adjoint.residuals)
 

@@ -43,9 +43,9 @@ def arrays(estimate):
 def test_estimates_with_and_without_a_second_thread_are_identical(brief, start):
     settings = EstimationSettings(start=start)
     profile = prepare_profile(Glider(read_platform("petrel-l")), profile_series(brief, 1, settings))
-    ((_, alone),) = estimate_profiles([(1, profile)], settings, smooth=True)
+    ((_, alone),) = estimate_profiles([(1, profile)], settings, with_hull=True)
     with ThreadPoolExecutor(1) as threads:
-        ((_, beside),) = estimate_profiles([(1, profile)], settings, smooth=True, threads=threads)
+        ((_, beside),) = estimate_profiles([(1, profile)], settings, with_hull=True, threads=threads)
     assert alone.solution.windows == beside.solution.windows
     found, expected = arrays(beside), arrays(alone)
     assert found.keys() == expected.keys()
@@ -61,7 +61,7 @@ def test_an_error_in_the_second_thread_is_raised(brief, monkeypatch):
     profile = prepare_profile(Glider(read_platform("petrel-l")), profile_series(brief, 1, settings))
     monkeypatch.setattr(estimation, "smooth_profile", fail)
     with ThreadPoolExecutor(1) as threads, pytest.raises(RuntimeError, match="no estimate"):
-        list(estimate_profiles([(1, profile)], settings, smooth=True, threads=threads))
+        list(estimate_profiles([(1, profile)], settings, with_hull=True, threads=threads))
 
 
 def test_only_a_profile_alone_on_two_cores_has_a_second_thread(brief, tmp_path, monkeypatch):

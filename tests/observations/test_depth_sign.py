@@ -8,7 +8,7 @@ from support.seaglider_files import depths, write_dive
 from support.slocum_files import flight, write_netcdf
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.depth_sign import refuse_negative_depth
+from gliderhpc.observations.sign_checks import refuse_negative_depth
 
 DEPTH = NAVIGATION.split(";").index("Depth")
 

@@ -11,9 +11,8 @@ from support.missions import changed_observations, estimate, profile_series, pro
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.density_check import describe_unexpected_density
 from gliderhpc.estimation.filter import run_filter
-from gliderhpc.estimation.preparation import check_seawater, controls_of, prepare_profile
+from gliderhpc.estimation.preparation import check_seawater, controls_of, describe_unexpected_density, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.resample import on_steps, resample
 from gliderhpc.estimation.settings import EstimationSettings

@@ -12,8 +12,8 @@ from support.seaexplorer_files import PAYLOAD, write_mission
 from support.seaglider_files import write_dive, write_og1
 from support.slocum_files import flight, science, write_binary, write_netcdf
 
-from gliderhpc.api.watch_records import FileImport
 from gliderhpc.observations.stored_reads import StoredReads
+from gliderhpc.watch.records import FileImport
 
 
 def _seaglider(folder: Path) -> list[Path]:

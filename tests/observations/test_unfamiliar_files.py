@@ -14,7 +14,6 @@ from support.seaexplorer_files import NAVIGATION, edit, write_mission
 from support.slocum_files import flight, joined, science, write_netcdf
 
 from gliderhpc.api.currents import currents
-from gliderhpc.api.watch_records import FileImport
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.foreign import ForeignFile
@@ -24,6 +23,7 @@ from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.observations.tables import read_table
+from gliderhpc.watch.records import FileImport
 
 GLIDE = Glide()
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.hull_dives import PARAMETERS, dives
 
-from gliderhpc.api.alerts import Rules
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull as module
@@ -16,6 +15,7 @@ from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.studies.hull import MissionDives
+from gliderhpc.watch.alerts import Rules
 
 HULL = read_platform("petrel-l")
 COUNT = 24

@@ -27,6 +27,7 @@ from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes
+from gliderhpc.studies.library.drift.change_search import spikes
 from gliderhpc.studies.library.drift.change_text import (
     change_lines,
     change_rows,
@@ -42,6 +43,7 @@ from gliderhpc.studies.library.drift.coefficients import (
     segment_series,
     segments_by_phase,
 )
+from gliderhpc.studies.library.drift.departures import NOISE_MODELS, OWN_SLOPE, WindowSearch
 from gliderhpc.studies.library.drift.drag import CAUSES, combine_errors, find_onset, shared_drag
 from gliderhpc.studies.library.drift.medians import (
     MIN_RECORDS,
@@ -60,9 +62,7 @@ from gliderhpc.studies.library.drift.series import (
     noise_floor,
     series_trend,
 )
-from gliderhpc.studies.library.drift.series_search import spikes
 from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
-from gliderhpc.studies.library.drift.window_search import NOISE_MODELS, OWN_SLOPE, WindowSearch
 from gliderhpc.studies.library.trends import (
     block_length,
     blocks_of,

@@ -17,7 +17,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
-from gliderhpc.studies.library.turbulence.contrast import NullPasses
+from gliderhpc.studies.library.turbulence.contrast import FalsePositives
 from gliderhpc.studies.library.turbulence.ensembles import ADDED_SETTINGS, Ensembles, is_comparable
 from gliderhpc.studies.library.turbulence.gaussianity import (
     NO_ESTIMATE,
@@ -295,7 +295,7 @@ def judged(scores, gaussian=(), others=()):
 def test_profiles_are_compared_with_gaussian_nulls():
     found = judged([4.0, 5.0, np.nan, 6.0], [0.1, -0.3, 2.0, np.nan], [np.nan] * 5).gaussianity
     assert (found.profiles, found.tested, found.rejected) == (4, 3, 3)
-    assert found.nulls == NullPasses(1, 3, 0.05)
+    assert found.nulls == FalsePositives(1, 3, 0.05)
     assert (found.contrast.profiles, found.contrast.nulls, found.contrast.larger) == (3, 3, 1.0)
     assert found.rejects_gaussian
     assert found.count_p_value == pytest.approx(0.05**3)

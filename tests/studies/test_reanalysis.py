@@ -19,12 +19,13 @@ from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.report.studies.reanalysis import ellipse_axes, table_4, table_4_text
+from gliderhpc.report.studies.reanalysis_comparisons import Compared, agreement, agreements, comparisons, share_within
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
 from gliderhpc.studies.library.ocean_model import Coverage, Grid, expand_source, open_models
 from gliderhpc.studies.library.scores import direction, direction_difference, sigma_distance
 from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
-from gliderhpc.studies.reanalysis import Compared, agreement, agreements, compare_with_models, comparisons, share_within
+from gliderhpc.studies.reanalysis import compare_with_models
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.request import Request
 

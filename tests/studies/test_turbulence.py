@@ -21,7 +21,7 @@ from gliderhpc.errors import ProfileError
 from gliderhpc.report.studies.turbulence import table_3, table_3_text, verdict_text
 from gliderhpc.studies.events import find_peaks, noise_floor
 from gliderhpc.studies.library.trends import INTERVAL
-from gliderhpc.studies.library.turbulence.contrast import Contrast, NullPasses, contrast_of
+from gliderhpc.studies.library.turbulence.contrast import Contrast, FalsePositives, contrast_of
 from gliderhpc.studies.library.turbulence.ensembles import Ensembles
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
@@ -396,8 +396,8 @@ def test_the_conclusion_is_three_sentences(flatness, settles):
 
 
 def test_nulls_that_pass_are_counted_against_the_level():
-    assert NullPasses(1, 24, 0.025).holds
-    assert not NullPasses(4, 24, 0.025).holds
+    assert FalsePositives(1, 24, 0.025).holds
+    assert not FalsePositives(4, 24, 0.025).holds
 
 
 def test_the_tables_name_every_ensemble_and_spell_the_assumptions_out():

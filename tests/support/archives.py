@@ -10,9 +10,10 @@ import zarr
 
 from gliderhpc.estimation.preparation import vibration_set
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.mission.profile_rows import epoch_seconds, observed_row
+from gliderhpc.mission.profile_rows import observed_row
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import ProfileTruth
 from gliderhpc.simulator.files import append_truth, truth_file

@@ -7,7 +7,8 @@ import numpy as np
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.lanes import LaneBatch, Run
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan
 from gliderhpc.estimation.windows import DiveProblem, WindowData, WindowSolution, WindowTask
 from gliderhpc.flight.glider import SENSED, Glider

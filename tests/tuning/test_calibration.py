@@ -31,7 +31,14 @@ from gliderhpc.report.calibration import notes
 from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning import steady_segments as segments_module
-from gliderhpc.tuning.calibration import CalibrateSettings, CalibrationSettings, CalibrationVerdict, calibrate
+from gliderhpc.tuning.calibration import (
+    TRIM,
+    CalibrateSettings,
+    CalibrationSettings,
+    CalibrationVerdict,
+    calibrate,
+    fit_trim,
+)
 from gliderhpc.tuning.calibration_score import NO_ERRORS, Errors, Score, check_errors, score_of
 from gliderhpc.tuning.calibration_search import (
     PARAMETER_BOUND,
@@ -43,7 +50,6 @@ from gliderhpc.tuning.calibration_search import (
 from gliderhpc.tuning.least_squares import directions, jackknife_covariance, sensitivity
 from gliderhpc.tuning.segment_errors import SegmentErrors, choose_buoyancy, steady_parameters
 from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of, steady_segments
-from gliderhpc.tuning.trim import TRIM, fit_trim
 
 pytestmark = pytest.mark.compiled
 

@@ -13,8 +13,9 @@ from gliderhpc.estimation import filter as filter_module
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, controls_of
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.self_motion import flight_guesses
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
 from gliderhpc.platform import DisturbancePrior, read_platform, with_overrides
@@ -24,7 +25,7 @@ from gliderhpc.tuning.likelihood import (
     PriorLikelihood,
     _cut,
     _undisturbed,
-    tuning_requests,
+    tuning_profiles,
 )
 
 pytestmark = pytest.mark.compiled
@@ -293,7 +294,7 @@ def records(monkeypatch, record):
 
 def test_records_that_cannot_be_used_are_left_out_with_a_warning(records, caplog):
     with caplog.at_level(logging.WARNING, "gliderhpc.tune"):
-        found = tuning_requests(records, PETREL, [3, 1, 2], 100.0, SETTINGS)
+        found = tuning_profiles(records, PETREL, [3, 1, 2], 100.0, SETTINGS)
     assert [len(one.series.controls) for one in found] == [1000]
     assert [entry.getMessage() for entry in caplog.records] == [
         "profile 3 is left out: profile 3: it is not there",
@@ -304,7 +305,7 @@ def test_records_that_cannot_be_used_are_left_out_with_a_warning(records, caplog
 @pytest.mark.parametrize(("numbers", "reason"), [([], "it has no profile"), ([3], "profile 3: it is not there")])
 def test_no_usable_record_is_refused_with_the_last_reason(records, numbers, reason):
     with pytest.raises(InputError, match=f"dives.nc: no profile to tune on can be used; {reason}"):
-        tuning_requests(records, PETREL, numbers, 100.0, SETTINGS)
+        tuning_profiles(records, PETREL, numbers, 100.0, SETTINGS)
 
 
 @pytest.mark.parametrize(("longest", "steps"), [(40.0, 400), (0.01, 1), (1e6, 1500)])

@@ -17,7 +17,6 @@ from gliderhpc.tuning.steady_balance import (
     SteadyFlight,
     SteadyMotion,
     _frame_of,
-    steady_balance,
     steady_balances,
 )
 
@@ -30,6 +29,12 @@ DEPTH_RATE, PITCH, ROLL, TURN_RATE = range(4)
 def motion_of(glide):
     """Measurements of a steady glide."""
     return SteadyMotion(*(np.array([x]) for x in (0.0, glide.pitch, 0.0, glide.depth, glide.depth_rate)))
+
+
+def steady_balance(glider, bodies, motion):
+    """Return the balance of one hull."""
+    (balance,) = steady_balances([glider], [bodies], motion)
+    return balance
 
 
 def turning(glider):

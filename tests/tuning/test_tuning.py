@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from support.missions import changed_observations, program, samples_of
 
 from gliderhpc import load_platform
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.observations import open_observations
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
@@ -18,7 +18,7 @@ from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
 from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior
 from gliderhpc.tuning.fisher_scoring import Expansion, maximise
-from gliderhpc.tuning.likelihood import PriorLikelihood, tuning_requests
+from gliderhpc.tuning.likelihood import PriorLikelihood, tuning_profiles
 
 pytestmark = pytest.mark.compiled
 
@@ -98,7 +98,7 @@ def drawn(tmp_path_factory):
 @pytest.fixture(scope="module")
 def requests(drawn):
     with open_observations(drawn) as opened:
-        return tuning_requests(opened, PETREL, opened.profile_numbers, SETTINGS.tuning.longest, SETTINGS)
+        return tuning_profiles(opened, PETREL, opened.profile_numbers, SETTINGS.tuning.longest, SETTINGS)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,7 @@ def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
 
 def test_long_records_are_cut(drawn):
     with open_observations(drawn) as opened:
-        (request,) = tuning_requests(opened, PETREL, [2], 120.0, SETTINGS)
+        (request,) = tuning_profiles(opened, PETREL, [2], 120.0, SETTINGS)
     series = request.series
     assert len(series.controls) == len(request.bodies) == 1200
     assert len(series.measurements) == len(request.vibrating) == len(series.time) == len(series.weights) == 1201

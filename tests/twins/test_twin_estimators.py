@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.estimator_rows import row, rows_of
 
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.twins.cases import TwinCase, drawn_from, with_impulses, world
 from gliderhpc.twins.estimators import Purpose, describe_recommendation, describe_tally, recommend

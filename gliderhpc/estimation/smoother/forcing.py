@@ -26,7 +26,7 @@ from gliderhpc.platform import Platform, Sensors
 Array = NDArray[np.float64]
 
 _RECORDS = "sensors."
-_SMALL = 1e-3
+_DIFFERENCE_STEP = 1e-3
 """Step, in plausible deviations, of the finite differences of the initial state's guess."""
 
 
@@ -249,14 +249,16 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
     rates = depth_rate(first)
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
-        ahead, behind = (_moved(platform, parameter, sign * _SMALL) for sign in (1.0, -1.0))
+        ahead, behind = (_moved(platform, parameter, sign * _DIFFERENCE_STEP) for sign in (1.0, -1.0))
         if _shifts_measurements(parameter):
-            change = _SMALL * sample_slopes(platform, records, parameter, first.measurements, rates)
+            change = _DIFFERENCE_STEP * sample_slopes(platform, records, parameter, first.measurements, rates)
         elif glide_coefficients(ahead) != glide_coefficients(behind):
             change = np.zeros_like(first.measurements)
         else:
             continue
-        out[j, :10] = (_first_guess(ahead, first, change) - _first_guess(behind, first, -change)) / (2.0 * _SMALL)
+        out[j, :10] = (_first_guess(ahead, first, change) - _first_guess(behind, first, -change)) / (
+            2.0 * _DIFFERENCE_STEP
+        )
     return out
 
 

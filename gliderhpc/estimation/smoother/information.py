@@ -74,8 +74,8 @@ class VelocityErrors:
     Attributes
     ----------
     mean, covariance : (3,), (3, 3)
-        Mean of the errors of forward, lateral and normal velocity, in plausible deviations, and the covariance of what
-        remains of them apart from what follows the hull's errors (`split_sensitivity`).
+        Mean of the errors of forward, lateral and normal velocity, in plausible deviations, and their covariance
+        marginalised over the hull's errors (`split_sensitivity`).
     sensitivity : Sensitivity
         Change of the smoothed estimate with these errors.
     """
@@ -105,8 +105,8 @@ class DiveInformation:
     states, disturbances : (m, 12, p), (k, 6, p)
         Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
     velocity : VelocityErrors, optional
-        Constant errors of a measured velocity relative to the water, if there is one. Score and information are those
-        on the hull whatever these errors are, and the sensitivities those of the estimate that is moved to their mean
+        Constant errors of a measured velocity relative to the water, if there is one. Score and information are
+        marginalised over these errors, and the sensitivities those of the estimate that is moved to their mean
         (`gliderhpc.estimation.smoother.posterior.with_velocity_errors`).
     """
 
@@ -245,7 +245,7 @@ def dive_information(
 
 
 def marginal_information(found: Information, parameters: int) -> tuple[Array, Array]:
-    """Score and information on the first parameters, whatever the errors after them are, which have unit deviations."""
+    """Score and information on the first parameters, marginalised over the errors after them, with unit deviations."""
     score, matrix, own = found.score, symmetric(found.matrix), slice(parameters)
     if len(score) == parameters:
         return score, matrix

@@ -48,9 +48,9 @@ _AT_ONCE = _FRACTIONS[:2]
 """Fractions that are tried with renewed noise in the same sweep."""
 _PENALTY = 1.5
 """Ratio of a defect's weight to the largest costate of its state; above 1 the merit has the MAP problem's minimum."""
-_NEARLY_DONE = 1.0
+_ACCEPTED_MOVE = 1.0
 """Largest remaining move, in standard deviations, with which an iteration that ended early still gives an estimate."""
-_SETTLED = 0.1
+_NEGLIGIBLE_VARIANCE_CHANGE = 0.1
 """Relative change of a variance of the noise below which the noise is not updated."""
 _ROUNDING = 1e-11
 """Relative increase of the merit that is attributed to rounding."""
@@ -60,7 +60,7 @@ _LONGEST_SEGMENT = 1200.0
 """Longest duration of that part, s; a longer one would hardly determine the noise better."""
 _SEGMENT_PASSES = 3
 """Largest number of passes over that part: the passes over the whole dive update its noise anyway."""
-_SIMPLER: dict[str, dict[str, bool | str]] = {
+_SIMPLER_METHODS: dict[str, dict[str, bool | str]] = {
     "the noise is the prior's, not fitted to the dive": {"adaptive": False},
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
 }
@@ -90,7 +90,7 @@ def smooth_dive(
     smoothed = _smoothed_or_filtered(profile, filtered, settings, noise_factor)
     if smoothed.outcome.usable:
         return smoothed
-    for meaning, change in _SIMPLER.items():
+    for meaning, change in _SIMPLER_METHODS.items():
         options = settings.smoother.model_copy(update=change)
         if options != settings.smoother:
             changed = settings.model_copy(update={"smoother": options})
@@ -249,7 +249,7 @@ class _Iteration:
         if outcome is Outcome.CONVERGED:
             self.iterate = self._sweeps.run(self._moved(1.0))
         # An iteration that would still move by a standard deviation, or is not finite, has no estimate.
-        return outcome if self.movement <= _NEARLY_DONE else Outcome.DIVERGED
+        return outcome if self.movement <= _ACCEPTED_MOVE else Outcome.DIVERGED
 
     def _make_single_move(self) -> Outcome:
         """Make as much of the only pass's move as can be flown; the rest is added to the uncertainty."""
@@ -308,7 +308,7 @@ class _Iteration:
         if self._before is not None and noise is not used and self.movement <= self._settings.tolerance:
             turns_back = (noise - used) * (used - self._before) < 0.0
             noise = np.where(turns_back, np.sqrt(noise * used), noise)
-        return noise if np.max(np.abs(noise / used - 1.0)) > _SETTLED else used
+        return noise if np.max(np.abs(noise / used - 1.0)) > _NEGLIGIBLE_VARIANCE_CHANGE else used
 
     def _move(self, noise: Array) -> None:
         """Move the trajectory by the pass's correction, or by a fraction that lowers the merit; else damp more.

@@ -26,7 +26,7 @@ _DIVE_WEIGHT = 1.0
 """Weight of the smoother's scale, in resolved values, in the scale of a whole dive that may have been quieter."""
 _MIN_DISPERSION = 1e-3
 """Lower bound of the relative variance of the local scale."""
-_FEWEST = 1e-9
+_MIN_RESOLVED = 1e-9
 """Lower bound of the number of resolved values, to prevent division by zero."""
 _RANGE = (1e-3, 1e3)
 """Bounds of the local scale."""
@@ -82,9 +82,11 @@ def dispersion(spent: Array, resolved: Array, width: int) -> Array:
         return np.zeros(spent.shape[1])
     starts = np.arange(0, len(spent), width)
     sums, values = (np.add.reduceat(x, starts, axis=0) for x in (spent, resolved))
-    scale = sums.sum(axis=0) / np.maximum(values.sum(axis=0), _FEWEST)
+    scale = sums.sum(axis=0) / np.maximum(values.sum(axis=0), _MIN_RESOLVED)
     excess = np.sum((sums - scale * values) ** 2, axis=0) - 2.0 * scale**2 * values.sum(axis=0)
-    return np.asarray(np.maximum(excess, 0.0) / np.maximum(scale**2 * np.sum(values * (values + 2.0), axis=0), _FEWEST))
+    return np.asarray(
+        np.maximum(excess, 0.0) / np.maximum(scale**2 * np.sum(values * (values + 2.0), axis=0), _MIN_RESOLVED)
+    )
 
 
 def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_]) -> tuple[Dive, ...]:

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.filter import INITIAL_DEVIATION, FilterEstimate
 from gliderhpc.estimation.joining import flyable
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_values, repetitions
+from gliderhpc.estimation.priors import smoother_prior, with_lateral_gusts
 from gliderhpc.estimation.self_motion import first_guess
 from gliderhpc.estimation.sensor_noise import sample_variance
-from gliderhpc.estimation.settings import EstimationSettings, smoother_prior, with_lateral_gusts
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.noise import NoiseScale, actuation_noise
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import smoother as kernel

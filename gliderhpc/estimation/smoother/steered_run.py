@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.estimation.smoother.problem import Gusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
@@ -45,24 +45,24 @@ pitch among the disturbances."""
 _SPEED, _RATES = 4, slice(7, 10)
 """Indices of u, and of p, q and r, among the sensed states."""
 
-_MOST = 3.0
+_MAX_RATE_DIFFERENCE = 3.0
 """Largest difference of turning rates, in units of the angles' resolution per sample interval. On twins it was at most
 0.7 in shear and gusts and about 2 in weak yaw impulses, where the run is better, and about 4 in strong impulses, where
 the filter's path is."""
 
-_SLOWEST = 0.25
+_MAX_SPEED_DIFFERENCE = 0.25
 """Largest difference of the speeds, relative to the speed, for a run that represents the dive."""
 
-_GUSTY = 0.6
+_MIN_ROLL_DIFFERENCE = 0.6
 """Typical difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.5 on
 twins in calm water and in yaw impulses, and 0.75 to 2.4 in gusts."""
 
-_BURSTS = 1.6
+_MIN_BURST_RATIO = 1.6
 """Ratio of the root mean square difference of yaw rates to the typical one that shows impulses between quiet stretches.
 On twins in gusts it was at most 1.5 without and at least 1.8 with impulses."""
 
-_STRETCH = 20.0
-"""Length of the stretches whose median difference is the typical one, s."""
+_STRETCH_LENGTH = 20.0
+"""Length of the stretches over which differences are averaged; their median is the typical difference, s."""
 
 _MIN_DEPTH = 5.0
 """Depth above which waves roll the glider, m."""
@@ -88,11 +88,11 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
         heave and pitch are those of a run. Where no run represents the dive, as on a wrong hull, the filter's path.
     """
     run, disturbances = _run_along(profile, smoothed)
-    if (_distances(profile, smoothed, run)[1:] <= _MOST).all() and _keeps_speed(smoothed, run):
+    if (_distances(profile, smoothed, run)[1:] <= _MAX_RATE_DIFFERENCE).all() and _keeps_speed(smoothed, run):
         return _trajectory(smoothed, run, disturbances)
     path = filtered()
     gliding, forces = _run_along(profile, smoothed, turning=path)
-    if not (_distances(profile, smoothed, gliding)[1] <= _MOST and _keeps_speed(smoothed, gliding)):
+    if not (_distances(profile, smoothed, gliding)[1] <= _MAX_RATE_DIFFERENCE and _keeps_speed(smoothed, gliding)):
         return path
     run, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
     run[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
@@ -120,16 +120,16 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
     """
     sensors = profile.glider.platform.sensors
     used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _MIN_DEPTH)
-    width = round(_STRETCH / profile.series.step)
+    width = round(_STRETCH_LENGTH / profile.series.step)
     if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or used.sum() < width:
         return None
     run, _ = _run_along(profile, filtered)
     squares = _squared_differences(profile, filtered, run)[used]
     stretches = squares[: len(squares) // width * width].reshape(-1, width, 3).mean(axis=1)
     roll, _, yaw = np.sqrt(np.median(stretches, axis=0))
-    if not (roll > _GUSTY and roll > yaw):
+    if not (roll > _MIN_ROLL_DIFFERENCE and roll > yaw):
         return None
-    return Gusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _BURSTS * yaw))
+    return Gusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * yaw))
 
 
 def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:
@@ -162,7 +162,7 @@ def _keeps_speed(path: Trajectory, run: Array) -> bool:
     """Return whether the run is about as fast as the path; not if it flies off."""
     speed = path.states[:, SENSED][:, _SPEED]
     with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.mean((run[:, _SPEED] - speed) ** 2) <= _SLOWEST**2 * np.mean(speed**2))
+        return bool(np.mean((run[:, _SPEED] - speed) ** 2) <= _MAX_SPEED_DIFFERENCE**2 * np.mean(speed**2))
 
 
 def _distances(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:

@@ -21,6 +21,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.fixes import midpoint
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.output_files import output_file
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.store_schema.place import Place
@@ -132,7 +133,7 @@ _OF_CURRENT = (
 
 
 def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
-    bounds = np.column_stack([_seconds(table["entry_time"]), _seconds(table["exit_time"])])
+    bounds = np.column_stack([epoch_seconds(table["entry_time"].values), epoch_seconds(table["exit_time"].values)])
     latitude, longitude = _middles(table)
     content = xr.Dataset(
         {
@@ -295,10 +296,6 @@ def _middles(table: xr.Dataset) -> tuple[Array, Array]:
     )
     latitude, longitude = np.array([midpoint(*ends) for ends in zip(entry, last, strict=True)]).T
     return latitude, longitude
-
-
-def _seconds(times: xr.DataArray) -> Array:
-    return np.asarray((times.values - np.datetime64("1970-01-01", "ns")) / np.timedelta64(1, "s"), dtype=np.float64)
 
 
 _NEVER_MISSING = ("time", "latitude", "longitude", "depth", "time_bounds", "depth_bounds")

@@ -17,7 +17,7 @@ from gliderhpc.observations.appended import Column
 from gliderhpc.observations.discovery import content_type
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.report.exports.og1_rows import since_1970
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.report.exports.og1_vocabulary import (
     CURRENT_ESTIMATES,
     LATITUDE_ATTRIBUTES,
@@ -75,7 +75,7 @@ def dive_columns(data: ProfileData) -> dict[str, Column]:
     entry, last, current = fix_of(data.table, "entry"), fix_of(data.table, "exit"), adopted_current(data.table)
     if entry is None or last is None or not bool(current.known):
         return {}
-    start, end = since_1970(entry.time), since_1970(last.time)
+    start, end = epoch_seconds(entry.time), epoch_seconds(last.time)
     latitude, longitude = midpoint((entry.latitude, entry.longitude), (last.latitude, last.longitude))
     values = {
         "DAC_TIME": 0.5 * (start + end),

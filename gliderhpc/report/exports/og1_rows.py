@@ -14,6 +14,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations import Fix, cycle_boundaries
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.regions import wrapped_longitude
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.platform import Platform
 from gliderhpc.report.exports.og1_vocabulary import (
     ADJOINT_TERMS,
@@ -85,7 +86,6 @@ def _place_track(origin: Fix, displacement: Array, method: str) -> GroundTrack:
 
 Rows = dict[str, NDArray[np.generic]]
 
-_SECOND = np.timedelta64(1, "s")
 _FIXED = ("TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS")
 
 
@@ -134,7 +134,7 @@ def _records(data: ProfileData, smoothed: xr.Dataset | None, track: GroundTrack)
     position, rotation, volume, rudder = data.controls.T
     number, phase = _legs(depth)
     rows: Rows = {
-        "TIME": since_1970(data.epoch) + data.record_time,
+        "TIME": epoch_seconds(data.epoch) + data.record_time,
         "LATITUDE": track.latitude,
         "LONGITUDE": track.longitude,
         "DEPTH": depth,
@@ -244,7 +244,7 @@ def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
 
 def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
     """Add a fix as a separate row, or to the record of the same time; skip one that is already in the file."""
-    time = since_1970(fix.time)
+    time = epoch_seconds(fix.time)
     if time <= last:
         return
     same = np.flatnonzero(rows["TIME"] == time)
@@ -267,11 +267,6 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
 
 _REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")
 """Variables that the row of a fix copies from the neighbouring row."""
-
-
-def since_1970(time: np.datetime64) -> float:
-    """Convert an instant to seconds since 1970."""
-    return float((time - np.datetime64(0, "s")) / _SECOND)
 
 
 def names_of(parts: Iterable[str]) -> list[str]:

@@ -15,7 +15,7 @@ _LISTED = 3
 """Maximum number of failed profiles whose messages are listed, of profile numbers in a list, and of common remarks."""
 
 _COMMON = 0.1
-"""Fraction of the estimated profiles from which a remark is common."""
+"""Fraction of the estimated profiles at or above which a remark is common."""
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 

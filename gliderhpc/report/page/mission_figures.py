@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from gliderhpc.angles import unwrap
 from gliderhpc.archive.current import AdoptedCurrent, adopted_current
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import (
@@ -135,7 +136,7 @@ class MissionTable:
             np.column_stack([self.column(f"{end}_{axis}") for end in ("entry", "exit")])
             for axis in ("latitude", "longitude")
         )
-        return latitude, _unwrap(longitude)
+        return latitude, unwrap(longitude)
 
     @property
     def middle(self) -> tuple[Array, Array]:
@@ -172,14 +173,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.datetime64):
         return value
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _unwrap(longitude: Array) -> Array:
-    """Unwrap longitudes at the antimeridian; missing values stay missing."""
-    running = longitude.copy()
-    known = np.isfinite(longitude)
-    running[known] = np.unwrap(longitude[known], period=360.0)
-    return running
 
 
 _SIZE = (8.0, 6.4)

@@ -52,7 +52,7 @@ _COLOURS = {"north": ESTIMATE, "east": FILTER}
 _VECTORS = 40
 """Maximum number of shear vectors along the track."""
 
-_LONGEST = 0.2
+_VECTOR_LENGTH = 0.2
 """Length of the longest shear vector, relative to the width of the panel."""
 
 
@@ -204,7 +204,7 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
             color=FILTER,
             width=0.004,
             angles="xy",
-            scale=max(longest, 1e-9) / _LONGEST,
+            scale=max(longest, 1e-9) / _VECTOR_LENGTH,
             scale_units="width",
         )
         shown = float(f"{longest:.1g}")

@@ -29,11 +29,18 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.drift import NAME
 from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Change
-from gliderhpc.studies.library.drift.change_text import change_lines, change_rows, read_changes, shaded
+from gliderhpc.studies.library.drift.change_text import (
+    change_lines,
+    change_rows,
+    moment_lines,
+    moment_rows,
+    read_changes,
+    read_moment_changes,
+    shaded,
+)
 from gliderhpc.studies.library.drift.coefficients import are_drawn, read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import DRAG, PRIOR, UNITS, ChangeSettings, DriftSettings, counted_estimates
-from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_rows, read_moment_changes
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,

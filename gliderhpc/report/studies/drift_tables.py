@@ -7,9 +7,9 @@ import numpy as np
 
 from gliderhpc.findings.findings import Comparison, figure_text, markdown, number
 from gliderhpc.store_schema.columns import PHASES
+from gliderhpc.studies.library.drift.change_text import MOMENT_NAMES
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn
 from gliderhpc.studies.library.drift.medians import DRAG, UNITS, CoefficientSettings
-from gliderhpc.studies.library.drift.moment_text import NAMES
 from gliderhpc.studies.library.drift.series import EstimateTrends
 from gliderhpc.studies.library.drift.verdict import DriftVerdict, ForwardModelCheck
 
@@ -107,7 +107,7 @@ def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
                 size = change.size(channel, phase)
                 yield Comparison(
                     f"{change.kind} from profile {change.first} to {change.last}: largest change of the "
-                    f"{NAMES[channel]}, {phase}",
+                    f"{MOMENT_NAMES[channel]}, {phase}",
                     UNITS[channel],
                     size.value,
                     spread=(size.low, size.high),

@@ -13,6 +13,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings, markdown
 from gliderhpc.report.facts import ellipse_axes
+from gliderhpc.report.studies.reanalysis_comparisons import Compared, agreement_rows, agreements, compare, comparisons
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
 from gliderhpc.studies.archived import (
     Provenance,
@@ -24,7 +25,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
 from gliderhpc.studies.library.tracks import Current, ellipses_used
-from gliderhpc.studies.reanalysis import COUNTS, NAME, Compared, agreement_rows, agreements, compare, comparisons
+from gliderhpc.studies.reanalysis import COUNTS, NAME
 from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def _cell(name: str, value: float) -> str:
     return f"{value:.{_DIGITS.get(name.rpartition(' ')[2], 0)}f}"
 
 
-_DOUBT = (
+_DISTANCE_NOTE = (
     "The distance is scaled by the glider's own uncertainty alone: motion that a model lacks, or that its grid "
     "smooths, adds to the difference and not to this scale."
 )
@@ -181,20 +182,20 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
     return {
         "figure_8": (
             f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that by the glide angle, and those of "
-            f"{models} averaged over the same dive in time and depth: {panels}. {_DOUBT}"
+            f"{models} averaged over the same dive in time and depth: {panels}. {_DISTANCE_NOTE}"
         ),
         "table_4": (
             f"Speed and direction of every current, and each model's distance in sigma of the {glider} ({ellipse}): "
-            f"{panels}. {_DOUBT}"
+            f"{panels}. {_DISTANCE_NOTE}"
         ),
         "agreement": (
             "Differences of the currents over the mission, and the share of profiles on which a model lies within 1, "
-            f"2 and 3 sigma: {data}, {covered} of them covered by a model. {_DOUBT}"
+            f"2 and 3 sigma: {data}, {covered} of them covered by a model. {_DISTANCE_NOTE}"
         ),
         "profiles": (
             f"One row per profile and model ({models}), sampled along the dive: {data}. A model that covers less than "
             f"{MIN_COVERAGE:.0%} of the dive's time has no value; the records that it does not cover are counted by "
-            f"reason. {_DOUBT}"
+            f"reason. {_DISTANCE_NOTE}"
         ),
     }
 

@@ -42,7 +42,7 @@ MODEL_ERROR = 0.002
 twins of a known hull."""
 
 MOVING = 0.005
-"""Vertical motion (m/s) from which on it is reported, the accuracy that users require of vertical velocities."""
+"""Vertical motion (m/s) above which it is reported: the accuracy that users require of vertical velocities."""
 
 _PITCH = ("sensors.pitch_offset", "sensors.pitch_scale")
 _SAMPLES = 120
@@ -50,7 +50,7 @@ _SAMPLES = 120
 _DIFFERENCE = 0.05
 """Difference, in plausible deviations, of the derivatives."""
 _PROBABILITY = 0.99
-"""Probability of the quantile of chi-square from which on the hull contradicts the depth rates."""
+"""Probability of the quantile of chi-square above which the hull contradicts the depth rates."""
 _LEGS = 2
 """Number of means that are compared, and expectation of their chi-square."""
 _MIN_FACTOR = 1.4

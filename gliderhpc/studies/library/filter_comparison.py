@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.profile import ProfileData, truth_on_samples
 from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.profiles import stretches
+from gliderhpc.observations.times import SECOND
 from gliderhpc.store_schema.columns import impulse_column, regime_column, truth_column
 from gliderhpc.studies.library.scores import correlation
 from gliderhpc.studies.library.turbulence.series import high_passed
@@ -147,7 +148,7 @@ def truth_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
 
 def impulse_rows(data: ProfileData, truth: xr.Dataset) -> list[dict[str, Any]]:
     """Delay and height, in both estimators, of each isolated true impulse of the yaw moment in steady glide."""
-    times = np.asarray((truth["impulse_time"].values - data.epoch) / np.timedelta64(1, "s"), dtype=np.float64)
+    times = np.asarray((truth["impulse_time"].values - data.epoch) / SECOND, dtype=np.float64)
     rows = []
     for time, amplitude, width in zip(
         times, truth["impulse_amplitude"].values, truth["impulse_width"].values, strict=True

@@ -31,7 +31,7 @@ _NAMES = {"time": "time", "depth": "depth", "lat": "latitude", "lon": "longitude
 FULL_CIRCLE = 360.0
 """Period of longitude, degree."""
 
-_CLOSES = 0.01
+_CIRCLE_TOLERANCE = 0.01
 
 PRODUCTS = (
     ("HYCOM", ("hycom",)),
@@ -189,7 +189,7 @@ class LongitudeAxis:
         if len(self.values) < 2:
             return False
         span = abs(self.unwrapped[-1] - self.unwrapped[0])
-        return bool(abs(span + abs(self._spacing) - FULL_CIRCLE) < _CLOSES * abs(self._spacing))
+        return bool(abs(span + abs(self._spacing) - FULL_CIRCLE) < _CIRCLE_TOLERANCE * abs(self._spacing))
 
     @property
     def _spacing(self) -> float:

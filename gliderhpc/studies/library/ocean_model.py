@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.times import SECOND
 from gliderhpc.studies.library.model_file import Axis, Cells, ModelFile, is_url, open_model_file
 from gliderhpc.studies.library.tracks import DivePath
 
@@ -21,8 +22,6 @@ Array = NDArray[np.float64]
 
 HOLE = 2.5
 """Longest interval between two times, in median intervals of the model, across which velocities are interpolated."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 class Coverage(IntEnum):
@@ -79,7 +78,7 @@ class Grid:
         InputError
             A file cannot be read.
         """
-        first, times = self.files[0], (path.time - self._instants[0]) / _SECOND
+        first, times = self.files[0], (path.time - self._instants[0]) / SECOND
         cells = (
             self._time_axis.cells(times),
             first.depth.cells(path.depth),
@@ -111,7 +110,7 @@ class Grid:
 
     @cached_property
     def _time_axis(self) -> Axis:
-        seconds = np.asarray((self._instants - self._instants[0]) / _SECOND, dtype=np.float64)
+        seconds = np.asarray((self._instants - self._instants[0]) / SECOND, dtype=np.float64)
         return Axis(seconds, HOLE * float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf)
 
     def _interpolate(self, cells: Sequence[Cells]) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gliderhpc.archive.angles import wrap
+from gliderhpc.angles import wrap
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, mod
 from gliderhpc.observations import Fix
 from gliderhpc.observations.dive_phases import unrecorded_variance
 from gliderhpc.observations.fixes import moved
+from gliderhpc.observations.times import SECOND
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.digests import digest_of
 from gliderhpc.studies.archived import platform_of, series_of, settings_of, states_of
 
 Array = NDArray[np.float64]
 
-_SECOND = np.timedelta64(1, "s")
 _KNOTS = 60.0
 
 CURRENTS = "currents"
@@ -135,7 +135,7 @@ def anchors_of(data: ProfileData) -> Anchors | None:
     entry, leave = fix_of(table, "entry"), fix_of(table, "exit")
     if entry is None or leave is None:
         return None
-    clock = np.array([float((fix.time - data.epoch) / _SECOND) for fix in (entry, leave)])
+    clock = np.array([float((fix.time - data.epoch) / SECOND) for fix in (entry, leave)])
     between = local_displacement(entry, leave)
     before, after = (_surface_drift(table, end) for end in ("entry", "exit"))
     acts = clock + np.array([_surface_time(table, "entry"), -_surface_time(table, "exit")])

@@ -20,9 +20,6 @@ SIGNIFICANCE = 0.05
 INTERVAL = (2.5, 97.5)
 """Percentiles of a 95 % interval."""
 
-MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
 MIN_BLOCKS = 5
 """Minimum number of blocks to draw from, if there are that many values."""
 

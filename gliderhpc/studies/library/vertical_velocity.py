@@ -53,8 +53,8 @@ MAX_PAUSE = 2.5
 """Longest pause within a stretch of samples, in sample intervals."""
 
 _TOLERANCE = 1e-6
-_FEWEST = 3
-"""Smallest number of samples of a straight line."""
+_MIN_LINE_SAMPLES = 3
+"""Minimum number of samples of a straight line."""
 
 KEYS = (
     "buoyancy.neutral_volume",
@@ -104,11 +104,6 @@ class DepthRateFilter:
     full_window: Mask
     time: Array
 
-    @property
-    def half_power(self) -> float:
-        """Frequency at which half the power passes, Hz."""
-        return half_power() / self.window
-
     def slopes(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
         found = self.operator @ values
@@ -148,7 +143,7 @@ def depth_rate_filter(time: Array, usable: Mask) -> DepthRateFilter:
         full_window[begin:end] = (times - 0.5 * window >= times[0] - _TOLERANCE) & (
             times + 0.5 * window <= times[-1] + _TOLERANCE
         )
-    count[count < _FEWEST] = 0
+    count[count < _MIN_LINE_SAMPLES] = 0
     edges = np.append(0, np.cumsum(count))
     columns = np.arange(edges[-1]) + np.repeat(first - edges[:-1], count)
     operator = scipy.sparse.csr_array((_slope_weights(time[columns], count), columns, edges), shape=(len(time),) * 2)

@@ -15,6 +15,7 @@ from gliderhpc.estimation.resample import HARMONICS, harmonics
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.observations import ProfileRecord, ProfileSeries
+from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
@@ -68,7 +69,7 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
     heading = series.measurements[:-1, 2]
     basis = np.column_stack([np.ones(len(heading)), harmonics(heading)])
     return Leg(
-        time=float((series.epoch - np.datetime64(0, "s")) / np.timedelta64(1, "s")),
+        time=epoch_seconds(series.epoch),
         current=current.velocity,
         by_error=-starboard.T @ basis / elapsed,
         by_speed=-motion.total / elapsed,

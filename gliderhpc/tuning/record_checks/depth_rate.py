@@ -192,17 +192,19 @@ class _Model:
 
     def _rate(self, steps: Array, glide: _Glide | None) -> Array:
         errors = self._errors(steps)
-        glide = _glide_of(self.platform, self.segments, errors) if glide is None else glide
-        return _rate(self.platform, self.segments, errors, glide, by_density=self.by_density)
+        return steady_depth_rate(self.platform, self.segments, errors, glide, by_density=self.by_density)
 
     def _errors(self, steps: Array) -> dict[str, float]:
-        none = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0)
-        found = {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
-        return none | found
+        return {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
 
 
 def steady_depth_rate(
-    platform: Platform, segments: SteadySegments, errors: Mapping[str, float], *, by_density: bool
+    platform: Platform,
+    segments: SteadySegments,
+    errors: Mapping[str, float],
+    glide: _Glide | None = None,
+    *,
+    by_density: bool,
 ) -> Array:
     """Steady depth rate (n,) (m/s) of a hull with errors, at the pitch corrected for the sensor's; NaN without a glide.
 
@@ -213,6 +215,8 @@ def steady_depth_rate(
     errors : mapping of str to float
         Nonzero errors: offset (rad) and scale less one of the pitch, neutral volume (cm3) and other numbers of the
         platform file (logarithmic for coefficients), difference of the drag, its exponent, surface layer (kg/m3).
+    glide : _Glide, optional
+        Path and drag of glides with these errors, if they are known.
     by_density : bool
         Whether the buoyancy follows the segments' measured seawater.
 
@@ -223,11 +227,23 @@ def steady_depth_rate(
     over the squared speed is proportional to a power n of the speed: then ``V^(2 + n) = V0^2 V_r^n``, with the median
     speed V_r.
     """
-    errors = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0) | dict(errors)
-    return _rate(platform, segments, errors, _glide_of(platform, segments, errors), by_density=by_density)
+    errors = _NO_ERRORS | dict(errors)
+    glide = _glide_of(platform, segments, errors) if glide is None else glide
+    hull = with_values(platform, _with_errors(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
+    weight = _net_weight(hull, segments, errors[LAYER], by_density=by_density)
+    squared = -weight * np.sin(glide.path) / glide.drag
+    speed = np.sqrt(np.where(squared > 0.0, squared, np.nan))
+    if errors[EXPONENT] != 0.0 and np.isfinite(speed).any():
+        usual = np.nanmedian(speed)
+        speed = usual * (speed / usual) ** (2.0 / (2.0 + errors[EXPONENT]))
+    return np.asarray(-speed * np.sin(glide.path))
+
+
+_NO_ERRORS = dict.fromkeys((OFFSET, SCALE, SIDES, EXPONENT, LAYER), 0.0)
 
 
 def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str, float]) -> _Glide:
+    errors = _NO_ERRORS | dict(errors)
     hull = with_values(platform, _with_errors(platform, errors, _COEFFICIENTS))
     pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
     diving = segments.depth_rate > 0.0
@@ -237,20 +253,6 @@ def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str,
         alpha = angle_of_attack(here, pitch[side])
         path[side], drag[side] = pitch[side] - alpha, drag_and_lift(here, alpha)[0]
     return _Glide(path, drag)
-
-
-def _rate(
-    platform: Platform, segments: SteadySegments, errors: Mapping[str, float], glide: _Glide, *, by_density: bool
-) -> Array:
-    """Depth rate (n,) of glides, m/s."""
-    hull = with_values(platform, _with_errors(platform, errors, (NEUTRAL_VOLUME, *_WATER)))
-    weight = _net_weight(hull, segments, errors[LAYER], by_density=by_density)
-    squared = -weight * np.sin(glide.path) / glide.drag
-    speed = np.sqrt(np.where(squared > 0.0, squared, np.nan))
-    if errors[EXPONENT] != 0.0 and np.isfinite(speed).any():
-        usual = np.nanmedian(speed)
-        speed = usual * (speed / usual) ** (2.0 / (2.0 + errors[EXPONENT]))
-    return np.asarray(-speed * np.sin(glide.path))
 
 
 def _with_errors(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:

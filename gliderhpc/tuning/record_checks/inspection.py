@@ -14,8 +14,9 @@ from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR, default_prior
 from gliderhpc.estimation.resample import on_steps
-from gliderhpc.estimation.settings import SLOW_SENSORS_PRIOR, EstimationSettings, default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.observations.profiles import evenly_spaced

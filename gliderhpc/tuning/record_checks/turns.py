@@ -22,7 +22,7 @@ MIN_RATE = np.radians(0.3)
 """Rate of turn (rad/s) above which a stretch is counted as turning."""
 
 MIN_PROFILES = 8
-"""Minimum number of profiles from which the scatter of the estimate can be judged."""
+"""Minimum number of profiles for an estimate of the scatter."""
 
 MIN_STRETCHES = 40
 MIN_EXPLAINED = 0.8

@@ -9,7 +9,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.settings import EstimationSettings, default_prior
+from gliderhpc.estimation.priors import default_prior
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario, load_scenario
 from gliderhpc.studies.library.scores import correlation, rms

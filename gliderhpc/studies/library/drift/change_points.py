@@ -10,11 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.flight.hull_parameters import righting_moment
 from gliderhpc.platform import GRAVITY, Platform
 from gliderhpc.store_schema.columns import PHASES, median_column
-from gliderhpc.studies.library.drift.change_shapes import EPISODE, RAMP
-from gliderhpc.studies.library.drift.drag import shared_drag, weight_effects
-from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
-from gliderhpc.studies.library.drift.series import days_of, values_of
-from gliderhpc.studies.library.drift.series_search import (
+from gliderhpc.studies.library.drift.change_search import (
     PARTS,
     TOGETHER,
     FoundShape,
@@ -25,6 +21,10 @@ from gliderhpc.studies.library.drift.series_search import (
     series_of,
     sizes_of,
 )
+from gliderhpc.studies.library.drift.drag import shared_drag, weight_effects
+from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
+from gliderhpc.studies.library.drift.series import days_of, values_of
+from gliderhpc.studies.library.drift.shape_fits import EPISODE, RAMP
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""Change points of drag and axial force in words, in the archive's group and in tables."""
+"""Change points of drag, axial force and moments in words, in the archive's group and in tables."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
-from gliderhpc.store_schema.columns import PHASES, change_column
+from gliderhpc.store_schema.columns import MOMENT_CHANGE, PHASES, change_column, moment_column
 from gliderhpc.studies.archived import stored_attribute
-from gliderhpc.studies.library.drift.change_points import AXIAL, MISSING, QUANTITIES, Change, Changes
-from gliderhpc.studies.library.drift.change_shapes import EPISODE, FORMS, RAMP
+from gliderhpc.studies.library.drift.change_points import AXIAL, MISSING, MOMENTS, QUANTITIES, Change, Changes
+from gliderhpc.studies.library.drift.change_search import PARTS, TOGETHER, Size, SizeKey
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY
-from gliderhpc.studies.library.drift.series_search import PARTS, TOGETHER, Size, SizeKey
+from gliderhpc.studies.library.drift.shape_fits import EPISODE, FORMS, RAMP
 
 _GROUP, _KIND = "drift", "change_kind"
 _AND = " and "
@@ -36,7 +37,7 @@ _ONE_LEG = (
     "of the water, or something that drags on that leg alone"
 )
 
-_NEARLY = 0.95
+_MAX_MEAN_RATIO = 0.95
 """Ratio of a change's mean to its largest value above which the mean is not reported as well."""
 
 
@@ -279,7 +280,7 @@ def _leg_name(change: Change, phase: str) -> str:
 
 def _percent(change: Change, size: Size, reference: float) -> str:
     value, low, high = (100.0 * part / reference for part in (size.value, size.low, size.high))
-    mean = f", {value * change.mean:+.0f} % on average" if change.mean < _NEARLY else ""
+    mean = f", {value * change.mean:+.0f} % on average" if change.mean < _MAX_MEAN_RATIO else ""
     return f"{value:+.0f} % at its maximum (95 % interval {low:+.0f} to {high:+.0f} %){mean}"
 
 
@@ -301,3 +302,107 @@ def shaded(changes: Sequence[Change], end: float) -> list[tuple[float, float, st
         (change.days[0], change.days[1] if change.kind == EPISODE else end, f"{change.kind}, {phases_text(change)}")
         for change in changes
     ]
+
+
+# Changes of the moments
+
+MOMENT_NAMES = {"B_cp": "rolling moment", "B_cq": "pitching moment", "B_cr": "yawing moment"}
+
+MOMENT_MEANINGS = {
+    "B_cp": "an asymmetry of the hull, a lost wing, or a battery or payload that has shifted sideways",
+    "B_cq": "a battery or payload that has shifted along the hull, ballast not as recorded, or growth or a lost part "
+    "at nose or tail",
+    "B_cr": "an asymmetry of the hull, a lost wing, or a bent fin or rudder",
+}
+"""Possible causes of a change, by the moment that changes most."""
+
+SEARCHED_MOMENTS = "rolling, pitching or yawing moment"
+
+_MOMENT_PREFIX = "moment_"
+
+
+def stored_moment_changes(changes: Changes) -> dict[str, Any]:
+    """Variables of the group, with one entry for each change of the moments; empty if there are none."""
+    rows = [_moment_row(change) for change in changes.found]
+    return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+
+
+def read_moment_changes(archive: Archive) -> Changes:
+    """Read the changes of the moments stored in an archive's group; none if an earlier version made the study."""
+    p, group = archive[_GROUP].attrs.get("p_of_next_moment_change"), archive[_GROUP].to_dataset()
+    columns = {(name, phase, ADJOINT): moment_column(name, phase) for name in MOMENTS for phase in PHASES}
+    if not {f"{_MOMENT_PREFIX}change_kind", *columns.values()} <= set(group):
+        return Changes()
+    entries = [group.isel({MOMENT_CHANGE: place}) for place in range(group.sizes[MOMENT_CHANGE])]
+    found = [read_change(entry, columns, _MOMENT_PREFIX) for entry in entries]
+    return Changes(tuple(change for change in found if change is not None), float("nan") if p is None else float(p))
+
+
+def _moment_row(change: Change) -> dict[str, Any]:
+    sizes = {
+        moment_column(name, phase, end): value
+        for name in MOMENTS
+        for phase in PHASES
+        for end, value in size_ends(change.size(name, phase)).items()
+    }
+    return stored_course(change, _MOMENT_PREFIX) | sizes
+
+
+def moment_lines(changes: Changes, per_degree: float) -> tuple[str, ...]:
+    """Describe the changes of the moments of a mission, one per line; a single line if there are none.
+
+    Parameters
+    ----------
+    changes : Changes
+        Change points of the moments.
+    per_degree : float
+        Moment that tilts the hull by one degree, N m.
+    """
+    if not changes.found:
+        return (no_change_text(changes, SEARCHED_MOMENTS),)
+    return tuple(_describe_moments(change, per_degree) for change in changes.found)
+
+
+def _describe_moments(change: Change, per_degree: float) -> str:
+    lead, *others = change.moments
+    largest = max(abs(change.size(lead, phase).value) for phase in change.phases)
+    also = "".join(f"; also the {MOMENT_NAMES[name]}: {_moment_sizes_text(change, name)}" for name in others)
+    return describe_course(
+        change,
+        f"{MOMENT_NAMES[lead]}: {_moment_sizes_text(change, lead)}, enough to tilt the hull by "
+        f"{largest / per_degree:.1f} degrees{also}; compatible with {MOMENT_MEANINGS[lead]}",
+    )
+
+
+def _moment_sizes_text(change: Change, name: str) -> str:
+    sizes = {phase: change.size(name, phase) for phase in PHASES if change.size(name, phase).excludes_zero}
+    return ", ".join(
+        f"{size.value:+.2g} N m on {phase}s (95 % interval {size.low:+.2g} to {size.high:+.2g})"
+        for phase, size in sizes.items()
+    )
+
+
+def moment_name(change: Change) -> str:
+    """Return the name of the moment that changes most."""
+    return MOMENT_NAMES[change.moments[0]]
+
+
+def moment_rows(changes: Changes) -> list[dict[str, Any]]:
+    """Rows of the table of changes of the moments, one for each change, moment and phase; sizes in N m."""
+    return [
+        {
+            **course_row(change),
+            "moment": MOMENT_NAMES[name],
+            "channel": name,
+            "phase": phase,
+            **{f"change{end}": value for end, value in size_ends(change.size(name, phase)).items()},
+        }
+        for change in changes.found
+        for name in MOMENTS
+        for phase in PHASES
+    ]
+
+
+def moments_as_json(changes: Changes) -> dict[str, Any]:
+    """Return the changes of the moments as plain values."""
+    return {"p_of_next": changes.p, "found": moment_rows(changes)}

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.settings import default_prior
+from gliderhpc.estimation.priors import default_prior
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import PHASES, median_column, phase_column
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes

@@ -15,8 +15,18 @@ from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, PHASES, median_column
 from gliderhpc.studies.library.drift.change_points import Changes, moment_per_degree
-from gliderhpc.studies.library.drift.change_text import change_lines, changes_as_json, drag_name, kinds_text
+from gliderhpc.studies.library.drift.change_search import MIN_VALUES_SEARCHED
+from gliderhpc.studies.library.drift.change_text import (
+    change_lines,
+    changes_as_json,
+    drag_name,
+    kinds_text,
+    moment_lines,
+    moment_name,
+    moments_as_json,
+)
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
+from gliderhpc.studies.library.drift.departures import amplitude
 from gliderhpc.studies.library.drift.drag import (
     CAUSES,
     EXTRA,
@@ -29,7 +39,6 @@ from gliderhpc.studies.library.drift.drag import (
     weight_effects,
 )
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, PRIOR, DriftSettings
-from gliderhpc.studies.library.drift.moment_text import moment_lines, moment_name, moments_as_json
 from gliderhpc.studies.library.drift.series import (
     LATERAL,
     LONGITUDINAL,
@@ -41,8 +50,6 @@ from gliderhpc.studies.library.drift.series import (
     trend_of,
     values_of,
 )
-from gliderhpc.studies.library.drift.series_search import MIN_VALUES_SEARCHED
-from gliderhpc.studies.library.drift.window_search import amplitude
 from gliderhpc.studies.library.trends import MIN_VALUES, known_pairs
 
 VALIDATION_GROUP, FORWARD_ERROR = "validation", "longitudinal_rmse"

@@ -73,8 +73,8 @@ def contrast_of(measured: Array, nulls: Array) -> Contrast | None:
 
 
 @dataclass(frozen=True)
-class NullPasses:
-    """Number of nulls for which a test finds what is not there, number of nulls tested, and level of the test."""
+class FalsePositives:
+    """Number of false positives among the nulls tested, number of nulls tested, and level of the test."""
 
     passed: int
     count: int

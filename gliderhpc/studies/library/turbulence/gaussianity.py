@@ -32,7 +32,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.store_schema.columns import NOISE_MOMENTS
-from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, NullPasses, contrast_of
+from gliderhpc.studies.library.turbulence.contrast import LEVEL, Contrast, FalsePositives, contrast_of
 from gliderhpc.studies.library.turbulence.series import ChannelSeries, IntermittencySettings, pad_to
 from gliderhpc.vocabulary import CHANNELS
 
@@ -57,7 +57,7 @@ _MAX_LISTED = 8
 _MIN_PAIR_FRACTION = 0.05
 """Minimum number of pairs of values with a correlation, relative to the number of values."""
 
-_SAME_ROLL = 1e-4
+_EQUAL_ROLLS = 1e-4
 """Largest difference of rolls that are regarded as repeated, degree."""
 
 
@@ -94,7 +94,7 @@ class Noise:
     def repeated(self) -> float:
         """Fraction of the used records whose roll equals the previous one; 1 without any records."""
         roll = self.roll[self.counted(TESTED[-1]) & np.isfinite(self.roll)]
-        return float(np.mean(np.abs(np.diff(roll)) < _SAME_ROLL)) if len(roll) > 1 else 1.0
+        return float(np.mean(np.abs(np.diff(roll)) < _EQUAL_ROLLS)) if len(roll) > 1 else 1.0
 
 
 @dataclass(frozen=True)
@@ -303,7 +303,7 @@ class Gaussianity:
     profiles, tested, rejected : int
         Numbers of profiles with statistics, of those that are tested, and of those whose own test rejects a Gaussian
         disturbance at `LEVEL`.
-    nulls : NullPasses, optional
+    nulls : FalsePositives, optional
         Gaussian nulls that are tested and rejected; None if none is tested.
     contrast : Contrast, optional
         Comparison of the profiles' scores with those of the Gaussian nulls. It has its level even if the scores of
@@ -315,7 +315,7 @@ class Gaussianity:
     profiles: int
     tested: int
     rejected: int
-    nulls: NullPasses | None = None
+    nulls: FalsePositives | None = None
     contrast: Contrast | None = None
     untested: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
@@ -353,7 +353,7 @@ def judged_gaussianity(measured: pd.DataFrame, nulls: pd.DataFrame) -> Gaussiani
     if "gaussianity_p_value" not in nulls or not np.isfinite(nulls["gaussianity_p_value"]).any():
         return found
     null_scores, null_p = (nulls[name].dropna().to_numpy() for name in ("gaussianity_score", "gaussianity_p_value"))
-    passes = NullPasses(int((null_p <= LEVEL).sum()), len(null_p), LEVEL)
+    passes = FalsePositives(int((null_p <= LEVEL).sum()), len(null_p), LEVEL)
     return replace(found, nulls=passes, contrast=contrast_of(scores, null_scores))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.findings.findings import number
 from gliderhpc.store_schema.columns import GAUSSIAN
-from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, NullPasses, contrast_of
+from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, FalsePositives, contrast_of
 from gliderhpc.studies.library.turbulence.ensembles import MIN_NULLS, Ensembles, finite
 from gliderhpc.studies.library.turbulence.gaussianity import Gaussianity, describe_untested, judged_gaussianity
 from gliderhpc.vocabulary import she_leveque
@@ -26,7 +26,7 @@ SHE_LEVEQUE = she_leveque(6.0)
 TOLERANCE = 0.05
 """Maximum distance of an exponent from She and Leveque's that the paper regards as turbulence."""
 
-_SMALL = 1e-9
+_MIN_P_VALUE = 1e-9
 """P-value below which only this bound is given."""
 
 PASSED, FAILED, NOT_TESTED = "passed", "failed", "not tested"
@@ -75,7 +75,7 @@ class TurbulenceVerdict:
         Number of profiles with statistics.
     contrast : Contrast, optional
         Comparison of the profiles' flatness with that of the Gaussian nulls; None if either is missing.
-    null_passes : NullPasses, optional
+    null_passes : FalsePositives, optional
         Nulls without any disturbance that pass the rank test; None if there are no such nulls.
     gaussianity : Gaussianity, optional
         Test of the smoother's standardised noise; None if the archive has none.
@@ -86,7 +86,7 @@ class TurbulenceVerdict:
     joint: float
     profiles: int
     contrast: Contrast | None = None
-    null_passes: NullPasses | None = None
+    null_passes: FalsePositives | None = None
     gaussianity: Gaussianity | None = None
 
     @property
@@ -141,11 +141,11 @@ def _flatness_contrast(ensembles: Ensembles) -> Contrast | None:
     return contrast_of(ensembles.measured_values("flatness"), finite(nulls["flatness"]))
 
 
-def _null_passes(ensembles: Ensembles) -> NullPasses | None:
+def _null_passes(ensembles: Ensembles) -> FalsePositives | None:
     if not len(ensembles.artefacts):
         return None
     values, level = finite(ensembles.artefacts["p_value"]), ensembles.null_level
-    return NullPasses(int((values <= level + 1e-9).sum()), len(values), level) if len(values) else None
+    return FalsePositives(int((values <= level + 1e-9).sum()), len(values), level) if len(values) else None
 
 
 def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
@@ -210,7 +210,7 @@ def _describe_noise_certainty(found: Gaussianity) -> str:
 
 
 def _p_text(p: float) -> str:
-    return f"{_SMALL:g} or less" if p <= _SMALL else number(p)
+    return f"{_MIN_P_VALUE:g} or less" if p <= _MIN_P_VALUE else number(p)
 
 
 def _describe_next_step(verdict: TurbulenceVerdict) -> str:

@@ -14,7 +14,7 @@ import xarray as xr
 from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
 from gliderhpc.errors import InputError
-from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.foreign import ForeignFile, is_in_the_format
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import read_records, write_records
@@ -167,12 +167,6 @@ def _named_file(error: InputError, paths: Sequence[Path]) -> Path:
     if not named:
         raise error
     return named[0]
-
-
-def time_span(observations: Observations, number: int) -> tuple[np.datetime64, np.datetime64]:
-    """Return the times of a profile's first and last sample."""
-    span = observations.survey.spans[number]
-    return span.start_time, span.end_time
 
 
 def truncated_missions(path: Path, folder: Path) -> Iterator[Path]:

@@ -2,9 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,17 +13,16 @@ import numpy as np
 
 from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.watch_records import OBSERVATIONS, FileImport, is_candidate, time_span, truncated_missions
-from gliderhpc.api.watch_state import ReportedDive, WatchState, changes_since, read_state, was_current_reported
-from gliderhpc.api.watch_versions import accept_or_restore, back_up_version, remove_backups
-from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
+from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.landing import (
     FileState,
@@ -44,6 +44,11 @@ from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema import is_archive, read_profiles
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.rows import read_attributes
+from gliderhpc.version import __version__
+from gliderhpc.watch.records import OBSERVATIONS, FileImport, is_candidate, truncated_missions
+from gliderhpc.watch.state import ReportedDive, WatchState, changes_since, read_state, was_current_reported
+from gliderhpc.watch.versions import accept_or_restore, back_up_version, remove_backups
 from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.watch")
@@ -321,7 +326,8 @@ class Watch:
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""
-        start, end = time_span(observations, number)
+        span = observations.survey.spans[number]
+        start, end = span.start_time, span.end_time
         place = self.state.find(start, end)
         before = None if place is None else self.state.reported[place]
         name = before.file if before is not None else _file_name(number, start)
@@ -375,13 +381,17 @@ def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
     InputError
         The archive contains a profile that is not among them, so it is another mission's.
     """
-    if not is_begun(store) or not is_archive(store):
+    if not _has_archive(store):
         return True
     before, after = list(read_profiles(store)), list(numbers)
     foreign = sorted(set(before) - set(after))
     if foreign:
         raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another --store")
     return after[: len(before)] == before
+
+
+def _has_archive(store: Place) -> bool:
+    return is_begun(store) and is_archive(store)
 
 
 def _file_name(number: int, start: np.datetime64) -> str:
@@ -411,3 +421,57 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out), closing(Watch(watched, listener, read_state(watched.out))) as watch:
         yield watch
+
+
+# Workers: this process for a single new dive, one process per core for several
+
+
+@dataclass
+class WatchWorkers:
+    """Executor of a watch, which stays open, since starting workers for every dive would take seconds each time.
+
+    Attributes
+    ----------
+    number : int or None
+        Number of worker processes; None to choose it by the number of dives.
+    engine : str
+        Engine of the windows, whose kernels are loaded before the first dive.
+    """
+
+    number: int | None
+    engine: str
+    _contexts: ExitStack = field(default_factory=ExitStack, init=False)
+    _opened: tuple[int, Executor] | None = field(default=None, init=False)
+
+    def number_for(self, dives: int) -> int | None:
+        """Return the number of worker processes for a number of dives; None for one per core.
+
+        In this process, a single dive uses a second thread, and no worker has to be started.
+        """
+        return 0 if self.number is None and dives == 1 else self.number
+
+    def open(self, workers: int) -> Executor:
+        """Return the executor with a number of worker processes."""
+        if self._opened is None or self._opened[0] != workers:
+            self.close()
+            opening = executor_of(workers, warm=partial(warm_kernels, self.engine))
+            self._opened = workers, self._contexts.enter_context(opening())
+        return self._opened[1]
+
+    def close(self) -> None:
+        """End the worker processes."""
+        self._opened = None
+        self._contexts.close()
+
+
+def count_waiting(store: Place, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings) -> int:
+    """Count the dives that will be inverted: the new ones, or all if hull, settings or program have changed."""
+    if not _has_archive(store):
+        return len(numbers)
+    made_with = read_attributes(store)
+    now = {
+        "platform": platform.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json"),
+        "software_version": __version__,
+    }
+    return new if all(made_with.get(name) == value for name, value in now.items()) else len(numbers)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.drift.window_search import MIN_WINDOW, OWN_SLOPE, WeightedBaseline
+from gliderhpc.studies.library.drift.departures import MIN_WINDOW, OWN_SLOPE, WeightedBaseline
 
 Array = NDArray[np.float64]
 

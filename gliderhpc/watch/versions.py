@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.api.watch_records import FileImport
-from gliderhpc.api.watch_state import ReportedDive, WatchState
 from gliderhpc.errors import InputError
 from gliderhpc.observations.in_memory import read_records
 from gliderhpc.observations.landing import CopiedFile
 from gliderhpc.output_files import written_aside
+from gliderhpc.watch.records import FileImport
+from gliderhpc.watch.state import ReportedDive, WatchState
 from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.watch")

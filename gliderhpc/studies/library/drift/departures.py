@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.studies.library.trends import MAD
+from gliderhpc.distributions import MAD_TO_STD
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -214,7 +214,7 @@ class WindowSearch:
         fitted = np.linalg.lstsq(columns[:, :-1], columns[:, -1], rcond=None)[0]
         rest = columns[:, -1] - columns[:, :-1] @ fitted
         # Jumps due to further changes, which later searches will find, are not noise.
-        limit = MAX_ERROR * MAD * float(np.median(np.abs(rest)))
+        limit = MAX_ERROR * MAD_TO_STD * float(np.median(np.abs(rest)))
         rest = np.clip(rest, -limit, limit)
         return np.asarray((rest - rest.mean()) / max(float(rest.std()), _MIN_POWER))
 

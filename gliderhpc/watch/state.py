@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.landing import CopiedFile, FileState
+from gliderhpc.observations.times import SECOND
 from gliderhpc.output_files import write_text
 from gliderhpc.report.surfacing_message import SurfacingMessage
 
@@ -58,7 +59,7 @@ class ReportedDive(BaseModel):
     def overlap(self, start: np.datetime64, end: np.datetime64) -> float:
         """Return the overlap with a span of time, s; negative if they are disjoint."""
         first, last = max(np.datetime64(self.start), start), min(np.datetime64(self.end), end)
-        return float((last - first) / np.timedelta64(1, "s"))
+        return float((last - first) / SECOND)
 
 
 class _FileEntry(BaseModel):

@@ -8,11 +8,11 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 from pydantic import ValidationError
 
-from gliderhpc.api.alerts import Box, Rules, read_alerts
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
+from gliderhpc.watch.alerts import Box, Rules, read_alerts
 
 pytestmark = pytest.mark.compiled
 

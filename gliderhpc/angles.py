@@ -1,4 +1,4 @@
-"""Angles of an archive, in degrees: wrapped, unwrapped, and on the branch of others."""
+"""Angles: wrapped, unwrapped, and on the branch of others."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,9 +6,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def wrap(degrees: Array) -> Array:
-    """Wrap angles to [-180, 180) degrees."""
-    return np.mod(degrees + 180.0, 360.0) - 180.0
+def wrap(angle: Array, turn: float = 360.0) -> Array:
+    """Wrap angles to half a turn on either side of zero, the lower end included; a turn is 360 degrees or 2 pi."""
+    return np.asarray(np.mod(angle + 0.5 * turn, turn) - 0.5 * turn)
+
+
+def principal_angle(radians: Array) -> Array:
+    """Wrap angles to [-pi, pi] by their sine and cosine."""
+    return np.asarray(np.arctan2(np.sin(radians), np.cos(radians)))
 
 
 def unwrap(degrees: Array) -> Array:

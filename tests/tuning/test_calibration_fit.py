@@ -10,10 +10,10 @@ from support.steady_glides import glides
 
 from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.platform import read_platform
-from gliderhpc.tuning import calibration, lateral_terms
+from gliderhpc.tuning import calibration, calibration_fit
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
+from gliderhpc.tuning.calibration_fit import is_better_held, reason_to_hold
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.lateral_terms import is_better_held, reason_to_hold
 from gliderhpc.tuning.segment_errors import LATERAL, TURNING, SegmentErrors
 
 PETREL = read_platform("petrel-l")
@@ -83,7 +83,7 @@ def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
 def test_implausible_terms_are_kept_only_where_the_glides_prove_them(monkeypatch, sizes, held):
     """If held terms double the errors of depth rate or turns, the free ones stand; pitch is no measure."""
     monkeypatch.setattr(
-        lateral_terms, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors.sizes))
+        calibration_fit, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors.sizes))
     )
     assert is_better_held(CalibrationVerdict.IMPLAUSIBLE_TURNS, fit([4.0]), fit([0.0], sizes)) is held
 

@@ -4,10 +4,10 @@ from contextlib import closing
 
 import pytest
 
-from gliderhpc.api.watch_workers import WatchWorkers, count_waiting
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.studies.archived import platform_of
+from gliderhpc.watch.watcher import WatchWorkers, count_waiting
 
 pytestmark = pytest.mark.compiled
 

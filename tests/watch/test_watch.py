@@ -16,14 +16,8 @@ from support.missions import changed_observations, program
 from support.seaglider_files import write_dive
 from support.slocum_files import flight, write_binary
 
-from gliderhpc.api import watch, watch_state
-from gliderhpc.api.alerts import Box, Rules
 from gliderhpc.api.import_options import BY_KIND, FLAGS, FOLDERS, NUMBERS, check_option_values
 from gliderhpc.api.records import IMPORTERS
-from gliderhpc.api.watch import Listener, WatchInputs, open_watch
-from gliderhpc.api.watch_records import FileImport, is_candidate, time_span
-from gliderhpc.api.watch_state import ReportedDive, WatchState
-from gliderhpc.api.watch_versions import accept_or_restore, remove_backups
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
@@ -38,6 +32,13 @@ from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surf
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import error_ellipse, surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
+from gliderhpc.watch import state as watch_state
+from gliderhpc.watch import watcher
+from gliderhpc.watch.alerts import Box, Rules
+from gliderhpc.watch.records import FileImport, is_candidate
+from gliderhpc.watch.state import ReportedDive, WatchState
+from gliderhpc.watch.versions import accept_or_restore, remove_backups
+from gliderhpc.watch.watcher import Listener, WatchInputs, open_watch
 
 pytestmark = pytest.mark.compiled
 
@@ -321,7 +322,8 @@ def test_of_several_new_versions_only_those_with_fewer_samples_are_refused(swift
     state = WatchState()
     with open_observations(records) as observations:
         for number, span in observations.survey.spans.items():
-            start, end = map(str, time_span(observations, number))
+            span = observations.survey.spans[number]
+            start, end = str(span.start_time), str(span.end_time)
             entry = ReportedDive(
                 profile=number, start=start, end=end, samples="", count=span.stop - span.start, revision=0, file=""
             )
@@ -359,7 +361,7 @@ def test_a_watch_that_is_killed_at_any_write_loses_nothing(dives, swift_store, t
         if next(steps) >= limit[0]:
             raise Killed
 
-    for module in (watch, watch_state):
+    for module in (watcher, watch_state):
         monkeypatch.setattr(module, "write_text", fragile)
     reported, kills = [], 0
     while True:
@@ -525,7 +527,7 @@ def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatc
         return damages(place, commits)
 
     monkeypatch.setattr(resume, "damages", spied)
-    monkeypatch.setattr(watch, "_CHECKED", 2)
+    monkeypatch.setattr(watcher, "_CHECKED", 2)
     for dive in dives:
         shutil.copy(dive, tmp_path / "land")
         _once(tmp_path)

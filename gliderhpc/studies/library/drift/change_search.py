@@ -10,12 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.store_schema.columns import PHASES
-from gliderhpc.studies.library.drift.change_shapes import EPISODE, Shape, fitted_shape, joined_shape
-from gliderhpc.studies.library.drift.drag import NORMAL_95
-from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
-from gliderhpc.studies.library.drift.series import days_of
-from gliderhpc.studies.library.drift.window_search import (
+from gliderhpc.studies.library.drift.departures import (
     MIN_WINDOW,
     StrongestWindow,
     WeightedBaseline,
@@ -23,7 +20,11 @@ from gliderhpc.studies.library.drift.window_search import (
     amplitude,
     best_baseline,
 )
-from gliderhpc.studies.library.trends import MAD, block_length, moving_blocks
+from gliderhpc.studies.library.drift.drag import NORMAL_95
+from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
+from gliderhpc.studies.library.drift.series import days_of
+from gliderhpc.studies.library.drift.shape_fits import EPISODE, Shape, fitted_shape, joined_shape
+from gliderhpc.studies.library.trends import block_length, moving_blocks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -159,7 +160,7 @@ def spikes(values: Array) -> Mask:
     triples = np.stack([y[:-2], y[1:-1], y[2:]])
     middle = np.median(triples, axis=0)
     middle = np.concatenate([[middle[0]], middle, [middle[-1]]])
-    scatter = MAD * float(np.median(np.abs(np.diff(y)))) / np.sqrt(2.0)
+    scatter = MAD_TO_STD * float(np.median(np.abs(np.diff(y)))) / np.sqrt(2.0)
     found[known] = np.abs(y - middle) > SPIKE_DEVIATIONS * scatter
     return found
 

@@ -1,0 +1,139 @@
+"""Fit to steady glides: its covariance, and whether it determines the hull's lateral terms or a second fit holds them.
+
+The covariance contains the scatter between profiles, held parameters, and errors that are not fitted.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gliderhpc.distributions import few_values_factor
+from gliderhpc.flight.hull_parameters import UNFITTED_MOTION
+from gliderhpc.tuning.calibration_score import score
+from gliderhpc.tuning.calibration_search import CalibrationSearch, CalibrationVerdict
+from gliderhpc.tuning.least_squares import sensitivity
+from gliderhpc.tuning.segment_errors import SegmentErrors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LEVEL = 0.95
+"""Probability of the intervals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A finished search over some errors; its covariance takes several of their Jacobians and is computed once."""
+
+    errors: SegmentErrors
+    search: CalibrationSearch
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the fit (`fit_covariance`)."""
+        return fit_covariance(self.errors, self.search)
+
+    @property
+    def largest_variance(self) -> float:
+        """Largest variance of the fitted parameters, in plausible deviations; zero if none is fitted.
+
+        The part of `UNFITTED_MOTION` is left out: no steady glide separates moments from the added masses'.
+        """
+        free = np.flatnonzero(self.search.free)
+        motion = len(self.search.free) + np.flatnonzero([p in UNFITTED_MOTION for p in self.errors.unfitted])
+        by_motion = np.sum(self.covariance[np.ix_(free, motion)] ** 2, axis=1)
+        return float(np.max(np.diag(self.covariance)[free] - by_motion, initial=0.0))
+
+
+def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
+    """Covariance (p+r, p+r) of all parameters and of the errors that are not fitted, in plausible deviations.
+
+    Held parameters may be wrong by their plausible deviations, or by their distance from the platform's value where
+    they are held at another one. Attitude and motion may have the errors `SegmentErrors.unfitted`, which steady glides
+    do not determine. Both move the free parameters. These also scatter from profile to profile and depend on the
+    rounding of the attitude.
+    """
+    free, held = np.flatnonzero(search.free), np.flatnonzero(~search.free)
+    count = len(search.free)
+    unfitted = np.arange(count, count + len(errors.unfitted))
+    jacobian, _ = search.weighted()
+    wrong = np.maximum(1.0, np.abs(search.steps[held]))
+    by_held, by_offsets, by_unfitted = (
+        sensitivity(jacobian[:, free], unseen)
+        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_unfitted())
+    )
+    covariance = np.eye(count + len(unfitted))
+    covariance[held, held] = wrong**2
+    for others, by_others in ((held, by_held * wrong), (unfitted, by_unfitted)):
+        covariance[np.ix_(free, others)] = by_others
+        covariance[np.ix_(others, free)] = by_others.T
+    covariance[np.ix_(free, free)] = search.scatter_covariance() * few_profiles_factor(errors) + sum(
+        by_others @ by_others.T for by_others in (by_held, by_offsets, by_unfitted)
+    )
+    return covariance
+
+
+def few_profiles_factor(errors: SegmentErrors) -> float:
+    """Factor by which few profiles widen a variance: Student's quantile over the normal one, squared."""
+    level = 0.5 + 0.5 * LEVEL
+    return few_values_factor(level, len(np.unique(errors.profile)) - 1) ** 2
+
+
+# Lateral terms. Water that rolls and yaws the glider acts on the equations of roll and rate of turn like other lateral
+# terms, and through these equations it moves drag, lift and neutral volume as well. A second fit therefore holds the
+# lateral terms, and fits depth rate and pitch apart from roll and rate of turn (`SegmentErrors.with_separate_turns`).
+
+HELD_REASONS = {
+    CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
+    CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",
+    CalibrationVerdict.IMPLAUSIBLE_TURNS: "one of them is far from the platform's value",
+    CalibrationVerdict.CONFOUNDED: "a parameter is less well known than the platform states it",
+}
+"""Reasons for a second fit, with the lateral terms held."""
+
+_MAX_DISTANCE = 3.0
+"""Distance from the platform's value, in plausible deviations, beyond which turns must prove a lateral term."""
+
+_MIN_ERROR_RATIO = 2.0
+"""Ratio of the errors of depth rate, roll or rate of turn, lateral terms held to free, that proves implausible terms.
+
+On twins with yaw impulses or gusts and the platform's own lateral terms it is at most 1.3; on the missions SEA035 M010
+and M012 and SG033, at least 2.5.
+"""
+
+_MAX_COST_RATIO = 1.25
+"""Ratio of costs above which a fit with the lateral terms held is rejected. On twins whose platform is the true hull,
+free lateral terms reduce the cost by 3 to 10 %; on the mission SEA035 M010, by a third."""
+
+
+def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdict | None:
+    """Return why the lateral terms of a finished fit are in doubt; None if they are not."""
+    if not stable:
+        return CalibrationVerdict.UNSTABLE
+    if fit.errors.flatness(fit.search.steps, margin=1.0) > 0.0:
+        return CalibrationVerdict.TOO_STEEP
+    if np.abs(fit.search.steps[lateral]).max(initial=0.0) > _MAX_DISTANCE:
+        return CalibrationVerdict.IMPLAUSIBLE_TURNS
+    if (fit.search.free & lateral).any() and fit.largest_variance > 1.0:
+        return CalibrationVerdict.CONFOUNDED
+    return None
+
+
+def is_better_held(why: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
+    """Return whether the fit with the lateral terms held is the better one."""
+    if why in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
+        return True
+    if why is CalibrationVerdict.IMPLAUSIBLE_TURNS:
+        return bool(np.all(_sizes_of_errors(held) <= _MIN_ERROR_RATIO * _sizes_of_errors(fit)))
+    free_cost, held_cost = (fit.search.cost_of(each.search.steps) for each in (fit, held))
+    return held_cost <= _MAX_COST_RATIO * free_cost and held.largest_variance < fit.largest_variance
+
+
+def _sizes_of_errors(fit: Fit) -> NDArray[np.float64]:
+    """Trimmed root mean square errors ``(3,)`` of depth rate, roll and rate of turn, SI.
+
+    Pitch is no measure: a hull near neutral stability predicts it exactly, whatever its lateral terms are.
+    """
+    return score(fit.errors, fit.search.steps).errors_after.trimmed[[0, 2, 3]]
