@@ -98,6 +98,10 @@ def estimate_currents(
 
     An earlier result `out` in a folder of records is not read.
     """
+    if declination is not None and not (isinstance(declination, int | float) and np.isfinite(declination)):
+        raise InputError(f"declination={declination!r}: give a number of degrees")
+    if errors is not None and not isinstance(errors, GlideErrors):
+        raise InputError(f"errors: give GlideErrors, not a {type(errors).__name__}")
     navigation = navigation_of(records, declination, out)
     chosen = errors or GlideErrors(fix=navigation.fix_error)
     usable = [navigation.record(number) for number in navigation.numbers]
@@ -151,7 +155,7 @@ def navigation_of(
         return read_navigation(records, declination=declination)
     if isinstance(records, xr.DataTree | xr.DataArray):
         raise InputError(f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset, a file or files")
-    paths = [Path(records)] if isinstance(records, str | Path) else [Path(path) for path in records]
+    paths = list(map(Path, [records] if isinstance(records, str | Path) else _paths(records)))
     if not paths:
         raise InputError("records: none given; give a file, files or a Dataset")
     # The importers load libraries that a plain file does not need.
@@ -167,6 +171,16 @@ def navigation_of(
         for file in _plain_files(path, out)
     ]
     return with_dives(merge_navigation(parts))
+
+
+def _paths(records: Iterable[str | Path]) -> list[str | Path]:
+    """Return the paths of several files; a table or one of anything else has no paths."""
+    found = list(records) if isinstance(records, Iterable) and not hasattr(records, "columns") else [records]
+    for each in found:
+        if not isinstance(each, str | Path):
+            kind = type(records).__name__
+            raise InputError(f"records: a {kind} cannot be used; give an xarray.Dataset, a file or files")
+    return found
 
 
 _NETCDF = (".nc", ".nc4")

@@ -150,6 +150,7 @@ def run_mission(
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
     # Arguments are checked before anything is read.
+    archived.check_is_path(store, "store")
     executor_of(workers, cluster)
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:

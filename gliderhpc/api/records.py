@@ -13,10 +13,12 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, settings_of
 from gliderhpc.api.import_options import check_option_values
+from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
+from gliderhpc.observations.file_content import describe_missing
 from gliderhpc.observations.foreign import ForeignFile, importer_of, refuse_compressed
 from gliderhpc.observations.importing import ImportSummary
 from gliderhpc.observations.in_memory import Records, opened_records, read_records
@@ -70,6 +72,7 @@ def open_records(path: str | Path) -> xr.Dataset:
         The file cannot be read, lacks a required variable, has one in a wrong unit, or its time runs backwards; the
         message names the variable and the first bad sample. Faults of single profiles raise no error here.
     """
+    check_is_path(path, "records")
     path = Path(path)
     return import_records(path) if _can_be_imported(path) else read_records(path)
 
@@ -158,7 +161,7 @@ def kind_of(sources: Sequence[Path]) -> str:
     kinds: dict[str, Path] = {}
     for source in sources:
         if not source.exists():
-            raise InputError(f"{source}: no such file or folder")
+            raise InputError(f"{source}: {describe_missing(source)}")
         for path in _files(source):
             kind = kind_of_file(path)
             if kind is not None:
@@ -197,7 +200,7 @@ def is_instrument_file(path: Path) -> bool:
         There is no such file.
     """
     if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
+        raise InputError(f"{path}: {describe_missing(path)}")
     if path.is_dir():
         return any(is_instrument_file(held) for held in _files(path))
     if kind_by_name(path) is not None:

@@ -328,6 +328,11 @@ def plot_profile(
     """
     if not isinstance(dive, xr.DataTree) or "series" not in dive.children:
         raise InputError("dive: give what invert, run_mission or open_mission returned")
+    if not dive["profile"].ndim:
+        raise InputError(
+            "dive: a profile selected by sel(profile=2) has no dimension profile; select it by sel(profile=[2]), or "
+            "give profile=2"
+        )
     number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
     known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth
     return profile_figure(dive, number, known)
@@ -355,6 +360,8 @@ def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     """
     from gliderhpc.report.currents_map import currents_map
 
+    if not isinstance(found, xr.Dataset | xr.DataTree):
+        raise InputError("found: give what currents, invert, run_mission or open_mission returned")
     return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+import numpy as np
+
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
@@ -38,10 +40,10 @@ def executor_of(
     Raises
     ------
     InputError
-        The number of workers is negative, or workers are requested with a running cluster.
+        The number of workers is not a number from 0 on, or workers are requested with a running cluster.
     """
-    if workers is not None and workers < 0:
-        raise InputError(f"workers={workers}: give a number of processes, 0 for this process alone")
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 0):
+        raise InputError(f"workers={workers!r}: give a number of processes, 0 for this process alone")
     if cluster is not None:
         if workers is not None:
             raise InputError(

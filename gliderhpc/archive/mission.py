@@ -100,8 +100,8 @@ class Summary:
     run_seconds: float
 
 
-def check_is_path(place: Any) -> None:
-    """Refuse anything but a text or a path as the place of an archive.
+def check_is_path(place: Any, name: str = "archive") -> None:
+    """Refuse anything but a text or a path as the place of an archive, or of what `name` says.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check_is_path(place: Any) -> None:
         It is neither a text nor a path.
     """
     if not isinstance(place, str | PathLike):
-        raise InputError(f"archive: give its path, not a {type(place).__name__}")
+        raise InputError(f"{name}: give its path, not a {type(place).__name__}")
 
 
 def open_mission(path: Place) -> xr.DataTree:

@@ -10,7 +10,7 @@ from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.format import MEASURED
-from gliderhpc.observations.headings import MIN_CHANGES, frozen_profiles, share_of_changes
+from gliderhpc.observations.headings import frozen_profiles
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.observations.records import FloatArray, ProfileRecord
@@ -40,9 +40,8 @@ def check_sensors(record: ProfileRecord) -> None:
         The heading stays the same to the last digit as in `frozen_profiles`, or the depth for two minutes of flight.
     """
     number = np.full(len(record.time), record.number, dtype=np.int64)
-    reason = frozen_profiles(record.time, record.heading, record.pitch, number).get(record.number)
-    # A simulated glide without noise may keep its heading, but then its roll too.
-    if reason is not None and share_of_changes(record.roll) >= MIN_CHANGES:
+    reason = frozen_profiles(record.time, record.heading, record.pitch, record.roll, number).get(record.number)
+    if reason is not None:
         raise ProfileError(reason)
     known = np.flatnonzero(np.isfinite(record.depth) & np.isfinite(record.pitch))
     time, depth, pitch = record.time[known], record.depth[known], record.pitch[known]

@@ -26,6 +26,9 @@ from gliderhpc.wording import counted
 HARMONICS = ("sin", "cos", "sin 2", "cos 2")
 """Harmonics of the heading read, in the order of `RecordSettings.heading_deviation`."""
 
+MIN_STORED = 3
+"""Minimum number of stored records of a profile, from which slopes can be computed."""
+
 _LAG_WINDOW = 11
 """Number of samples over which the record is smoothed for shifts by fractions of a sample interval."""
 
@@ -46,7 +49,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     ------
     ProfileError
         There is no time with all four measurements, or hardly any sample of one of them; heading or depth have stopped;
-        or the settings require density and the record has none.
+        the output interval leaves hardly any record; or the settings require density and the record has none.
     """
     lag = settings.records.actuator_lag + (0.0 if platform is None else platform.sensors.actuator_lag)
     record, filled = without_filled_values(jointly_sampled(record))
@@ -55,6 +58,12 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
     series = replace(series, false_samples=false_samples, filled=filled)
+    stored = (len(series.time) - 1) // settings.steps_per_record + 1
+    if stored < MIN_STORED:
+        raise ProfileError(
+            f"profile {record.number}: an output_interval of {settings.output_interval:g} s leaves only "
+            f"{counted(stored, 'record')} of the {series.time[-1]:.0f} s, but {MIN_STORED} are needed; make it smaller"
+        )
     if settings.seawater == "depth_slope":
         return series
     series = with_seawater(series, record)

@@ -1,4 +1,4 @@
-"""Remark on actuators that move while their record pauses, so that a step is read as a slow ramp."""
+"""Remarks on actuators: movements while the record pauses, which read as slow ramps, and a ballast that is stuck."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +24,34 @@ MIN_CHANGE = {"ballast_volume": 20.0, "battery_position": 0.002, "battery_rotati
 
 Each changes a glide perceptibly: the speed by about 3 %, the pitch by about 2 degrees, or the course.
 """
+
+
+MIN_LEG = 20.0
+"""Minimum height (m) of a dive and of a climb between which the ballast must change."""
+
+MIN_BALLAST_CHANGE = 1.0
+"""Change of the ballast volume (cm3) below which it cannot turn a dive into a climb: a force of 0.01 N."""
+
+
+def stuck_ballast(depth: FloatArray, ballast: FloatArray) -> list[str]:
+    """Remark on a ballast volume that stays the same while the glider dives and climbs; empty if there is none.
+
+    Parameters
+    ----------
+    depth, ballast : (n,) arrays
+        Depth (m) and ballast volume (cm3); NaN where missing.
+    """
+    known, deep = ballast[np.isfinite(ballast)], depth[np.isfinite(depth)]
+    if not len(known) or not len(deep) or np.ptp(known) >= MIN_BALLAST_CHANGE:
+        return []
+    turn = int(np.argmax(deep))
+    dive, climb = deep[turn] - deep[: turn + 1].min(), deep[turn] - deep[turn:].min()
+    if min(dive, climb) < MIN_LEG:
+        return []
+    return [
+        f"ballast_volume stays at {known[0]:.6g} cm3 although the glider dives by {dive:.0f} m and climbs by "
+        f"{climb:.0f} m: its record is wrong, and so are the heave force and, less, the current"
+    ]
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError, first_line
-from gliderhpc.observations.control_gaps import unlogged_movements
+from gliderhpc.observations.control_gaps import stuck_ballast, unlogged_movements
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.file_content import describe_failure
+from gliderhpc.observations.file_content import describe_failure, describe_missing
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.packed import open_dataset
@@ -228,8 +228,7 @@ class Observations:
         sides = ((span.fixes_from, span.start_time), (span.end_time, span.fixes_until))
         before, after = (self.survey.fixes.between(*side) for side in sides)
         reasons = [reason for side in sides for reason in self.survey.fixes.reasons_between(*side)]
-        if not (before and after):
-            reasons += self.survey.fixes.notes_inside(span.start_time, span.end_time)
+        reasons += self.survey.fixes.notes_inside(span.start_time, span.end_time)
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
@@ -281,7 +280,7 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
     With `cache`, values that have been read stay in memory, where they can be changed.
     """
     if not path.exists():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: {describe_missing(path)}")
     if not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: is a device or a pipe; give observations as netCDF-4 or Zarr")
     try:
@@ -316,7 +315,7 @@ def _records(dataset: xr.Dataset, path: Path) -> xr.Dataset:
 def _actuator_notes(seconds: FloatArray, values: Mapping[str, FloatArray]) -> tuple[str, ...]:
     attitude = np.isfinite(values["roll"] + values["pitch"] + values["heading"])
     text = unlogged_movements(seconds, attitude, values)
-    return (text,) if text else ()
+    return (*([text] if text else []), *stuck_ballast(values["depth"], values["ballast_volume"]))
 
 
 def _hash_file(path: Path, sha: "hashlib._Hash") -> None:

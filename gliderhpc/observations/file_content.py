@@ -10,6 +10,8 @@ _HEADS = (
     (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
     (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
     (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
+    (b"\xff\xfe", "is a text in UTF-16; convert it to UTF-8"),
+    (b"\xfe\xff", "is a text in UTF-16; convert it to UTF-8"),
     (b"<", "is a web page or XML, not the file itself; download it again"),
 )
 
@@ -29,6 +31,13 @@ def describe_content(path: Path) -> str:
     if head == b"":
         return "is empty; copy it again"
     return next((words for start, words in _HEADS if head is not None and head.lstrip().startswith(start)), "")
+
+
+def describe_missing(path: Path) -> str:
+    """Describe a path that does not exist, an address of the web among them."""
+    if path.parts[:1] in (("http:",), ("https:",), ("ftp:",)):
+        return "is an address; download the file, and give its path"
+    return "no such file or folder"
 
 
 def _head(path: Path) -> bytes | None:

@@ -8,8 +8,10 @@ with its neighbours. The reader of an observation file leaves out a fix where no
   dive neither is used);
 - at a place that would require a speed over ground that no glider reaches in any current.
 
-If two fixes contradict each other, the one that contradicts its other neighbours is left out. If the neighbours do not
-decide, both are left out.
+If two fixes contradict each other, the one that contradicts its other neighbours is left out. If the neighbours do
+not decide, both are left out. Fixes of several surfacings stay even where they contradict those before, because a
+glider may have been carried to another place. If nothing can have carried it there in the time, only those stay that
+are clearly in the majority.
 """
 
 import math
@@ -137,6 +139,12 @@ a metre. Of such a run of fixes, only those of the first surfacing are used."""
 _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
+MAX_CARRIED_SPEED = 50.0
+"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes."""
+
+CLEAR_MAJORITY = 3
+"""Minimum ratio of the fixes that stay to those that contradict them, where nothing can have carried the glider."""
+
 _PROVEN_WEIGHT = 10**9
 """Weight of a run over more than one surfacing; it exceeds the weight of all fixes of the other runs together."""
 
@@ -182,7 +190,10 @@ class SurfaceFixes:
         inside = [fix for fix in self.between(first, last) if first < fix.time < last]
         if not inside:
             return []
-        return [f"GPS fix at {_clock(inside[0].time)} within the profile: a profile must end at the surface"]
+        return [
+            f"GPS fix at {_clock(inside[0].time)} within the profile: a profile must end at the surface, and its "
+            "current is a mean over all dives in it"
+        ]
 
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
         """Return the usable and the omitted fixes from one time to another, inclusive."""
@@ -259,6 +270,29 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
     return f"{speed} between the fixes before and after the profile: neither is used"
 
 
+_GRIDS, _MIN_POSITIONS, _ON_GRID = (0.1, 0.01, 0.001), 6, 1e-4
+"""Grids (degree) to which positions may have been rounded, least number of positions that show it, and largest distance
+from the grid, in its intervals."""
+
+
+def rounding_error(latitude: FloatArray, longitude: FloatArray) -> tuple[float, str]:
+    """Standard deviation (m) of positions that were rounded to a coarse grid, and a remark; zero and empty otherwise.
+
+    Parameters
+    ----------
+    latitude, longitude : (m,) arrays
+        Positions, degree.
+    """
+    if len(latitude) < _MIN_POSITIONS or len(np.unique(latitude)) + len(np.unique(longitude)) < 4:
+        return 0.0, ""
+    for grid in _GRIDS:
+        steps = np.concatenate([latitude, longitude]) / grid
+        if np.all(np.abs(steps - np.rint(steps)) < _ON_GRID):
+            error = grid * _METRES_A_DEGREE / math.sqrt(12.0)
+            return error, f"all GPS positions are rounded to {grid:g} degree, so their error is {error:.0f} m or more"
+    return 0.0, ""
+
+
 _MAX_REASONS = 2
 """Maximum number of reasons for omitted fixes that a profile's notes list one by one."""
 
@@ -319,23 +353,35 @@ def _wrong_runs(
 
     A run over more than one surfacing is proven and stays. If two proven runs contradict each other, the record is from
     two places, and no pair of fixes across the break is used (`pair_fault`). Of the other runs, those stay that belong
-    to every largest set of consistent fixes.
+    to every largest set of consistent fixes. Proven runs between which nothing can have carried the glider contradict
+    each other, too: some have wrong positions, such as those of another hemisphere. The largest consistent set stays
+    if it is `CLEAR_MAJORITY` times the others, else none.
     """
     proven = [bool(time[stop - 1] - time[start] > SAME_SURFACING) for start, stop in runs]
     weights = [_PROVEN_WEIGHT if stays else stop - start for stays, (start, stop) in zip(proven, runs, strict=True)]
-    stays = _in_every_best_chain(weights, _links(runs, time, latitude, longitude))
-    return [run for run, right, sure in zip(runs, stays, proven, strict=True) if not (right or sure)]
+    right = _in_every_best_chain(weights, _links(runs, time, latitude, longitude, MAX_GROUND_SPEED))
+    stays = [run for run, consistent, sure in zip(runs, right, proven, strict=True) if consistent or sure]
+    if not stays:
+        return list(runs)
+    possible = _links(stays, time, latitude, longitude, MAX_CARRIED_SPEED)
+    certain = _in_every_best_chain([stop - start for start, stop in stays], possible)
+    remaining = {run for run, each in zip(stays, certain, strict=True) if each}
+    count, others = (sum(stop - start for start, stop in part) for part in (remaining, set(stays) - remaining))
+    return [run for run in runs if run not in remaining or count < CLEAR_MAJORITY * others]
 
 
 def _links(
-    runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray
+    runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray, speed: float
 ) -> npt.NDArray[np.bool_]:
-    """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one."""
+    """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one.
+
+    It moves at `speed` at most, m/s.
+    """
     last, first = np.array([(stop - 1, start) for start, stop in runs]).T
     elapsed = (time[first][None, :] - time[last][:, None]) / SECOND
     north = latitude[first][None, :] - latitude[last][:, None]
     east = _east(longitude[first][None, :] - longitude[last][:, None], latitude[last][:, None])
-    linked: npt.NDArray[np.bool_] = np.triu(_reachable(_METRES_A_DEGREE * np.hypot(north, east), elapsed), 1)
+    linked: npt.NDArray[np.bool_] = np.triu(_reachable(_METRES_A_DEGREE * np.hypot(north, east), elapsed, speed), 1)
     return linked
 
 
@@ -371,8 +417,8 @@ def _east(difference: FloatArray, latitude: FloatArray) -> FloatArray:
     return np.asarray(wrapped_longitude(difference) * np.cos(np.radians(latitude)))
 
 
-def _reachable(distance: FloatArray, elapsed: FloatArray) -> npt.NDArray[np.bool_]:
-    return np.asarray(distance <= MAX_GROUND_SPEED * np.abs(elapsed) + POSITION_ALLOWANCE)
+def _reachable(distance: FloatArray, elapsed: FloatArray, speed: float = MAX_GROUND_SPEED) -> npt.NDArray[np.bool_]:
+    return np.asarray(distance <= speed * np.abs(elapsed) + POSITION_ALLOWANCE)
 
 
 def _ground_speed(distance: float, elapsed: float) -> str:

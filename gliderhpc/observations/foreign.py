@@ -16,7 +16,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.classic_netcdf import refuse_cut_off
 from gliderhpc.observations.columns import DEFAULT_UNITS, NamedColumns, find_name
-from gliderhpc.observations.file_content import describe_content, describe_failure
+from gliderhpc.observations.file_content import describe_content, describe_failure, describe_missing
 from gliderhpc.observations.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -47,7 +47,7 @@ def files_of(sources: Sequence[Path], belongs: Callable[[Path], bool]) -> Iterat
                 refuse_compressed([source])
             yield source
         else:
-            what = "is a device or a pipe, not a regular file" if source.exists() else "no such file or folder"
+            what = "is a device or a pipe, not a regular file" if source.exists() else describe_missing(source)
             raise InputError(f"{source}: {what}")
 
 

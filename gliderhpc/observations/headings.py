@@ -206,10 +206,15 @@ def describe_impossible(
     return text
 
 
-MIN_FROZEN, MIN_CHANGES = 20, 0.3
-"""Number of successive samples with one heading, and share of them at which the pitch changes, from which a compass may
-have failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real records. In
-simulated calm water it is the same to 0.1 degree for half an hour, but then the pitch hardly changes either."""
+MIN_FROZEN, MIN_CHANGES, MANY_CHANGES = 20, 0.3, 60
+"""Number of successive samples with one heading, and share or number of them at which the pitch changes, from which a
+compass may have failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real
+records. In simulated calm water it is the same to 0.1 degree for half an hour, but then the pitch hardly changes
+either. In a fast record the pitch, rounded to 0.1 degree, changes in a tenth of the samples of a glide in disturbed
+water, but often."""
+
+STILL_ROLL = 5
+"""Number of changes of the roll below which the glide may be a simulated one without noise, which keeps its heading."""
 
 _MIN_CHANGE = 1e-6
 """Change of an angle (rad) that a sensor may resolve; a simulated glide without noise changes by less."""
@@ -219,22 +224,25 @@ FROZEN_TIME, FROZEN_SHARE, LEAST_TIME, MIN_OVERLAP = 1800.0, 0.25, 300.0, 5
 measured (at most 505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
 
 
-def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, profile: IntArray) -> dict[int, str]:
-    """Profiles, by number, whose heading does not change to the last digit for long while the pitch does; the reasons.
+def frozen_profiles(
+    time: FloatArray, heading: FloatArray, pitch: FloatArray, roll: FloatArray, profile: IntArray
+) -> dict[int, str]:
+    """Profiles, by number, whose heading does not change to the last digit for long while pitch and roll do; reasons.
 
     Parameters
     ----------
-    time, heading, pitch : (n,) arrays
-        Times (s), heading and pitch (rad) of all profiles, NaN where missing.
+    time, heading, pitch, roll : (n,) arrays
+        Times (s), heading, pitch and roll (rad) of all profiles, NaN where missing; a roll of which nothing is known is
+        not considered.
     profile : (n,) int array
         Number of the profile, 0 outside any.
     """
     known = np.flatnonzero(np.isfinite(heading))
-    time, pitch, profile = time[known], pitch[known], profile[known]
+    time, pitch, roll, profile = time[known], pitch[known], roll[known], profile[known]
     sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
     found: dict[int, str] = {}
     for start, stop in equal_runs(heading[known], MIN_FROZEN):
-        if share_of_changes(pitch[start:stop]) < MIN_CHANGES:
+        if not _varies(pitch[start:stop]) or _is_still(roll[start:stop]):
             continue
         lasts = float(time[stop - 1] - time[start])
         for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):
@@ -248,7 +256,18 @@ def frozen_profiles(time: FloatArray, heading: FloatArray, pitch: FloatArray, pr
     return found
 
 
-def share_of_changes(values: FloatArray) -> float:
-    """Share of the known values (rad) that differ from the one before, zero without two of them."""
-    known = values[np.isfinite(values)]
-    return float(np.mean(np.abs(np.diff(known)) > _MIN_CHANGE)) if len(known) > 1 else 0.0
+def _changes(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask of the known values (rad) after the first that differ from the one before."""
+    return np.asarray(np.abs(np.diff(values[np.isfinite(values)])) > _MIN_CHANGE)
+
+
+def _varies(values: FloatArray) -> bool:
+    """Return whether many of the known values (rad) differ from the one before, in number or as a share."""
+    changes = _changes(values)
+    return bool(changes.sum() >= MANY_CHANGES or (len(changes) and changes.mean() >= MIN_CHANGES))
+
+
+def _is_still(roll: FloatArray) -> bool:
+    """Return whether the roll is known and hardly changes, as in a simulated glide without noise."""
+    changes = _changes(roll)
+    return bool(len(changes) and changes.sum() < STILL_ROLL)

@@ -33,7 +33,7 @@ from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.times import SECOND
-from gliderhpc.observations.validation import describe_time, profile_spans
+from gliderhpc.observations.validation import describe_time, describe_unnumbered, profile_spans
 from gliderhpc.wording import counted
 
 RECORD_BREAK = 86_400.0
@@ -110,7 +110,7 @@ class Navigation:
     @property
     def faults(self) -> dict[int, str]:
         """Reasons why profiles cannot be used, by number: times by two clocks, or a compass that failed."""
-        frozen = frozen_profiles(_seconds(self.time), self.heading, self.pitch, self.profile)
+        frozen = frozen_profiles(_seconds(self.time), self.heading, self.pitch, self.roll, self.profile)
         return frozen | doubted_by_clock(self.clock_doubts, self.time, self.profile)
 
     def record(self, number: int) -> ProfileRecord:
@@ -130,6 +130,7 @@ class Navigation:
             notes=(
                 *describe_fixes(before, after, notes, MAX_FIX_AGE),
                 *_describe_depth(seconds, self.depth[span], self.impossible[span]),
+                *_describe_gap(seconds, self.depth[span] + self.pitch[span] + self.heading[span]),
                 *dive_notes(seconds, self.depth[span], self.pitch[span] + self.heading[span]),
             ),
             velocity=None if self.velocity is None else self.velocity[span],
@@ -149,8 +150,7 @@ class Navigation:
         before = _of_same_surfacing(before[::-1], self.time[span.start])[::-1]
         after = _of_same_surfacing(after, self.time[span.stop - 1])
         reasons = [reason for side in sides for reason in self.fixes.reasons_between(*side)]
-        if not (before and after):
-            reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
+        reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
@@ -257,6 +257,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
     dives = _profiles(columns, order, time, depth)
     profile = _usable(dives, depth, pitch, heading)
     remarks += [*describe_short_dives(time, depth, dives, profile, MIN_SAMPLES)]
+    if _has_numbers(columns):
+        remarks += filter(None, [describe_unnumbered(columns.quantity("profile")[order], time, depth)])
     remarks += check_heading(source, measured, profile, columns.find("heading"))
     velocity, unusable = read_velocity(columns, order)
     remarks += unusable
@@ -366,11 +368,28 @@ def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDAr
         yield f"the depth is noisy and is smoothed over {window:.0f} s"
 
 
+def _describe_gap(seconds: FloatArray, measured: FloatArray) -> Iterator[str]:
+    """Note on the longest gap between the complete samples of a profile, if it would end a profile found from depth."""
+    known = seconds[np.isfinite(measured)]
+    if len(known) < 2 or np.diff(known).max() <= RECORD_BREAK:
+        return
+    gap = int(np.argmax(np.diff(known)))
+    yield (
+        f"no complete sample for {(known[gap + 1] - known[gap]) / 60.0:.0f} minutes, from {known[gap]:.0f} s on: the "
+        "displacement in this gap is a guess"
+    )
+
+
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
     """Number of the profile of every sample: the file's own in the observation format, else detected from depth."""
-    if columns.find("profile") and columns.find("fix_time") == "fix_time":
+    if _has_numbers(columns):
         return np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
     return detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
+
+
+def _has_numbers(columns: NavigationColumns) -> bool:
+    """Return whether the profiles are numbered: whether the columns are those of the observation format."""
+    return bool(columns.find("profile")) and columns.find("fix_time") == "fix_time"
 
 
 def _usable(found: IntArray, depth: FloatArray, pitch: FloatArray, heading: FloatArray) -> IntArray:

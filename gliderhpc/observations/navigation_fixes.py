@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.depth_screening import impossible_depths
-from gliderhpc.observations.fixes import SurfaceFixes, screen_fixes
+from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.profiles import SURFACE_MARGIN, IntArray, floating_level
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -73,7 +73,15 @@ def find_positions(columns: NavigationColumns) -> SurfacePositions:
         f"no variables of the GPS receiver: positions above {surface:.3g} m are taken as fixes, with an error of "
         f"{POSITION_ERROR:g} m",
     ]
-    return SurfacePositions(screen_fixes(time, latitude, longitude, surfaced), POSITION_ERROR, remarks)
+    return _with_rounding(SurfacePositions(screen_fixes(time, latitude, longitude, surfaced), POSITION_ERROR, remarks))
+
+
+def _with_rounding(found: SurfacePositions) -> SurfacePositions:
+    """Return positions with the error of the grid to which they were rounded, if it is larger, and a remark on it."""
+    error, remark = rounding_error(found.fixes.latitude, found.fixes.longitude)
+    if error <= found.error:
+        return found
+    return SurfacePositions(found.fixes, error, [*found.remarks, remark])
 
 
 def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePositions | None:
@@ -96,7 +104,7 @@ def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePosit
             f"receiver gives: only those at the surface are used, with an error of {POSITION_ERROR:g} m"
         )
     error = POSITION_ERROR if submerged.any() else RECEIVER_ERROR
-    return SurfacePositions(screen_fixes(time, latitude, longitude, known & ~submerged), error, remarks)
+    return _with_rounding(SurfacePositions(screen_fixes(time, latitude, longitude, known & ~submerged), error, remarks))
 
 
 def _out_of_range(columns: NavigationColumns) -> list[str]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.excursions import SUBMERGED, find_lost, in_excursion
+from gliderhpc.observations.file_content import describe_content
 from gliderhpc.observations.foreign import files_of
 from gliderhpc.observations.rows import (
     NOT_INCREASING,
@@ -229,7 +230,11 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
         other = ", or the declination with --declination" if absent[0] == "Declination" else ""
-        raise InputError(f"{path}: has no column {absent[0]}; give a complete SeaExplorer record{other}")
+        what = describe_content(path)
+        separated = "" if len(fields) > 1 else "; its columns must be separated by semicolons"
+        raise InputError(
+            f"{path}: {what or f'has no column {absent[0]}; give a complete SeaExplorer record{other}{separated}'}"
+        )
     places = [fields.index(name) for name in names]
     clock_place = fields.index(clock)
     times: list[np.datetime64] = []

@@ -10,8 +10,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.fixes import SurfaceFixes, screen_fixes
+from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.navigation_checks import check_depth_unit
 from gliderhpc.observations.profile_checks import (
     check_extents,
     check_heading_unit,
@@ -29,6 +30,7 @@ from gliderhpc.observations.validation import (
     check_profile_numbers,
     check_variables,
     clock_set_back,
+    describe_unnumbered,
     profile_spans,
 )
 
@@ -196,11 +198,31 @@ def survey_of(stored: StoredVariables) -> Survey:
     depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)
     faults |= check_signs(time, glide, places, faults)
+    faults |= _wrong_depth_units(stored, depth, places, faults)
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
-    return Survey(spans, faults, (*([doubtful_unit] if doubtful_unit else []), *warnings), fixes, doubts)
+    unnumbered = describe_unnumbered(stored.numbers("profile", 0, len(time)), time, depth)
+    return Survey(spans, faults, (*filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+
+
+def _wrong_depth_units(
+    stored: StoredVariables, depth: FloatArray, places: Mapping[int, Span], faults: Mapping[int, str]
+) -> dict[int, str]:
+    """Faults of the profiles whose depth, compared with the pressure of the same samples, is in another unit."""
+    if "pressure" not in stored:
+        return {}
+    pressure = stored.numbers("pressure", 0, len(depth))
+    found: dict[int, str] = {}
+    for number, (start, stop) in places.items():
+        if number in faults:
+            continue
+        try:
+            check_depth_unit(f"profile {number}", depth[start:stop], pressure[start:stop])
+        except InputError as error:
+            found[number] = str(error)
+    return found
 
 
 def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], dict[int, str]]:
@@ -259,6 +281,9 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
             f"there is no usable GPS fix in the file{f' ({why})' if why else ''}: profiles are inverted, but their "
             "currents will be NaN",
         )
+    rounded, remark = rounding_error(found.latitude, found.longitude)
+    if remark:
+        warnings.append(f"{remark}; give the positions in full, or --set current.fix_error={rounded:.0f}")
     if found.reasons:
         others = f", and {len(found.reasons) - 1} more" if len(found.reasons) > 1 else ""
         warnings.append(f"{found.reasons[0]}{others}")

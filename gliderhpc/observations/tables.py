@@ -1,5 +1,6 @@
 """Text tables from ERDDAP: names and units in the header, times in ISO 8601."""
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import xarray as xr
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.file_content import describe_content
 from gliderhpc.observations.times import parse_times
+from gliderhpc.yaml_text import shown
 
 _UNIT_IN_HEAD = re.compile(r"^(?P<name>[^(]+?)\s*\((?P<unit>.*)\)$")
 _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.IGNORECASE)
@@ -18,6 +20,9 @@ _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.
 
 _NUMERIC_UNITS = ("1", "1e-3", "0.001")
 """Units of dimensionless quantities."""
+
+_EXAMINED_ROWS = 100_000
+"""Maximum number of lines that are examined to describe a table that cannot be read."""
 
 _MISSING = ("", "nan", "na", "n/a", "null")
 """Missing values as programs write them, in lower case."""
@@ -55,6 +60,8 @@ def read_table(path: Path) -> xr.Dataset:
         what = describe_content(path)
         if not what and isinstance(error, UnicodeDecodeError):
             what = "is not a text in UTF-8; convert its encoding"
+        if not what and isinstance(error, pd.errors.ParserError):
+            what = _describe_rows(path)
         raise InputError(f"{path}: {what or f'cannot be read as an ERDDAP table ({first_line(error)})'}") from error
     if table.columns[0].startswith("#"):
         raise InputError(f"{path}: begins with a comment; remove it, so that the names of the columns come first")
@@ -76,6 +83,18 @@ def read_table(path: Path) -> xr.Dataset:
         for place, (name, unit) in enumerate(zip(names, units, strict=True))
     }
     return xr.Dataset(columns, attrs={"title": "ERDDAP table", "id": path.stem})
+
+
+def _describe_rows(path: Path) -> str:
+    """Describe the separator of a table whose rows have different numbers of commas, or the first such row."""
+    with path.open(encoding="utf-8-sig") as text:
+        lines = [line.rstrip("\n") for line in itertools.islice(text, _EXAMINED_ROWS)]
+    if lines and lines[0].count(";") > lines[0].count(","):
+        return "its columns are separated by semicolons; write it with commas between columns and decimal points"
+    for number, line in enumerate(lines, 1):
+        if line.count(",") > lines[0].count(","):
+            return f"line {number} has more columns than the names in line 1; correct it"
+    return "its rows have different numbers of columns; correct them"
 
 
 def _check_separator(names: Sequence[str], path: Path) -> None:
@@ -121,5 +140,5 @@ def _column(texts: np.ndarray, name: str, unit: str, path: Path) -> tuple[np.nda
     if len(odd) == np.count_nonzero(~missing):
         return texts, {}
     raise InputError(
-        f"{path}: {name} in row {int(odd[0]) + 1} of the values is '{texts[odd[0]]}', which is not a number"
+        f"{path}: {name} in row {int(odd[0]) + 1} of the values is {shown(str(texts[odd[0]]))}, which is not a number"
     )

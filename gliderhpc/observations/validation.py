@@ -17,6 +17,7 @@ from gliderhpc.observations.foreign import HELPFUL_ORDER, OWN_FILES, describe_fo
 from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, check_resolution, check_time_unit, texts_in
+from gliderhpc.wording import counted
 
 MAX_PROFILE_NUMBER = 1_000_000
 """Maximum profile number; greater values are undeclared fill values."""
@@ -122,9 +123,31 @@ def check_profile_numbers(numbers: FloatArray, path: str) -> None:
     odd = np.flatnonzero((numbers != np.rint(numbers)) | (numbers < 0) | (numbers > MAX_PROFILE_NUMBER))
     if len(odd):
         raise InputError(
-            f"{path}: profile is {numbers[odd[0]]:g} at sample {odd[0]}; it must be a whole number, 0 outside any "
-            "profile; a fill value must be declared (_FillValue)"
+            f"{path}: profile is {numbers[odd[0]]:g} at sample {odd[0]}; it must be a whole number up to "
+            f"{MAX_PROFILE_NUMBER}, 0 outside any profile; a fill value must be declared (_FillValue)"
         )
+
+
+MIN_UNNUMBERED_DEPTH = 20.0
+"""Depth (m) below which samples without a profile number are reported; many records have some at the surface."""
+
+
+def describe_unnumbered(numbers: FloatArray, time: TimeArray, depth: FloatArray) -> str | None:
+    """Describe samples under water whose profile number is missing (NaN); None if there are none.
+
+    Parameters
+    ----------
+    numbers, time, depth : (n,) arrays
+        Profile numbers, times and depths (m) of the samples.
+    """
+    with np.errstate(invalid="ignore"):
+        lost = np.flatnonzero(np.isnan(numbers) & (depth > MIN_UNNUMBERED_DEPTH))
+    if not len(lost):
+        return None
+    return (
+        f"profile is missing (NaN) in {counted(len(lost), 'sample')} below {MIN_UNNUMBERED_DEPTH:g} m, from "
+        f"{describe_time(time[lost[0]])} to {describe_time(time[lost[-1]])}: they are not used; number their dive"
+    )
 
 
 def check_fixes(

@@ -292,7 +292,7 @@ def check_profiles(segments: SteadySegments) -> None:
     if count < MIN_PROFILES:
         raise InputError(
             f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
-            f"{MIN_PROFILES} are needed; name more --profiles, or hold fewer out"
+            f"{MIN_PROFILES} are needed; give records of more dives, name more --profiles, or hold fewer out"
         )
 
 

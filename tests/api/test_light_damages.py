@@ -162,7 +162,7 @@ def test_a_compass_with_steps_of_a_degree_is_not_taken_for_a_frozen_one(shared_d
     seconds = (navigation.time - navigation.time[0]) / np.timedelta64(1, "s")
     coarse = np.radians(np.round(np.degrees(navigation.heading)))
     assert navigation.faults == {}
-    assert frozen_profiles(seconds, coarse, navigation.pitch, navigation.profile) == {}
+    assert frozen_profiles(seconds, coarse, navigation.pitch, navigation.roll, navigation.profile) == {}
 
 
 def test_impossible_headings_are_missing_and_counted():

@@ -75,16 +75,24 @@ def test_two_surfacings_that_contradict_each_other_are_both_left_out():
 
 def test_a_record_of_two_places_keeps_its_fixes_but_no_pair_across(tmp_path):
     """A glider that was carried from one place to another within a file: each place proves itself."""
-    shifted = changed_fixes(latitude={4: 70.004, 5: 70.005, 6: 70.006})
     made = mission(4)
-    for name in ("fix_latitude", "fix_longitude"):
-        made[name][:4] = mission()[name][:4]
-    made["fix_latitude"][4:] += 20.0
+    made["fix_latitude"][4:] += 0.2
     path = write_observations(made, tmp_path / "two.nc", attributes=ATTRIBUTES)
     found = notes(path)
     assert [there for _, there in found] == [True, False, True, True]
     assert "between the fixes before and after the profile: neither is used" in found[1][0]
-    assert shifted["fix_latitude"][4] == 70.004
+
+
+@pytest.mark.parametrize(("profiles", "wrong", "used"), [(4, slice(4, None), 0), (9, slice(4, 8), 6)])
+def test_positions_that_nothing_can_have_reached_are_left_out_unless_they_are_many(profiles, wrong, used, tmp_path):
+    """The sign of the latitude of several surfacings is lost: of equal parts none is used, of few they are not."""
+    made = mission(profiles)
+    made["fix_latitude"][wrong] *= -1.0
+    found = notes(write_observations(made, tmp_path / "south.nc", attributes=ATTRIBUTES))
+    assert sum(there for _, there in found) == used
+    assert all("m/s over ground" in text for text, there in found if not there)
+    with open_observations(tmp_path / "south.nc") as observations:
+        assert np.all(observations.survey.fixes.latitude > 0.0)
 
 
 def test_fixes_at_null_are_missing(tmp_path):
@@ -317,7 +325,7 @@ def test_fill_values_for_profile_numbers_are_refused(tmp_path, number):
         numbers[numbers == 0] = number
         return dataset.assign(profile=("time", numbers, {"units": "1", "_FillValue": np.nan}))
 
-    with pytest.raises(InputError, match=r"it must be a whole number, 0 outside any profile; a fill value must be"):
+    with pytest.raises(InputError, match=r"whole number up to 1000000, 0 outside any profile; a fill value must be"):
         open_observations(edited(tmp_path, edit))
 
 

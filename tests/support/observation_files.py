@@ -14,13 +14,14 @@ START = np.datetime64("2024-05-01T12:00:00", "ns")
 
 def mission(profiles: int = 3) -> dict[str, np.ndarray]:
     """Profiles of 400 s to 50 m, ten minutes at the surface around each, two fixes a surface interval."""
-    seconds, depth, number, fix_seconds = [], [], [], []
+    seconds, depth, number, ballast, fix_seconds = [], [], [], [], []
     for index in range(profiles):
         begin = 1000.0 * index
         t = np.arange(SAMPLES, dtype=float)
         seconds += [begin - 10.0 + np.arange(10), begin + t]
         depth += [np.zeros(10), 50.0 * np.sin(np.pi * t / SAMPLES)]
         number += [np.zeros(10, int), np.full(SAMPLES, index + 1)]
+        ballast += [np.full(10, -250.0), np.where(t < SAMPLES / 2, -250.0, 250.0)]
         fix_seconds += [begin - 200.0, begin - 20.0]
     fix_seconds.append(1000.0 * profiles - 550.0)
     offsets = np.concatenate(seconds)
@@ -33,10 +34,10 @@ def mission(profiles: int = 3) -> dict[str, np.ndarray]:
         "heading": np.mod(350.0 + offsets / 10.0, 360.0),
         "battery_position": np.full(len(offsets), 0.01),
         "battery_rotation": np.full(len(offsets), 30.0),
-        "ballast_volume": np.full(len(offsets), -250.0),
+        "ballast_volume": np.concatenate(ballast),
         "fix_time": START + (np.array(fix_seconds) * 1e9).astype("timedelta64[ns]"),
-        "fix_latitude": 50.0 + 0.001 * np.arange(len(fix_seconds)),
-        "fix_longitude": -128.0 + 0.001 * np.arange(len(fix_seconds)),
+        "fix_latitude": 50.0 + 0.0010137 * np.arange(len(fix_seconds)),
+        "fix_longitude": -128.0 + 0.0010137 * np.arange(len(fix_seconds)),
     }
 
 

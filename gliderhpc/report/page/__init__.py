@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_folder
 from gliderhpc.report.page.fleet import write_fleet
@@ -51,6 +52,7 @@ def write_report(
         Archive, twins or truth cannot be read, there is no such profile or it is not done, or the folder cannot be
         written; or, for several archives, none can be read, or `profile`, `twins` or `truth` is set.
     """
+    check_is_path(out, "out")
     stores = [store] if isinstance(store, str | Path) else list(store)
     if not stores:
         raise InputError("no archive is given; give at least one")
