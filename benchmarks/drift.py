@@ -33,7 +33,7 @@ from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.report.studies.drift_tables import table_5, table_5_text
+from gliderhpc.report.studies.drift import table_5, table_5_text
 from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.studies.drift import MissionDrift, study_mission
 from gliderhpc.studies.library.drift.change_text import phases_text

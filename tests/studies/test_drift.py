@@ -19,7 +19,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import read_platform
-from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text
+from gliderhpc.report.studies.drift import comparisons, table_5, table_5_text
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.simulator.hull import true_hull
 from gliderhpc.store_schema import check_archive
