@@ -139,8 +139,9 @@ a metre. Of such a run of fixes, only those of the first surfacing are used."""
 _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
-MAX_CARRIED_SPEED = 50.0
-"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes."""
+MAX_CARRIED_SPEED, CARRIED_ALLOWANCE = 50.0, 50_000.0
+"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes, and distance (m) allowed
+in addition: receivers hold old positions, and clocks are off by minutes."""
 
 CLEAR_MAJORITY = 3
 """Minimum ratio of the fixes that stay to those that contradict them, where nothing can have carried the glider."""
@@ -363,7 +364,7 @@ def _wrong_runs(
     stays = [run for run, consistent, sure in zip(runs, right, proven, strict=True) if consistent or sure]
     if not stays:
         return list(runs)
-    possible = _links(stays, time, latitude, longitude, MAX_CARRIED_SPEED)
+    possible = _links(stays, time, latitude, longitude, MAX_CARRIED_SPEED, CARRIED_ALLOWANCE)
     certain = _in_every_best_chain([stop - start for start, stop in stays], possible)
     remaining = {run for run, each in zip(stays, certain, strict=True) if each}
     count, others = (sum(stop - start for start, stop in part) for part in (remaining, set(stays) - remaining))
@@ -371,17 +372,23 @@ def _wrong_runs(
 
 
 def _links(
-    runs: Sequence[tuple[int, int]], time: TimeArray, latitude: FloatArray, longitude: FloatArray, speed: float
+    runs: Sequence[tuple[int, int]],
+    time: TimeArray,
+    latitude: FloatArray,
+    longitude: FloatArray,
+    speed: float,
+    allowance: float = POSITION_ALLOWANCE,
 ) -> npt.NDArray[np.bool_]:
     """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one.
 
-    It moves at `speed` at most, m/s.
+    It moves at `speed` at most (m/s), apart from the `allowance` (m).
     """
     last, first = np.array([(stop - 1, start) for start, stop in runs]).T
     elapsed = (time[first][None, :] - time[last][:, None]) / SECOND
     north = latitude[first][None, :] - latitude[last][:, None]
     east = _east(longitude[first][None, :] - longitude[last][:, None], latitude[last][:, None])
-    linked: npt.NDArray[np.bool_] = np.triu(_reachable(_METRES_A_DEGREE * np.hypot(north, east), elapsed, speed), 1)
+    distance = _METRES_A_DEGREE * np.hypot(north, east)
+    linked: npt.NDArray[np.bool_] = np.triu(_reachable(distance, elapsed, speed, allowance), 1)
     return linked
 
 
@@ -417,8 +424,10 @@ def _east(difference: FloatArray, latitude: FloatArray) -> FloatArray:
     return np.asarray(wrapped_longitude(difference) * np.cos(np.radians(latitude)))
 
 
-def _reachable(distance: FloatArray, elapsed: FloatArray, speed: float = MAX_GROUND_SPEED) -> npt.NDArray[np.bool_]:
-    return np.asarray(distance <= speed * np.abs(elapsed) + POSITION_ALLOWANCE)
+def _reachable(
+    distance: FloatArray, elapsed: FloatArray, speed: float = MAX_GROUND_SPEED, allowance: float = POSITION_ALLOWANCE
+) -> npt.NDArray[np.bool_]:
+    return np.asarray(distance <= speed * np.abs(elapsed) + allowance)
 
 
 def _ground_speed(distance: float, elapsed: float) -> str:

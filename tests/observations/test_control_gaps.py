@@ -82,8 +82,8 @@ def test_a_pause_of_the_whole_record_is_not_the_actuators():
 def test_the_remark_is_a_note_of_the_profile(tmp_path):
     values = mission()["ballast_volume"].astype(float)
     first, last = first_sample(1), first_sample(1) + SAMPLES - 1
-    values[last] += 100.0
-    values[first + 1 : last] = np.nan
+    values[first:last] = np.nan
+    values[[first, last]] = (150.0, 250.0)
     with open_observations(write(tmp_path, ballast_volume=values)) as observations:
         found = {number: observations.profile(number).notes for number in observations.profile_numbers}
     assert "ballast_volume changes by 100 cm3" in found[1][0]
