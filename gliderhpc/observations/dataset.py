@@ -126,6 +126,7 @@ class Observations:
         time = self._stored.times("time", span.start, span.stop).time
         seconds = (time - time[0]) / SECOND
         before, after, reasons = self._fixes(span)
+        reasons = (*reasons, *self.survey.fixes.notes_between_dives(time, values["depth"]))
         return ProfileRecord(
             number=number,
             epoch=time[0],
@@ -228,7 +229,8 @@ class Observations:
         sides = ((span.fixes_from, span.start_time), (span.end_time, span.fixes_until))
         before, after = (self.survey.fixes.between(*side) for side in sides)
         reasons = [reason for side in sides for reason in self.survey.fixes.reasons_between(*side)]
-        reasons += self.survey.fixes.notes_inside(span.start_time, span.end_time)
+        if not (before and after):
+            reasons += self.survey.fixes.notes_inside(span.start_time, span.end_time)
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))

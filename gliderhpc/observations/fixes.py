@@ -132,6 +132,9 @@ POSITION_ALLOWANCE = 100.0
 """Distance (m) between two fixes that is allowed even in no time: errors of the receiver, and times rounded to the
 minute."""
 
+DIVED = 10.0
+"""Depth (m) beyond which a glider has dived, before or after a surfacing."""
+
 STALE_AFTER = np.timedelta64(1800, "s")
 """Time after which an exactly repeated position is taken as an old one reported again: at sea nothing stays in place to
 a metre. Of such a run of fixes, only those of the first surfacing are used."""
@@ -140,8 +143,8 @@ _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
 MAX_CARRIED_SPEED, CARRIED_ALLOWANCE = 50.0, 50_000.0
-"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes, and distance (m) allowed
-in addition: receivers hold old positions, and clocks are off by minutes."""
+"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes, and distance (m)
+allowed in addition: receivers hold old positions, and clocks are off by minutes."""
 
 CLEAR_MAJORITY = 3
 """Minimum ratio of the fixes that stay to those that contradict them, where nothing can have carried the glider."""
@@ -191,10 +194,26 @@ class SurfaceFixes:
         inside = [fix for fix in self.between(first, last) if first < fix.time < last]
         if not inside:
             return []
-        return [
-            f"GPS fix at {_clock(inside[0].time)} within the profile: a profile must end at the surface, and its "
-            "current is a mean over all dives in it"
-        ]
+        return [f"GPS fix at {_clock(inside[0].time)} within the profile: a profile must end at the surface"]
+
+    def notes_between_dives(self, time: TimeArray, depth: FloatArray) -> list[str]:
+        """Describe usable fixes at a surfacing between two dives of one profile; empty if there are none.
+
+        Parameters
+        ----------
+        time, depth : (n,) arrays
+            Times and depths (m) of the profile's samples, NaN where missing.
+        """
+        known = np.isfinite(depth)
+        time, depth = time[known], depth[known]
+        for fix in self.between(time[0], time[-1]) if len(time) else ():
+            place = int(np.searchsorted(time, fix.time))
+            if min(depth[:place].max(initial=0.0), depth[place:].max(initial=0.0)) > DIVED:
+                return [
+                    f"GPS fix at {_clock(fix.time)} between two dives of the profile: its current is a mean over these "
+                    "dives and the surfacing; give every dive a number of its own"
+                ]
+        return []
 
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
         """Return the usable and the omitted fixes from one time to another, inclusive."""

@@ -150,7 +150,9 @@ class Navigation:
         before = _of_same_surfacing(before[::-1], self.time[span.start])[::-1]
         after = _of_same_surfacing(after, self.time[span.stop - 1])
         reasons = [reason for side in sides for reason in self.fixes.reasons_between(*side)]
-        reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
+        reasons += self.fixes.notes_between_dives(self.time[span], self.depth[span])
+        if not (before and after):
+            reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
         fault = pair_fault(before[-1], after[0]) if before and after else None
         if fault is None:
             return before, after, tuple(dict.fromkeys(reasons))
@@ -368,10 +370,14 @@ def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDAr
         yield f"the depth is noisy and is smoothed over {window:.0f} s"
 
 
+NOTED_GAP = 900.0
+"""Longest gap (s) between complete samples of a profile without a note; a glider moves by 200 to 300 m in this time."""
+
+
 def _describe_gap(seconds: FloatArray, measured: FloatArray) -> Iterator[str]:
-    """Note on the longest gap between the complete samples of a profile, if it would end a profile found from depth."""
+    """Note on the longest gap between the complete samples of a profile, if it is longer than `NOTED_GAP`."""
     known = seconds[np.isfinite(measured)]
-    if len(known) < 2 or np.diff(known).max() <= RECORD_BREAK:
+    if len(known) < 2 or np.diff(known).max() <= NOTED_GAP:
         return
     gap = int(np.argmax(np.diff(known)))
     yield (

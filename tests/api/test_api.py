@@ -121,6 +121,20 @@ def test_a_dataset_is_checked_as_a_file_is(records, corrupt, message):
 def test_a_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(gh.InputError, match=r"none\.nc: no such file"):
         gh.open_records(tmp_path / "none.nc")
+    with pytest.raises(gh.InputError, match="is an address; download the file, and give its path"):
+        gh.open_records("https://example.org/records.nc")
+
+
+@pytest.mark.parametrize("given", [None, 3, ["a.nc"]])
+def test_other_things_than_paths_are_refused(given, swift, tmp_path):
+    with pytest.raises(gh.InputError, match=f"records: give its path, not a {type(given).__name__}"):
+        gh.open_records(given)
+    with pytest.raises(gh.InputError, match=f"store: give its path, not a {type(given).__name__}"):
+        gh.run_mission(swift, "petrel-l", given, workers=0)
+    with pytest.raises(gh.InputError, match=f"out: give its path, not a {type(given).__name__}"):
+        gh.report(tmp_path, given)
+    with pytest.raises(gh.InputError, match="found: give what currents, invert, run_mission or open_mission returned"):
+        gh.plot_currents(given)
 
 
 def test_records_saved_by_xarray_are_the_same(records, dive, tmp_path):
@@ -278,6 +292,8 @@ def test_a_profile_is_drawn(dive, swift_store, swift):
         gh.plot_profile(gh.open_mission(swift_store))
     with pytest.raises(gh.InputError, match="dive: give what invert"):
         gh.plot_profile(dive["series"].to_dataset())
+    with pytest.raises(gh.InputError, match=r"select it by sel\(profile=\[2\]\), or give profile=2"):
+        gh.plot_profile(gh.open_mission(swift_store).sel(profile=2))
 
 
 # A mission
@@ -338,6 +354,8 @@ def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp
         ({"profiles": []}, r"profiles=\[\]: give numbers"),
         ({"profiles": [1.5]}, r"profiles=\[1.5\]: give numbers"),
         ({"workers": -1}, "workers=-1: give a number of processes"),
+        ({"workers": 2.5}, "workers=2.5: give a number of processes"),
+        ({"workers": "2"}, "workers='2': give a number of processes"),
         ({"workers": 2, "scheduler": "tcp://nowhere:1"}, "workers=2: a running cluster has its own"),
         ({"overwrite": True, "resume": True}, "overwrite, resume and append are mutually exclusive"),
         ({"engine": "fast"}, "engine: .*'fast'"),

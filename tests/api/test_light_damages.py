@@ -1,13 +1,21 @@
 """`gliderhpc.currents` on records with flagged values, clocks set back, a compass that failed, or another layout."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
 from support.glides import Glide, mission
+from support.missions import changed_observations
 
+from gliderhpc import load_platform
 from gliderhpc.api.currents import currents, navigation_of
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, ProfileError
+from gliderhpc.estimation.record_screening import check_sensors
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.headings import frozen_profiles
+from gliderhpc.observations.profiles import equal_runs
+from gliderhpc.simulator import Scenario, load_scenario, simulate_mission
 
 GLIDE = Glide()
 FILE = "pyglider-l0/dfo-eva035-20190718.nc"
@@ -165,6 +173,38 @@ def test_a_compass_with_steps_of_a_degree_is_not_taken_for_a_frozen_one(shared_d
     assert frozen_profiles(seconds, coarse, navigation.pitch, navigation.roll, navigation.profile) == {}
 
 
+@pytest.mark.compiled
+def test_a_frozen_compass_of_a_fast_record_is_found(tmp_path):
+    """At 1 Hz a pitch rounded to 0.1 degree changes in few of the samples, but often; the dive had had a current."""
+    path = tmp_path / "fast.nc"
+    simulate_mission(load_platform("petrel-l"), path, scenario=Scenario().replaced({"profiles": 2}), seed=4)
+
+    def freeze(content):
+        content["heading"].values[content["profile"].values == 2] = 100.0
+        return content
+
+    changed_observations(path, tmp_path / "frozen.nc", freeze)
+    found = currents(tmp_path / "frozen.nc")
+    assert np.isfinite(found["dac_north"].values).tolist() == [True, False]
+    assert "the heading is the same to the last digit" in str(found["message"].values[1])
+    with open_observations(tmp_path / "frozen.nc") as observations:
+        check_sensors(observations.profile(1))
+        with pytest.raises(ProfileError, match="the heading is the same to the last digit"):
+            check_sensors(observations.profile(2))
+
+
+@pytest.mark.compiled
+def test_a_simulated_glide_without_noise_keeps_its_heading_and_is_not_called_frozen(tmp_path):
+    path = tmp_path / "calm.nc"
+    scenario = load_scenario("stratified").replaced({"profiles": 2, "depth": 300.0})
+    simulate_mission(load_platform("petrel-l"), path, scenario=scenario, seed=5)
+    with open_observations(path) as observations:
+        records = [observations.profile(number) for number in observations.profile_numbers]
+    assert max(stop - start for record in records for start, stop in equal_runs(record.heading, 20)) > 2000
+    for record in records:
+        check_sensors(record)
+
+
 def test_impossible_headings_are_missing_and_counted():
     """An undeclared fill value of 65535 hundredths had been taken as 295.35 degrees."""
     records = mission(GLIDE)
@@ -191,3 +231,46 @@ def test_dimensions_of_length_one_are_dropped_and_others_named():
     twice = records.assign(pitch=records["pitch"].expand_dims(trajectory=2))
     with pytest.raises(InputError, match=r"has no pitch.*pitch \(trajectory = 2, time = \d+\)"):
         currents(twice)
+
+
+# Records that pause, dives that are joined, and arguments of another kind
+
+
+def test_a_long_gap_in_a_numbered_profile_and_fixes_inside_it_are_named(tmp_path):
+    """A current over a gap of an hour, and one over two dives with a surfacing in between, had no remark."""
+    records = mission(GLIDE)
+    time, number = records["time"].values.copy(), np.repeat(1, records.sizes["time"])
+    late = np.arange(len(time)) > len(time) // 6
+    fixes = records["fix_time"].values.copy()
+    gap = np.timedelta64(3600, "s")
+    moved = fixes > time[late][0]
+    found = currents(
+        records.assign_coords(
+            time=np.where(late, time + gap, time), fix_time=np.where(moved, fixes + gap, fixes)
+        ).assign(profile=("time", number))
+    )
+    (message,) = _messages(found)
+    assert "no complete sample for 60 minutes" in message
+    assert "the displacement in this gap is a guess" in message
+    assert "between two dives of the profile: its current is a mean over these dives and the surfacing" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named", "words"),
+    [
+        (None, {}, "records: a NoneType cannot be used"),
+        (mission(GLIDE).to_dataframe, {}, "cannot be used; give an xarray.Dataset, a file or files"),
+        (mission(GLIDE), {"declination": "x"}, "declination='x': give a number of degrees"),
+        (mission(GLIDE), {"declination": np.nan}, "declination=nan: give a number of degrees"),
+        (mission(GLIDE), {"errors": 3}, "errors: give GlideErrors, not a int"),
+    ],
+    ids=["none", "function", "text", "nan", "errors"],
+)
+def test_arguments_of_another_kind_are_named(arguments, named, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        currents(arguments, **named)
+
+
+def test_a_table_of_another_library_is_not_taken_for_paths():
+    with pytest.raises(InputError, match="records: a DataFrame cannot be used"):
+        currents(mission(Glide(dives=1))[["depth", "pitch"]].to_dataframe())

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from support.records import EPOCH, record
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.resample import resample, sampling_intervals
+from gliderhpc.estimation.resample import on_steps, resample, sampling_intervals
+from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.observations.series import averages_between
 
 intervals = st.lists(st.floats(0.2, 5.0), min_size=5, max_size=60)
@@ -48,6 +49,14 @@ def test_missing_samples_are_bridged_variable_by_variable():
     series = resample(record(time, pitch=pitch), 0.5, max_gap=5.0)
     np.testing.assert_allclose(series.measurements[:, 1], -0.3 + 2e-4 * series.time, atol=1e-12)
     assert series.gap_seconds == 0.0
+
+
+def test_an_output_interval_that_leaves_no_record_fails_the_profile():
+    """Studies had stopped with an error of NumPy on an archive of such a run."""
+    flown = record(np.arange(0.0, 101.0))
+    with pytest.raises(ProfileError, match=r"an output_interval of 60 s leaves only 2 records of the 100 s, but 3 are"):
+        on_steps(flown, EstimationSettings(output_interval=60.0))
+    assert len(on_steps(flown, EstimationSettings(output_interval=50.0)).time) == 1001
 
 
 def test_a_long_gap_of_any_measurement_weighs_nothing():

@@ -5,7 +5,7 @@ import pytest
 from support.observation_files import SAMPLES, first_sample, mission, write
 
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.control_gaps import unlogged_movements
+from gliderhpc.observations.control_gaps import stuck_ballast, unlogged_movements
 
 TIME = np.arange(1200.0)
 RECORDED = np.ones(len(TIME), dtype=bool)
@@ -88,3 +88,29 @@ def test_the_remark_is_a_note_of_the_profile(tmp_path):
         found = {number: observations.profile(number).notes for number in observations.profile_numbers}
     assert "ballast_volume changes by 100 cm3" in found[1][0]
     assert found[2] == found[3] == ()
+
+
+# A ballast that does not move
+
+
+def test_a_ballast_that_stays_the_same_through_dive_and_climb_is_reported(tmp_path):
+    stuck = np.where(mission()["profile"] == 2, -250.0, mission()["ballast_volume"])
+    with open_observations(write(tmp_path, ballast_volume=stuck)) as observations:
+        found = {number: observations.profile(number).notes for number in observations.profile_numbers}
+    assert found[1] == found[3] == ()
+    (text,) = found[2]
+    assert text.startswith("ballast_volume stays at -250 cm3 although the glider dives by 50 m and climbs by 50 m")
+
+
+@pytest.mark.parametrize(
+    ("depth", "ballast"),
+    [
+        (np.linspace(0.0, 200.0, 400), np.full(400, 300.0)),
+        (np.concatenate([np.linspace(0.0, 200.0, 200), np.linspace(200.0, 190.0, 200)]), np.full(400, 300.0)),
+        (200.0 * np.sin(np.linspace(0.0, np.pi, 400)), np.repeat([300.0, 298.0], 200)),
+        (200.0 * np.sin(np.linspace(0.0, np.pi, 400)), np.full(400, np.nan)),
+    ],
+    ids=["a dive alone", "no climb", "a small change", "unknown"],
+)
+def test_other_ballasts_are_not_called_stuck(depth, ballast):
+    assert stuck_ballast(depth, ballast) == []

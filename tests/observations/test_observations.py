@@ -418,10 +418,7 @@ def test_fixes_within_a_profile_that_does_not_end_at_the_surface_are_named(tmp_p
     still = {name: np.full_like(mission()[name], mission()[name][0]) for name in ("fix_latitude", "fix_longitude")}
     with open_observations(write(tmp_path, fix_time=inside, **still)) as observations:
         notes = observations.profile(1).notes
-    assert notes[0] == (
-        "GPS fix at 2024-05-01T12:00:02 within the profile: a profile must end at the surface, and its current is a "
-        "mean over all dives in it"
-    )
+    assert notes[0] == "GPS fix at 2024-05-01T12:00:02 within the profile: a profile must end at the surface"
 
 
 def test_fix_out_of_range_is_left_out_with_a_warning(tmp_path):

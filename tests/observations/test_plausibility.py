@@ -14,12 +14,14 @@ from gliderhpc.mission import planning
 from gliderhpc.mission.planning import memory_limit, plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
-from gliderhpc.observations.fixes import screen_fixes
+from gliderhpc.observations.fixes import rounding_error, screen_fixes
 from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.profile_checks import check_pace
 from gliderhpc.observations.sign_checks import check_signs
 from gliderhpc.observations.times import decode_times
 from gliderhpc.wording import most_frequent_reason
+
+POSITIONS = ("fix_latitude", "fix_longitude")
 
 PER_SURFACING = 2
 """Fixes of each surface interval of `mission`, but for the last."""
@@ -676,3 +678,53 @@ def test_a_reversed_rotation_that_moves_all_the_time_must_show_sinking_and_risin
     assert "reverse" in fault_of_signs(*glide(), -0.4 * swing, swing)
     dive = np.where(np.arange(1800) < 900, swing, 0.0)
     assert fault_of_signs(*glide(), -0.4 * dive, dive) is None
+
+
+# Positions on a grid, dives without a number, and a depth in feet
+
+
+def test_rounded_positions_are_named_with_their_error(tmp_path):
+    made = mission()
+    coarse = {name: np.round(made[name], 3) for name in POSITIONS}
+    with open_observations(write(tmp_path, **coarse)) as observations:
+        (text,) = observations.warnings
+    assert text == (
+        "all GPS positions are rounded to 0.001 degree, so their error is 32 m or more; give the positions in full, or "
+        "--set current.fix_error=32"
+    )
+    found, _ = rounding_error(*np.round(np.random.default_rng(3).uniform(10.0, 11.0, (2, 8)), 2))
+    assert found == pytest.approx(0.01 * 111_195.0 / np.sqrt(12.0), rel=1e-6)
+
+
+def test_positions_in_full_are_not_called_rounded():
+    made = mission()
+    assert rounding_error(*(np.round(made[name], 5) for name in POSITIONS)) == (0.0, "")
+    assert rounding_error(np.array([50.0, 50.0]), np.array([-128.0, -128.0])) == (0.0, "")
+
+
+def test_a_dive_without_a_number_is_named(tmp_path):
+    def without(*numbers):
+        def edit(records):
+            known = records["profile"].astype(float)
+            return records.assign(profile=known.where(~known.isin(numbers)).assign_attrs(records["profile"].attrs))
+
+        path = edited(tmp_path, edit)
+        with open_observations(path) as observations:
+            return observations.warnings, observations.profile_numbers
+
+    (text,), numbers = without(2)
+    assert numbers == [1, 3]
+    assert text.startswith("profile is missing (NaN) in ")
+    assert "samples below 20 m, from 2024-05-01" in text
+    # Samples at the surface belong to no profile anyhow.
+    assert without(0) == ((), [1, 2, 3])
+
+
+def test_a_depth_in_feet_fails_its_profile(tmp_path):
+    """The record's own pressure reveals the unit; at this pace the depth alone does not."""
+    made = mission()
+    slow = {name: START + 8 * (made[name] - START) for name in ("time", "fix_time")}
+    depth = np.where(made["profile"] == 2, made["depth"] / 0.3048, made["depth"])
+    with open_observations(write(tmp_path, depth=depth, pressure=made["depth"] / 0.99, **slow)) as observations:
+        assert list(observations.faults) == [2]
+        assert "so it is in feet; convert it to metres" in observations.faults[2]

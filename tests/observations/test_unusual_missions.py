@@ -158,6 +158,9 @@ TABLE = "time,depth\nUTC,m\n2024-05-01T00:00:00Z,1.0\n"
         (gzip.compress(TABLE.encode(), mtime=0), r"is gzip-compressed; unpack it first \(gunzip\)"),
         (TABLE.replace("m", "°").encode("latin-1"), "is not a text in UTF-8; convert its encoding"),
         (f"# by a program\n{TABLE}".encode(), "begins with a comment; remove it"),
+        (b"time;depth\nUTC;m\n2024-05-01T00:00:00Z;1,0\n", "its columns are separated by semicolons; write it with"),
+        (f"{TABLE}2024-05-01T00:00:01Z,1.0,3,4\n".encode(), "line 4 has more columns than the names in line 1"),
+        (f"{TABLE}2024-05-01T00:00:01Z,{'x' * 500}\n".encode(), r"depth in row 2 of the values is 'x+\.\.\.x+', which"),
     ],
 )
 def test_a_table_that_is_none_is_called_what_it_is(tmp_path, content, words):
