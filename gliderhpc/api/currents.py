@@ -175,7 +175,7 @@ def navigation_of(
 
 def _paths(records: Iterable[str | Path]) -> list[str | Path]:
     """Return the paths of several files; a table or one of anything else has no paths."""
-    found = list(records) if isinstance(records, Iterable) and not hasattr(records, "columns") else [records]
+    found: list[Any] = list(records) if isinstance(records, Iterable) and not hasattr(records, "columns") else [records]
     for each in found:
         if not isinstance(each, str | Path):
             kind = type(records).__name__
