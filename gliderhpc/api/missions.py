@@ -2,8 +2,6 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,15 +14,10 @@ from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive import mission as archived
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.engines import check_engine
-from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission import run
 from gliderhpc.mission.cluster import FileNotSharedError
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.jobs import ProfileResult
-from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.lock import lock_name
-from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
-from gliderhpc.mission.run import MissionResult
+from gliderhpc.mission.existing import Existing
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations
@@ -32,7 +25,7 @@ from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.tuning.record_checks import inspect_records
-from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
+from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -144,8 +137,7 @@ def run_mission(
     Worker processes import the main module. A script must therefore call this function under
     ``if __name__ == "__main__":``, or with ``workers=0``.
     """
-    if sum((resume, append, overwrite)) > 1:
-        raise InputError("overwrite, resume and append are mutually exclusive; give one of them")
+    existing = Existing.of(overwrite=overwrite, resume=resume, append=append)
     chosen = settings_of(MissionSettings, settings, named)
     check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
@@ -156,12 +148,12 @@ def run_mission(
     with opened_records(records) as observations:
         text, shared = profiles_text(profiles), cluster is not None
         prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=log.warning)
-        if not (resume or append):
+        if not existing.continues:
             warn_about_records(observations, platform, chosen, prepared.plan.profiles, python_words)
         own, warm = None if shared else prepared.workers, partial(warm_kernels, chosen.engine)
         executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
-            prepared.run(place, executor, overwrite=overwrite, resume=resume, append=append)
+            prepared.run(place, executor, existing=existing)
         except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
@@ -173,103 +165,6 @@ def run_mission(
 
 
 open_mission = speaks_python(archived.open_mission)
-
-
-@dataclass(frozen=True, eq=False)
-class PreparedMission:
-    """A run that is ready to begin: its inputs are checked, and its workers fit into memory.
-
-    Attributes
-    ----------
-    observations, platform, settings : Observations, Platform, MissionSettings
-        The open file, the hull and the settings.
-    plan : MissionPlan
-        Chosen profiles, and the sizes of their archive.
-    workers : int
-        Number of local worker processes.
-    """
-
-    observations: Observations
-    platform: Platform
-    settings: MissionSettings
-    plan: MissionPlan
-    workers: int
-
-    def needed(self, place: Place) -> tuple[Path, ...]:
-        """Return the files that workers on other machines must see: observations, and the lock of a local archive."""
-        return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
-
-    def run(
-        self,
-        place: Place,
-        executor: Callable[[], AbstractContextManager[Executor]],
-        *,
-        overwrite: bool = False,
-        resume: bool = False,
-        append: bool = False,
-        check_last: int | None = None,
-        report: Callable[[ProfileResult], None] = lambda _: None,
-    ) -> MissionResult:
-        """Run the inversion, as `gliderhpc.mission.run.run_mission` does."""
-        return run.run_mission(
-            self.observations,
-            self.platform,
-            self.settings,
-            self.plan.profiles,
-            place,
-            executor,
-            overwrite=overwrite,
-            resume=resume,
-            append=append,
-            check_last=check_last,
-            report=report,
-        )
-
-
-def prepare_mission(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    profiles: str | None,
-    workers: int | None,
-    *,
-    on_cluster: bool,
-    warn: Callable[[str], None],
-) -> PreparedMission:
-    """Choose the profiles of a run and the number of its workers.
-
-    Parameters
-    ----------
-    observations, platform, settings : Observations, Platform, MissionSettings
-        The open file, the hull and the settings.
-    profiles : str, optional
-        Choice of profiles, such as ``18:20,68``; all by default.
-    workers : int, optional
-        Number of local worker processes; by default one per core, if memory allows.
-    on_cluster : bool
-        Whether the run is on a cluster, whose memory is not checked.
-    warn : callable
-        Function called with each warning about the file.
-
-    Raises
-    ------
-    InputError
-        There is no such profile or no usable one, or the workers need more memory than the machine has.
-    """
-    chosen = select_profiles(observations.profile_numbers, profiles)
-    for warning in observations.warnings:
-        warn(warning)
-    if not set(chosen) - set(observations.faults):
-        reason = most_frequent_reason(observations.faults[number] for number in chosen)
-        raise InputError(f"{observations.path}: no usable profile; {reason}")
-    check_seawater(platform, settings)
-    plan = plan_mission(observations, settings, chosen)
-    count = default_workers() if workers is None else workers
-    if not on_cluster:
-        if workers is None:
-            count = plan.workers_that_fit(settings, count)
-        plan.check_memory(settings, count)
-    return PreparedMission(observations, platform, settings, plan, count)
 
 
 def warn_about_records(

@@ -20,6 +20,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -205,7 +206,7 @@ def _invert(tour: _DemoRun) -> MissionResult:
             tuple(opened.profile_numbers),
             tour.store,
             tour.workers,
-            overwrite=True,
+            existing=Existing.OVERWRITE,
         )
 
 

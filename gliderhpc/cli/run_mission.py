@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.api.missions import prepare_mission, warn_about_records
+from gliderhpc.api.missions import warn_about_records
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
@@ -21,6 +21,8 @@ from gliderhpc.cli.options import executor_for
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
+from gliderhpc.mission.existing import Existing
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.settings import build_settings, parse_assignments
@@ -94,6 +96,7 @@ def run_mission(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     if sum((resume, append, overwrite)) > 1:
         raise click.UsageError("--resume, --append and --overwrite are mutually exclusive; give one of them")
+    existing = Existing.of(overwrite=overwrite, resume=resume, append=append)
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
     check_engine(settings)
@@ -104,11 +107,11 @@ def run_mission(
         )
         chosen = prepared.plan.profiles
         if dry_run:
-            check_place(store, resume or append or overwrite or not is_begun(store))
+            check_place(store, existing is not Existing.REFUSE or not is_begun(store))
             echo(prepared.plan.describe(settings, prepared.workers))
             _print_faults(opened, chosen)
             return 0
-        if not (resume or append):
+        if not existing.continues:
             warn_about_records(opened, platform, settings, chosen)
         executor = executor_for(
             prepared.workers if cluster is None else workers,
@@ -118,9 +121,7 @@ def run_mission(
             partial(warm_kernels, settings.engine),
         )
         with progress(len(chosen), "profiles") as advance:
-            result = prepared.run(
-                store, executor, overwrite=overwrite, resume=resume, append=append, report=lambda _: advance()
-            )
+            result = prepared.run(store, executor, existing=existing, report=lambda _: advance())
     results().print(summary_table(result))
     echo(closing_line(result, str(store)))
     return 1 if result.failed else 0

@@ -18,6 +18,7 @@ from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS, USUALLY_CONVERGED
 from gliderhpc.estimation.settings import smoother_passes
 from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import locked
@@ -82,9 +83,7 @@ def run_mission(
     store: Place,
     executor: Callable[[], ExecutorContext],
     *,
-    overwrite: bool = False,
-    resume: bool = False,
-    append: bool = False,
+    existing: Existing = Existing.REFUSE,
     check_last: int | None = None,
     report: Callable[[ProfileResult], None] = lambda _: None,
 ) -> MissionResult:
@@ -102,9 +101,8 @@ def run_mission(
         The archive.
     executor : callable
         Opens the executor of the jobs; called only when there is something to compute.
-    overwrite, resume, append : bool
-        Whether to replace an archive; to finish one and recompute damaged profiles and those of other inputs; to finish
-        one and add profiles that are new in the observation file.
+    existing : Existing
+        Treatment of an archive that exists.
     check_last : int, optional
         Number of profiles at the end of the archive that are checked for damage before it grows; by default all.
     report : callable
@@ -113,7 +111,7 @@ def run_mission(
     Raises
     ------
     InputError
-        An archive exists and none of these options is set, or another run is writing it, or it was made for other
+        An archive exists and is to be refused, or another run is writing it, or it was made for other
         profiles or by another schema; or buoyancy by density is set for a hull without compressibility; or the engine
         cannot run on this machine.
     RunStoppedError
@@ -133,12 +131,13 @@ def run_mission(
         restore_set_aside(store)
         open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
         begun = is_begun(store)
-        if begun and (resume or append):
-            numbers, validity = examine_archive(work, plan, append, check_last)
+        if begun and existing.continues:
+            grows = existing is Existing.APPEND
+            numbers, validity = examine_archive(work, plan, grows, check_last)
             work = replace(work, amendable=validity.amendable)
-            open_archive = partial(_resume, work, attributes, plan, validity, append)
+            open_archive = partial(_resume, work, attributes, plan, validity, grows)
         else:
-            check_place(store, overwrite or not begun)
+            check_place(store, existing is Existing.OVERWRITE or not begun)
             numbers, validity = list(plan.profiles), Validity({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
             open_archive = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
         result = MissionResult({numbers[index]: row for index, row in validity.valid.items()})

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gliderhpc.api.missions import prepare_mission
 from gliderhpc.api.records import kind_by_name
 from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.current import adopted_current
@@ -19,8 +18,10 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
@@ -319,8 +320,7 @@ class Watch:
         prepared.run(
             watched.store,
             lambda: nullcontext(self._workers.open(min(prepared.workers, waiting))),
-            append=grows,
-            overwrite=not grows,
+            existing=Existing.APPEND if grows else Existing.OVERWRITE,
             check_last=_CHECKED,
         )
 

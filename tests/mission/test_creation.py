@@ -12,6 +12,7 @@ from benchmarks.clusters import start_program, wait_until
 from gliderhpc.errors import InputError
 from gliderhpc.mission import cluster, lock
 from gliderhpc.mission.executors import SerialExecutor
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -43,7 +44,13 @@ def overwrite(swift, store, executor):
     """Replace an archive with a run in this process."""
     with open_observations(swift) as observations:
         return run_mission(
-            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), store, executor, overwrite=True
+            observations,
+            read_platform("petrel-l"),
+            MissionSettings(),
+            (1, 2, 3),
+            store,
+            executor,
+            existing=Existing.OVERWRITE,
         )
 
 

@@ -25,6 +25,7 @@ from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission import cluster as clusters
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -69,7 +70,7 @@ def committed(store):
     return sum(path.suffix != ".partial" for path in (store / "commits" / "marker").glob("c.*"))
 
 
-def run_on(cluster, dips, store, *, resume=False, patience=60.0):
+def run_on(cluster, dips, store, *, existing=Existing.REFUSE, patience=60.0):
     """Run the mission from this process on a cluster."""
     address = ClusterAddress(file=cluster.file, patience=patience)
     needed = (dips, Path(lock_name(store)))
@@ -77,7 +78,7 @@ def run_on(cluster, dips, store, *, resume=False, patience=60.0):
         numbers = tuple(opened.profile_numbers)
         return run_mission(
             opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, needed),
-            resume=resume,
+            existing=existing,
         )  # fmt: skip
 
 

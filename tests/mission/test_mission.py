@@ -35,6 +35,7 @@ from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
+from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
 from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_about_unused_settings, run_mission
@@ -577,7 +578,7 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path
         rows, commit = ArchiveRows(store), read_commits(store)[2]
         rows.begin(2)
         rows.commit(2, {"status": "failed", "message": "no reason"}, commit.inputs, "2026-01-01T00:00:00Z")
-        result = run_mission(*arguments, lambda: local_executor(0), resume=True)
+        result = run_mission(*arguments, lambda: local_executor(0), existing=Existing.RESUME)
     assert result.reused == (1, 2)
     assert result.failed == ()
     assert read_markers(store)[2]["status"] == "done"

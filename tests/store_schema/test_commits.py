@@ -206,6 +206,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     def interrupted(*_):
         raise KeyboardInterrupt
 
+    from gliderhpc.mission.existing import Existing
     from gliderhpc.mission.run import run_mission
     from gliderhpc.mission.settings import MissionSettings
     from gliderhpc.observations import open_observations
@@ -213,7 +214,8 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
 
     with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
         run_mission(
-            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stops, resume=True
+            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stops,
+            existing=Existing.RESUME,
         )  # fmt: skip
     with xr.open_datatree(own_copy, engine="zarr") as tree:
         table = tree.to_dataset().load()

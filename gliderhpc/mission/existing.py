@@ -1,0 +1,38 @@
+"""Treatment of an archive that exists already when a run begins."""
+
+from enum import Enum
+from typing import Self
+
+from gliderhpc.errors import InputError
+
+
+class Existing(Enum):
+    """What a run does with an existing archive; a run without one makes a new archive in every case."""
+
+    REFUSE = "refuse"
+    """Refuse to run."""
+    OVERWRITE = "overwrite"
+    """Replace the archive."""
+    RESUME = "resume"
+    """Finish the archive, and recompute damaged profiles and those of other inputs."""
+    APPEND = "append"
+    """Finish the archive, and add profiles that are new in the observations."""
+
+    @classmethod
+    def of(cls, *, overwrite: bool, resume: bool, append: bool) -> Self:
+        """Return the treatment that the user's options choose.
+
+        Raises
+        ------
+        InputError
+            More than one is set.
+        """
+        chosen = [name for name, given in (("overwrite", overwrite), ("resume", resume), ("append", append)) if given]
+        if len(chosen) > 1:
+            raise InputError("overwrite, resume and append are mutually exclusive; give one of them")
+        return cls(chosen[0] if chosen else "refuse")
+
+    @property
+    def continues(self) -> bool:
+        """Return whether results of the archive are kept."""
+        return self in (Existing.RESUME, Existing.APPEND)

@@ -1,0 +1,114 @@
+"""A run that is ready to begin: its profiles are chosen, its inputs are checked, and its workers fit into memory."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from gliderhpc.errors import InputError
+from gliderhpc.estimation.preparation import check_seawater
+from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.existing import Existing
+from gliderhpc.mission.jobs import ProfileResult
+from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.lock import lock_name
+from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
+from gliderhpc.mission.run import MissionResult, run_mission
+from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations import Observations
+from gliderhpc.platform import Platform
+from gliderhpc.store_schema.place import Place
+from gliderhpc.wording import most_frequent_reason
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMission:
+    """A run that is ready to begin: its inputs are checked, and its workers fit into memory.
+
+    Attributes
+    ----------
+    observations, platform, settings : Observations, Platform, MissionSettings
+        The open file, the hull and the settings.
+    plan : MissionPlan
+        Chosen profiles, and the sizes of their archive.
+    workers : int
+        Number of local worker processes.
+    """
+
+    observations: Observations
+    platform: Platform
+    settings: MissionSettings
+    plan: MissionPlan
+    workers: int
+
+    def needed(self, place: Place) -> tuple[Path, ...]:
+        """Return the files that workers on other machines must see: observations, and the lock of a local archive."""
+        return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
+
+    def run(
+        self,
+        place: Place,
+        executor: Callable[[], AbstractContextManager[Executor]],
+        *,
+        existing: Existing = Existing.REFUSE,
+        check_last: int | None = None,
+        report: Callable[[ProfileResult], None] = lambda _: None,
+    ) -> MissionResult:
+        """Run the inversion, as `run_mission` does."""
+        return run_mission(
+            self.observations,
+            self.platform,
+            self.settings,
+            self.plan.profiles,
+            place,
+            executor,
+            existing=existing,
+            check_last=check_last,
+            report=report,
+        )
+
+
+def prepare_mission(
+    observations: Observations,
+    platform: Platform,
+    settings: MissionSettings,
+    profiles: str | None,
+    workers: int | None,
+    *,
+    on_cluster: bool,
+    warn: Callable[[str], None],
+) -> PreparedMission:
+    """Choose the profiles of a run and the number of its workers.
+
+    Parameters
+    ----------
+    observations, platform, settings : Observations, Platform, MissionSettings
+        The open file, the hull and the settings.
+    profiles : str, optional
+        Choice of profiles, such as ``18:20,68``; all by default.
+    workers : int, optional
+        Number of local worker processes; by default one per core, if memory allows.
+    on_cluster : bool
+        Whether the run is on a cluster, whose memory is not checked.
+    warn : callable
+        Function called with each warning about the file.
+
+    Raises
+    ------
+    InputError
+        There is no such profile or no usable one, or the workers need more memory than the machine has.
+    """
+    chosen = select_profiles(observations.profile_numbers, profiles)
+    for warning in observations.warnings:
+        warn(warning)
+    if not set(chosen) - set(observations.faults):
+        reason = most_frequent_reason(observations.faults[number] for number in chosen)
+        raise InputError(f"{observations.path}: no usable profile; {reason}")
+    check_seawater(platform, settings)
+    plan = plan_mission(observations, settings, chosen)
+    count = default_workers() if workers is None else workers
+    if not on_cluster:
+        if workers is None:
+            count = plan.workers_that_fit(settings, count)
+        plan.check_memory(settings, count)
+    return PreparedMission(observations, platform, settings, plan, count)
