@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import netCDF4
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -288,7 +289,7 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
     try:
         if path.is_dir():
             return _records(open_dataset(path, engine="zarr", consolidated=False, cache=cache, **_AS_STORED), path)
-        return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
+        dataset = open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
     except (OSError, KeyError, RuntimeError, TypeError, AttributeError, UnicodeEncodeError) as error:
         content = describe_failure(path, error) if path.is_file() else ""
         if content:
@@ -300,6 +301,20 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
     except ValueError as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
+    if not dataset.variables:
+        _refuse_groups(path)
+    return dataset
+
+
+def _refuse_groups(path: Path) -> None:
+    """Refuse a netCDF file whose variables are all in groups."""
+    with netCDF4.Dataset(path) as content:
+        groups = list(content.groups)
+    if groups:
+        raise InputError(
+            f"{path}: has no variable outside its groups ({', '.join(groups)}); write them to a file without groups: "
+            f"xarray.open_dataset('{path.name}', group='{groups[0]}').to_netcdf(...)"
+        )
 
 
 def _records(dataset: xr.Dataset, path: Path) -> xr.Dataset:

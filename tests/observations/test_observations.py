@@ -457,3 +457,12 @@ def test_times_that_are_read_and_written_again_remain_the_same(days):
     unit = "seconds since 2024-04-12"
     again = decode_times(seconds_since(times, unit), unit, "", "a file").time
     np.testing.assert_array_equal(again, times)
+
+
+def test_variables_in_a_group_are_named(tmp_path):
+    """Several programs write groups; all variables had been called missing."""
+    with xr.open_dataset(write(tmp_path), decode_times=False) as records:
+        records.load().to_netcdf(tmp_path / "grouped.nc", group="obs")
+    assert "has no variable outside its groups (obs); write them to a file without groups" in refusal(
+        tmp_path / "grouped.nc"
+    )
