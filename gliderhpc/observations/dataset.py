@@ -22,6 +22,7 @@ from gliderhpc.observations.file_content import describe_failure, describe_missi
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.packed import open_dataset
+from gliderhpc.observations.profile_checks import constant_values
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
@@ -127,6 +128,7 @@ class Observations:
         time = self._stored.times("time", span.start, span.stop).time
         seconds = (time - time[0]) / SECOND
         before, after, reasons = self._fixes(span)
+        seawater = {name: self._optional(name, span) for name in SEAWATER}
         reasons = (*reasons, *self.survey.fixes.notes_between_dives(time, values["depth"]))
         return ProfileRecord(
             number=number,
@@ -148,8 +150,9 @@ class Observations:
                 *describe_fixes(before, after, reasons, MAX_FIX_AGE),
                 *dive_notes(seconds, values["depth"], values["roll"] + values["pitch"] + values["heading"]),
                 *_actuator_notes(seconds, values),
+                *constant_values(values["depth"], {name: seawater[name] for name in SEAWATER[:2]}),
             ),
-            **{name: self._optional(name, span) for name in SEAWATER},
+            **seawater,
             velocity=self._columns(VELOCITY, span),
             velocity_std=self._columns(VELOCITY_STD, span),
         )

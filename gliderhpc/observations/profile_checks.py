@@ -274,3 +274,30 @@ def fault_of_pace(number: int, time: TimeArray, depth: FloatArray) -> str | None
             f"{depth.max():.0f} m, slower than any glide; check the units of time and depth"
         )
     return None
+
+
+MIN_CONSTANT_SAMPLES, MIN_CONSTANT_RANGE = 30, 50.0
+"""Minimum number of samples, and range of their depths (m), over which a temperature or salinity is not constant."""
+
+
+def constant_values(depth: FloatArray, measured: Mapping[str, FloatArray | None]) -> list[str]:
+    """Remarks on temperature and salinity that are the same to the last digit in all samples of a dive.
+
+    Parameters
+    ----------
+    depth : (n,) array
+        Depth, m; NaN where missing.
+    measured : mapping of str to (n,) array or None
+        Values by the name of the variable, NaN where missing; None if absent.
+    """
+    remarks = []
+    for name, values in measured.items():
+        known = np.zeros(0, bool) if values is None else np.isfinite(values) & np.isfinite(depth)
+        if values is None or np.count_nonzero(known) < MIN_CONSTANT_SAMPLES:
+            continue
+        if np.ptp(values[known]) == 0.0 and np.ptp(depth[known]) > MIN_CONSTANT_RANGE:
+            remarks.append(
+                f"{name} is {values[known][0]:.6g} in all its samples from {depth[known].min():.0f} to "
+                f"{depth[known].max():.0f} m: it was not measured there, so a buoyancy by density is wrong"
+            )
+    return remarks

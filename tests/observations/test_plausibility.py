@@ -728,3 +728,15 @@ def test_a_depth_in_feet_fails_its_profile(tmp_path):
     with open_observations(write(tmp_path, depth=depth, pressure=made["depth"] / 0.99, **slow)) as observations:
         assert list(observations.faults) == [2]
         assert "so it is in feet; convert it to metres" in observations.faults[2]
+
+
+def test_a_temperature_or_salinity_that_never_changes_is_named(tmp_path):
+    """With a salinity that is filled in, the heave force of a hull whose buoyancy follows the density was off by 1 N."""
+    made = mission()
+    depth = 1.2 * made["depth"]
+    sea = {"temperature": 18.0 - 0.01 * depth, "practical_salinity": np.full(len(depth), 35.0), "pressure": depth}
+    found = notes(write(tmp_path, depth=depth, **sea))
+    assert all(
+        "practical_salinity is 35 in all its samples from 0 to 60 m: it was not measured" in text for text, _ in found
+    )
+    assert not any("temperature is" in text for text, _ in found)
