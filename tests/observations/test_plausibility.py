@@ -731,7 +731,7 @@ def test_a_depth_in_feet_fails_its_profile(tmp_path):
 
 
 def test_a_temperature_or_salinity_that_never_changes_is_named(tmp_path):
-    """With a salinity that is filled in, the heave force of a hull whose buoyancy follows the density was off by 1 N."""
+    """With a salinity that is filled in, the heave force of a hull with buoyancy by density was off by 1 N."""
     made = mission()
     depth = 1.2 * made["depth"]
     sea = {"temperature": 18.0 - 0.01 * depth, "practical_salinity": np.full(len(depth), 35.0), "pressure": depth}
