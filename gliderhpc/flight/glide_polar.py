@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from gliderhpc.platform import Platform, read_platform
 
 MAKE_DEVIATION = 0.35
-"""Standard deviation of the logarithm of the drag-to-lift ratio among vehicles of one make: fouling, sensors and wings."""
+"""Standard deviation of the log drag-to-lift ratio among vehicles of one make: fouling, sensors and wings."""
 
 UNKNOWN_DEVIATION = 0.5
 """Standard deviation of the same logarithm if the make of the vehicle is not known."""
