@@ -210,7 +210,7 @@ def page(twins: Sequence[Twin], one_pitch: Sequence[Twin], missions: Iterable[st
         f"<!-- {FIELD} -->", f"<!-- /{FIELD} -->", "",
         "## Twins", "",
         f"Hulls drawn about `{PLATFORM}`, every parameter uniformly within one plausible deviation. The offsets of roll and pitch",
-        "and the scale of the pitch are drawn likewise, and the platform given does not know them.",
+        "and the scale of the pitch are drawn likewise, and are not in the given platform.",
         f"{PROFILES} dives each to 120 m, pitch of {PITCHES[0]:g} to {PITCHES[1]:g} degrees drawn for every dive, turns of up to",
         "150 s every 200 s, the simulator's usual slow disturbances, yaw impulses, sensors and lagging actuators; every fourth",
         "dive held out. Seeds",

@@ -218,7 +218,7 @@ def section(missions: Sequence[tuple[str, str, Answer]], twins: Sequence[tuple[s
         "## By the documented commands",
         "",
         "`gliderhpc import`, `calibrate` and `run-mission` as the pages show them, without settings. The errors are root",
-        "mean squares at the profiles held out, before and after, as the written file states them.",
+        "mean squares at the held-out profiles, before and after, as the written file states them.",
         "",
     ]
     if missions:

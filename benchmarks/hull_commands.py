@@ -38,7 +38,7 @@ from gliderhpc.vocabulary import CHANNELS
 
 HULL, DEPTH, WORKERS = "petrel-l", 200.0, 2
 TITLES = {
-    "impulses": "Slow forces and yaw impulses, which the prior does not know",
+    "impulses": "Slow forces and yaw impulses, which the prior does not describe",
     "drawn": "Disturbances drawn from the prior",
     "calm": "Calm water",
     "fouling": "A hull that fouls",

@@ -103,7 +103,7 @@ def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
         *table_of(columns),
         "",
         "Both methods take the drift between the same fixes as the current; they differ in the distance travelled through the water.",
-        "The table therefore shows how well they agree on that distance, not the error of either current, which nobody measured.",
+        "The table therefore shows how well they agree on that distance, not the error of either current, which was not measured.",
     ]
 
 

@@ -13,12 +13,12 @@ MAD_TO_STD = 1.4826
 
 
 def normal_quantile(probability: float) -> float:
-    """Return the value below which a standard normal variable lies with a probability."""
+    """Return the quantile of the standard normal distribution at a probability."""
     return float(scipy.special.ndtri(probability))
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the value below which Student's t with degrees of freedom lies with a probability."""
+    """Return the quantile of Student's t at a probability, given its degrees of freedom."""
     return float(scipy.special.stdtrit(freedom, probability))
 
 
@@ -28,17 +28,17 @@ def few_values_factor(probability: float, freedom: float) -> float:
 
 
 def chi_square_quantile(probability: float, freedom: float | NDArray[Any]) -> Any:
-    """Return the value below which chi-square with degrees of freedom lies with a probability; an array for several."""
+    """Return the quantile of chi-square at a probability, given its degrees of freedom; an array for several."""
     return scipy.special.chdtri(freedom, 1.0 - probability)
 
 
 def chi_square_tail(value: float, freedom: float) -> float:
-    """Return the probability that chi-square with degrees of freedom is above a value."""
+    """Return the probability that a chi-square variable exceeds a value, given its degrees of freedom."""
     return float(scipy.special.chdtrc(freedom, value))
 
 
 def f_quantile(probability: float, above: float, below: float) -> float:
-    """Return the value below which F with degrees of freedom above and below the line lies with a probability."""
+    """Return the quantile of F at a probability, given the degrees of freedom of numerator and denominator."""
     return float(scipy.special.fdtri(above, below, probability))
 
 

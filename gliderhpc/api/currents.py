@@ -80,8 +80,8 @@ def currents(
     Notes
     -----
     Speed is ``|v_z / sin(xi)|`` with glide angle ``xi = pitch - angle of attack`` (eq. 15). The current is that of
-    eqs. 39 and 40. The covariance includes errors of drag over lift, pitch, compass, the water's vertical velocity and
-    fixes, and the time adrift at the surface.
+    eqs. 39 and 40. The covariance includes errors of the drag-to-lift ratio, pitch, compass, the water's vertical
+    velocity and fixes, and the time adrift at the surface.
     """
     return estimate_currents(records, platform=platform, declination=declination, errors=errors)
 

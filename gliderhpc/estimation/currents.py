@@ -168,7 +168,7 @@ def depth_averaged_current(
     not, the time of the first or last cycle extends to the fix, as if the current below acted there too. In general the
     drift is a weighted mean of the measured one (error ``sqrt(2) fix_error / duration``) and the current below (error
     ``surface_shear``), with weights by their errors; the weight of the measured one is the part of the time removed.
-    The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded way
+    The glider has no motion of its own at the surface. Where the record begins or ends under water, the unrecorded path
     (`gliderhpc.observations.dive_phases.unrecorded_variance`) is an error of the position there. The segments close:
     ``sum V_k dT_k = dX_GPS - dX_surface - dX_raw``.
     """

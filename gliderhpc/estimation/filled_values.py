@@ -1,8 +1,8 @@
 """Values that were not measured but filled in: repeated from the last measurement, or interpolated between two.
 
-Tools that bring the sensors of a glider to common times do one or the other. Taken for measurements, such values are
-far too smooth, and their errors last for as long as the true interval: on twins interpolated from 4 s to 1 s the speed
-was wrong by five times its stated deviation.
+Tools that bring the sensors of a glider to common times do one or the other. If such values are taken for measurements,
+they are far too smooth, and their errors last for as long as the true interval: on twins interpolated from 4 s to 1 s
+the speed was wrong by five times its stated deviation.
 """
 
 from dataclasses import replace

@@ -128,7 +128,7 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
 
 
 def on_points(record: ProfileRecord) -> ProfileSeries:
-    """Interpolate a record to the points of a track; a depth with much noise is smoothed before (`noise_window`).
+    """Interpolate a record to the points of a track; a noisy depth is smoothed first (`noise_window`).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Drag over lift of a glider without a platform file, from its measured velocity relative to the water."""
+"""Drag-to-lift ratio of a glider without a platform file, from its measured velocity relative to the water."""
 
 import math
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ _UPPER_LEVEL = 0.975
 _MAX_WIDTH, _GRID_POINTS = 4.0, 321
 """Reach of the factors tried, in standard deviations of the prior, and their number."""
 _PLAUSIBLE = 3.0
-"""Largest change of drag over lift, in standard deviations of the prior, that is attributed to the hull."""
+"""Largest change of the drag-to-lift ratio, in standard deviations of the prior, that is attributed to the hull."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class _HalfDifference:
 
 
 def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) -> tuple[GlidePolar, tuple[str, ...]]:
-    """Correct drag over lift by the angle of attack of the measured velocity.
+    """Correct the drag-to-lift ratio by the angle of attack of the measured velocity.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _error_of_mean(values: Array) -> float:
 
 
 def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePolar, str]:
-    """Drag over lift from the posterior of the drag's factor on a grid, and a remark."""
+    """Drag-to-lift ratio from the posterior of the drag's factor on a grid, and a remark."""
     attack = np.array([each.attack for each in found])
     usual = float(np.median(attack))
     if not usual > 0.0:

@@ -94,7 +94,7 @@ def default_prior(platform: Platform, interval: float = 0.0) -> DisturbancePrior
 
     Notes
     -----
-    Yaw represents the water's action within a minute, the other channels the hull's errors over an hour. Hulls with
+    Yaw represents effects of the water within a minute, the other channels errors of the hull over an hour. Hulls with
     slow sensors are usually uncalibrated. Their pitch trim may be wrong by newton metres but hardly changes during a
     dive. Their surge has a tight prior because a slow record cannot separate it from heave, and impulses in yaw cannot
     be resolved.

@@ -32,8 +32,8 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
     is eq. 15, with ``K_D0 + K_L0 tan(xi)`` in place of ``K_D0`` where the hull has lift at zero angle of attack. Its
     sign gives lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iteration of eq. 15
     misses the flattest paths, the balance is solved by Newton's method in the distance x from zero lift. The start is
-    the least drag over lift; between there and zero lift the small root is the only one. ``K_M0`` trims the hull and
-    does not enter the force balance.
+    the least drag-to-lift ratio; between there and zero lift the small root is the only one. ``K_M0`` trims the hull
+    and does not enter the force balance.
     """
     theta = np.asarray(pitch, dtype=np.float64)
     dive = theta < 0.0

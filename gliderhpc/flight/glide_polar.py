@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from gliderhpc.platform import Platform, read_platform
 
 MAKE_DEVIATION = 0.35
-"""Standard deviation of the logarithm of drag over lift among vehicles of one make: fouling, sensors and wings."""
+"""Standard deviation of the log drag-to-lift ratio among vehicles of one make: fouling, sensors and wings."""
 
 UNKNOWN_DEVIATION = 0.5
 """Standard deviation of the same logarithm if the make of the vehicle is not known."""
@@ -38,7 +38,7 @@ class GlidePolar:
     platform : Platform
         A shipped hull of the make, or the hull given; only its drag and lift are used.
     deviation : float
-        Standard deviation of the logarithm of drag over lift.
+        Standard deviation of the logarithm of the drag-to-lift ratio.
     make : str
         Name of the make or of the hull given.
     """

@@ -254,7 +254,7 @@ def stall_depth(platform: Platform, net_mass: float) -> float:
 
 
 def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
-    """Return the angle of attack of the least drag over lift, rad, within the range of eq. 11.
+    """Return the angle of attack of the least drag-to-lift ratio, rad, within the range of eq. 11.
 
     Notes
     -----
@@ -268,7 +268,7 @@ def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
 
 
 def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
-    """Return the angle of the flattest steady path, rad: the arc tangent of the least drag over lift."""
+    """Return the angle of the flattest steady path, rad: the arc tangent of the least drag-to-lift ratio."""
     drag, lift = drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
     return math.atan(drag / abs(lift))
 

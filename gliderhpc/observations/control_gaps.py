@@ -1,4 +1,4 @@
-"""Remarks on actuators: movements while the record pauses, which read as slow ramps, and a ballast that is stuck."""
+"""Remarks on actuators: movements while the record pauses, which look like slow ramps, and a ballast that is stuck."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -77,9 +77,9 @@ def unlogged_movements(time: FloatArray, attitude: npt.NDArray[np.bool_], contro
     Notes
     -----
     Controls are interpolated linearly between their samples. A record with a sample only where a movement ends
-    therefore reads as a ramp from one inflection to the next. A pause that the attitude has too is one of the whole
-    record, about which nothing can be done. Movements after a rest of `START_LOGGED` times their duration have been
-    logged at their begin and at their end, and really are ramps.
+    therefore looks like a ramp from one inflection to the next. A pause that the attitude has too is one of the whole
+    record, and cannot be remedied. Movements after a rest of `START_LOGGED` times their duration have been logged at
+    their beginning and at their end, and really are ramps.
     """
     sampled = time[attitude]
     jumps = {name: _largest_jump(time, sampled, controls[name], least) for name, least in MIN_CHANGE.items()}

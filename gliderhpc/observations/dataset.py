@@ -182,10 +182,10 @@ class Observations:
         return sha.hexdigest()
 
     def profile_digest(self, number: int) -> str:
-        """SHA-256 of what a profile's estimate follows from: number, samples, fault and position, in hexadecimal.
+        """SHA-256 of all that determines a profile's estimate: number, samples, fault and position, in hexadecimal.
 
-        It depends neither on the file's way of storing them nor on the other profiles. Of the fixes it contains the
-        position at which the water's density is computed; `fix_digest` contains all.
+        It depends neither on how the file stores them nor on the other profiles. Of the fixes it contains the position
+        at which the water's density is computed; `fix_digest` contains all.
         """
         span = self._span(number)
         sha = hashlib.sha256(repr((number, self.faults.get(number))).encode())

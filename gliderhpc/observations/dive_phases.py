@@ -1,7 +1,7 @@
 """Phases of a dive that depth alone shows: stationary stretches, and ends of the record under water.
 
-A glider that parks, lies on the bottom or is held by ice does not glide. A record that ends under water lacks a part of
-the way to the surface. Both make a current wrong unless they are considered.
+A glider that parks, lies on the bottom or is held by ice does not glide. A record that ends under water lacks part of
+the path to the surface. Both make a current wrong unless they are considered.
 """
 
 from collections.abc import Iterator, Sequence
@@ -99,7 +99,7 @@ def _extremes(time: FloatArray, depth: FloatArray, bins: int) -> tuple[FloatArra
 def unrecorded_variance(
     time: FloatArray, depth: FloatArray, pitch: FloatArray, lasts: tuple[float, float]
 ) -> tuple[float, float]:
-    """Variances (m2, per component) of the way before a record and after it, given the times (s) from and to the fixes.
+    """Variances (m2, per component) of the path before and after a record, given the times (s) from and to the fixes.
 
     The other arguments are those of `distance_to_surface`.
     """

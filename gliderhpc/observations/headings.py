@@ -47,8 +47,8 @@ _MAGNETIC = re.compile(r"\bmagnetic\b(?! (?:declination|variation|deviation))")
 def north_of(*texts: str) -> North:
     """Reference of a heading by the texts of its attributes.
 
-    A statement that the declination is missing decides first, then one that it is included. Of the words `true heading`
-    and `magnetic` the one that comes first decides.
+    A statement that the declination is missing decides first, then one that it is included. Otherwise whichever of the
+    words `true heading` and `magnetic` comes first decides.
     """
     text = _NOT_STATED.sub("", re.sub(r"[_\s]+", " ", " ; ".join(texts).lower()))
     if _NOT_MAGNETIC.search(text):
@@ -227,7 +227,7 @@ measured (at most 505 s and 0.14 in the same profiles), and least number of such
 def frozen_profiles(
     time: FloatArray, heading: FloatArray, pitch: FloatArray, roll: FloatArray, profile: IntArray
 ) -> dict[int, str]:
-    """Profiles, by number, whose heading does not change to the last digit for long while pitch and roll do; reasons.
+    """Profiles, by number, with a heading constant to the last digit while pitch and roll change; with reasons.
 
     Parameters
     ----------

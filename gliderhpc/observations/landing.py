@@ -64,7 +64,7 @@ def list_files(source: Path | str) -> dict[Path, FileState]:
 
 
 def same_names(files: Iterable[Path]) -> dict[str, str]:
-    """Return the files whose name another one of a source has, in a folder before theirs, and a message for each."""
+    """Return the files with the name of a file in an earlier folder of the source, and a message for each."""
     first: dict[str, Path] = {}
     return {
         str(path): f"{path}: {first[path.name].parent} has a file of the same name, and only that is used; rename one"

@@ -99,8 +99,8 @@ def read_water(
 ) -> Water:
     """Read the mission's CTD and put its samples on the navigation rows; the remarks name the cycles without CTD data.
 
-    Of several CTDs the one with the most samples is taken. Of the full and the sub-sampled record, the one with more
-    samples has priority; the other fills the rows that remain empty.
+    If there are several CTDs, the one with the most samples is used. Of the full and the sub-sampled record, the one
+    with more samples has priority; the other fills the rows that remain empty.
 
     Parameters
     ----------

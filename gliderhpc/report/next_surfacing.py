@@ -125,15 +125,15 @@ def predict_from(
     Notes
     -----
     The position is the sum of the last fix, the displacement expected of the next dive, and the filter's integral of
-    the current. The displacement is that of the last dive, changed against the last change of the current as far as the
-    glider did so before (`expected_displacements`). An error common to all dives, such as a wrong drag, changes
-    displacement and current in opposite directions and leaves the position unchanged. The errors of the filter's
-    observations are therefore only those of the fixes and of the time at the surface; those of the hull are added to
-    the predicted current. The difference between the next dive's displacement and the expected one is assumed to have
-    the mean square of such differences so far. At the surface the glider drifts with the current and a further,
+    the current. The displacement is that of the last dive, adjusted against the last change of the current to the
+    extent that the glider did so before (`expected_displacements`). An error common to all dives, such as a wrong drag,
+    changes displacement and current in opposite directions and leaves the position unchanged. The errors of the
+    filter's observations are therefore only those of the fixes and of the time at the surface; those of the hull are
+    added to the predicted current. The difference between the next dive's displacement and the expected one is assumed
+    to have the mean square of such differences so far. At the surface the glider drifts with the current and a further,
     constant velocity, with the scatter that the drifts so far have (`surface_offset`). The covariance of the position
-    is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`).
-    A planned duration or speed changes the length of the expected displacement, a planned heading its direction; its
+    is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`). A
+    planned duration or speed changes the length of the expected displacement, a planned heading its direction; its
     scatter is then that of past lengths, and across the heading a tenth of the length (`planned_scatter`), unscaled.
     """
     surface = surface_offset(dives, surface_shear)

@@ -5,8 +5,9 @@ A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1
 candidates: the derivatives of the means with respect to the size are propagated with the filter, and the log evidence
 of the dives is quadratic in the size.
 
-Errors of the hull resemble each other: lost weight moves the depth rates as a pitch offset does. Changes are therefore
-accepted one at a time, the most probable first, and the others are judged with the accepted ones among the unknowns.
+Different errors of the hull can look alike: lost weight changes the depth rates as a pitch offset does. Changes are
+therefore accepted one at a time, the most probable first, and the others are judged with the accepted ones among the
+unknowns.
 """
 
 from collections.abc import Mapping, Sequence

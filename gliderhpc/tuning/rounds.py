@@ -1,8 +1,8 @@
 """Rounds by which a mission's dives determine its hull: settings, and errors of the model common to all dives.
 
-Rounded angles, actuators that lag in another way than the model's, and noise unlike the prior's change the scores of
-all dives in the same direction, and more dives do not average them out. The terms of sway, roll and yaw suffer most:
-where the water turns the glider, their score is computed about the path of a filter (`information_path`).
+Rounded angles, actuators that do not lag as in the model, and noise unlike the prior's change the scores of all dives
+in the same direction, and more dives do not average them out. The terms of sway, roll and yaw suffer most: where the
+water turns the glider, their score is computed about the path of a filter (`information_path`).
 """
 
 from collections.abc import Sequence

@@ -270,7 +270,7 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
 
 
 def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
-    """Velocity (n, 3) of a straight glide, m/s; at the angle of least drag over lift where there is no glide."""
+    """Velocity (n, 3) of a straight glide, m/s; at the least drag-to-lift ratio where there is no glide."""
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)

@@ -1,8 +1,8 @@
 """Noise of the disturbances in a dive's information on its hull, and other assumptions of this noise.
 
-The smoother uses one scale of the noise for a whole dive. The water's action in yaw comes in bursts with quiet
-stretches between. A filter with the dive's mean noise in a quiet stretch follows the errors of its own sensors there.
-Its innovations are no longer white, and their information on the hull's damping is wrong (docs/smoother.md).
+The smoother uses one scale of the noise for a whole dive. Yaw moments from the water come in bursts, with quiet
+stretches between them. A filter with the dive's mean noise in a quiet stretch follows the errors of its own sensors
+there. Its innovations are no longer white, and their information on the hull's damping is wrong (docs/smoother.md).
 
 No scale is exact, and its error biases the information on the hull in the same direction in every dive. The size of
 this bias is estimated from other, equally plausible assumptions.

@@ -22,8 +22,8 @@ def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
     Notes
     -----
     A dive that contradicts the stated errors, at a probability of 1 %, gives their mean but does not narrow them.
-    Either the errors are larger than stated, or the water moved in another way than the smoother assumes (such as yaw
-    impulses in slow records) and acts like errors of the hull. One dive cannot distinguish the two.
+    Either the errors are larger than stated, or the water moved in a way that the smoother does not assume and that
+    acts like errors of the hull (such as yaw impulses in slow records). One dive cannot distinguish between the two.
     """
     score, matrix = information.score, information.information
     after = errors.after(score, matrix)

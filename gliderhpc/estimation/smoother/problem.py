@@ -103,13 +103,12 @@ def pose_dive(
 
     Notes
     -----
-    Gusts from the side change the side force and the moments together, within seconds. To the usual prior, in which
-    they are slow and independent, the roll that gusts cause appears to determine speed and lift: on twins in gusts,
-    with the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a
-    factor of the dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is
-    0.004 m/s. Where yaw moments also act in bursts, the noise of the yaw moment has no factor of the dive's own either:
-    a factor follows from the quiet stretches, and the bursts then seem to determine the speed, which was wrong by 0.02
-    m/s.
+    Gusts from the side change the side force and the moments together, within seconds. With the usual prior, in which
+    they are slow and independent, the roll caused by gusts appears to determine speed and lift: on twins in gusts, with
+    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a factor of
+    the dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is 0.004 m/s.
+    Where yaw moments also act in bursts, the noise of the yaw moment has no factor of the dive's own either: a factor
+    follows from the quiet stretches, and the bursts then seem to determine the speed, which was wrong by 0.02 m/s.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior, series.attitude_interval)
@@ -259,7 +258,7 @@ def steps_of_mean_shifts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each segment the number of steps that the mean shift of its first step stands for (`Segments`).
 
     One of five segments stands for all five, unless segments are single steps. The mean shift rises and falls between
-    samples, of which two segments are usual: an even number would always take it from the same phase.
+    samples, which are usually two segments apart: an even number would always take it from the same phase.
     """
     steps = np.diff(rows)
     if steps.max() == 1:

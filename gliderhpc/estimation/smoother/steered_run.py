@@ -4,14 +4,14 @@ The score of the hull's errors is unbiased if the innovations and their derivati
 filter whose disturbances are not distributed like the water's is not optimal: in calm water it follows the noise of its
 sensors, in gusts it lags behind, and slow forces leave it with innovations of one sign for minutes. Its innovations
 then depend on past noise, and so does the path at which the derivatives are taken; their product biases the hull. A
-surge force that varies within ten minutes to forty, for example, reduced the drag by a fifth.
+surge force that varies over ten to forty minutes, for example, reduced the drag by a fifth.
 
 The run has the mean surge force, heave force and pitch moment of each dive and climb, and is otherwise steered slowly
 along the smoothed path. It follows the glider, but hardly any noise or gusts. Its derivatives come mainly from the
 motion of the actuators, like an instrumental variable: their product with the innovations has little bias, whatever the
 noise.
 
-The rates at which path and run turn apart also tell whether gusts roll the glider.
+The difference between the turning rates of path and run also shows whether gusts roll the glider.
 """
 
 from collections.abc import Callable

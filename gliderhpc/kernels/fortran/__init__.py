@@ -1,4 +1,4 @@
-"""The kernels once more, in Fortran: the same formulas in the same order under the same names, compiled ahead of time.
+"""Fortran versions of the kernels: the same formulas in the same order under the same names, compiled ahead of time.
 
 There is one Fortran file for each module of `gliderhpc.kernels` that the windows and the filter's tangent step need.
 `build` compiles them into one shared library next to them, `library` loads it, and

@@ -2,7 +2,7 @@
 
 Usage: ``make fortran``, or ``python -m gliderhpc.kernels.fortran.build [--lanes 4] [--compiler gfortran-13]
 [--flags='-O3 -march=haswell']`` where the package is installed. A library is made for a number of lanes and named by
-it, so that those of several kinds of processors lie side by side.
+it, so that libraries for several kinds of processors can coexist.
 """
 
 import argparse
@@ -44,7 +44,7 @@ class BuildError(Exception):
 
 
 def source_digest() -> str:
-    """Hex digest of every Fortran source; a library knows that of its own."""
+    """Hex digest of every Fortran source; a library contains the digest of its own sources."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.glob("*.f90")):
         digest.update(path.name.encode() + path.read_bytes())
@@ -69,7 +69,7 @@ def command_of(compiler: str, flags: str, lanes: int, modules: str, output: Path
 
 
 def build(compiler: str = COMPILER, flags: str = FLAGS, lanes: int = LANES) -> Path:
-    """Compile the library, and put it in its place once it is whole.
+    """Compile the library, and move it into place once it is complete.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The library of Fortran kernels, loaded by ctypes once it has shown that it is what these sources and arrays want."""
+"""The library of Fortran kernels, loaded by ctypes after a check that it fits these sources and arrays."""
 
 import ctypes
 from collections.abc import Callable, Mapping

@@ -1,9 +1,9 @@
-"""Comparison of a mission's hull with the depth rate of its steady glides, by which vertical motion of the water shows.
+"""Comparison of a mission's hull with the depth rate of its steady glides, which reveals vertical motion of the water.
 
 In the smoother's model the water acts on a glider by forces. Water that moves vertically also carries it, which is not
-a force. The smoother explains some of this motion by a hull with less drag and lift, which forces move more, in every
-dive alike. The mean depth rate of steady glides contradicts such a hull: over many glides, the water's motion averages
-out. Where the two disagree, the dives' information is divided by a number that makes them agree.
+a force. The smoother explains some of this motion by a hull with less drag and lift, which forces move more, and it
+does so in every dive. The mean depth rate of steady glides contradicts such a hull: over many glides, the water's
+motion averages out. Where the two disagree, the dives' information is divided by a number that makes them agree.
 """
 
 from collections.abc import Sequence

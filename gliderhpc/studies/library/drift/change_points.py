@@ -105,7 +105,7 @@ class Change:
 
     @property
     def is_opposite(self) -> bool:
-        """Return whether dives and climbs changed in opposite directions, even if only one by much."""
+        """Return whether dives and climbs changed in opposite directions, even if only one of them changed by much."""
         dive, climb = (self.size(DRAG, phase) for phase in PHASES)
         return dive.excludes_zero and climb.excludes_zero and dive.value * climb.value < 0.0
 
@@ -113,9 +113,9 @@ class Change:
     def drag(self) -> Size:
         """Largest change of the drag that dives and climbs share (kg/m), with the hull's other errors in its interval.
 
-        Such errors, as a constant offset of the pitch, change the sizes on dives and climbs in opposite directions. The
-        difference of the two phases is therefore a measure of the hull's part. Half of it is combined, in quadrature,
-        with the half widths of the interval by scatter alone.
+        Such errors, for example a constant offset of the pitch, change the sizes on dives and climbs in opposite
+        directions. The difference of the two phases is therefore a measure of the hull's part. Half of it is combined,
+        in quadrature, with the half widths of the interval by scatter alone.
         """
         both = self.size(DRAG, TOGETHER)
         dive, climb = (self.size(DRAG, phase).value for phase in PHASES)
@@ -220,8 +220,8 @@ def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSet
     Notes
     -----
     Series are those of the three moments, by both primary estimates, on dives and climbs. The heave force is not
-    searched: the records determine it weakly, and what changes it, as the lift, the weight or vertical motion of the
-    water, also changes the equivalent drag.
+    searched: the records determine it weakly, and whatever changes it (lift, weight or vertical motion of the water)
+    also changes the equivalent drag.
     """
     series = series_of(table, lambda estimate: _of_moments(table, estimate))
     found, p = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
