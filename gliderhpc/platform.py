@@ -35,7 +35,7 @@ from gliderhpc.platform_sections import (
     has_number,
 )  # fmt: skip
 from gliderhpc.shipped import ShippedFiles, nearest
-from gliderhpc.yaml_text import number_rule, parse_value, parse_yaml, read_yaml_text, shown
+from gliderhpc.yaml_text import first_fault, number_rule, parse_value, parse_yaml, read_yaml_text, shown
 
 GRAVITY = 9.81
 """Standard gravity of the model, m/s2."""
@@ -348,10 +348,7 @@ def _validated(label: str, content: Any) -> Platform:
 
 def _explanation(error: ValidationError) -> str:
     """Return one line on the first fault, with the number of the others."""
-    faults = error.errors(include_url=False)
-    # An unknown key is most often a misspelling of a missing one; it is therefore named first.
-    faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
-    fault, others = faults[0], len(faults) - 1
+    fault, others = first_fault(error), error.error_count() - 1
     key = ".".join(part for part in fault["loc"] if isinstance(part, str))
     line = _fault_line(fault["type"], key, fault)
     return line + (f" (and {others} more fault{'s' if others > 1 else ''})" if others else "")

@@ -2,11 +2,12 @@
 
 import reprlib
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
+from pydantic import BaseModel, ValidationError
 
 from gliderhpc.errors import InputError
 
@@ -200,6 +201,40 @@ _BOUNDS = {
     "less_than_equal": ("le", "at most"),
 }
 """Pydantic's kinds of faults of a number beyond a bound, the bound's name, and what the number must be."""
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_model(path: Path, kind: str, model: type[Model], describe_fault: Callable[[Mapping[str, Any]], str]) -> Model:
+    """Read a user's YAML file into a model.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        Kind of file in messages, such as ``alerts``.
+    model : type
+        Class of the result.
+    describe_fault : callable
+        Function that describes a fault found by pydantic in one line; it is called with the first (`first_fault`).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a key or value cannot be used.
+    """
+    content = parse_yaml(read_yaml_text(path, kind), str(path))
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe_fault(first_fault(error))}") from None
+
+
+def first_fault(error: ValidationError) -> Mapping[str, Any]:
+    """Return the first fault that pydantic found; an unknown key before others, as it is usually a misspelling."""
+    return min(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
 
 
 def number_rule(fault: Mapping[str, Any]) -> str:

@@ -1,14 +1,15 @@
 """Plan of the next dive, as commanded by the pilot, which replaces the assumption that it resembles the last one."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from gliderhpc.errors import InputError
 from gliderhpc.shipped import nearest
-from gliderhpc.yaml_text import number_rule, parse_yaml, read_yaml_text, shown
+from gliderhpc.yaml_text import number_rule, read_model, shown
 
 Array = NDArray[np.float64]
 
@@ -64,16 +65,10 @@ def read_plan(path: Path) -> DivePlan:
     InputError
         The file cannot be read, or a key or value cannot be used.
     """
-    content = parse_yaml(read_yaml_text(path, "plan"), str(path))
-    try:
-        return DivePlan.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_explanation(error)}") from None
+    return read_model(path, "plan", DivePlan, _describe_fault)
 
 
-def _explanation(error: ValidationError) -> str:
-    """Describe the first fault in one line; an unknown key comes before others, as it is usually a misspelling."""
-    fault = min(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
+def _describe_fault(fault: Mapping[str, Any]) -> str:
     key, known = ".".join(map(str, fault["loc"])), list(DivePlan.model_fields)
     if not key:
         return f"contains no plan; it may have the keys {', '.join(known)}, such as `heading: 120`"

@@ -28,7 +28,7 @@ from gliderhpc.simulator.sections import (
     Surface,
     VerticalCurrent,
 )
-from gliderhpc.yaml_text import shown
+from gliderhpc.yaml_text import first_fault, shown
 
 _FILES = ShippedFiles("scenario", "gliderhpc.simulator", "scenarios", "such as `depth: 400`")
 
@@ -135,9 +135,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 def _explanation(error: ValidationError) -> str:
     """Describe the first fault in one line; for an unknown key, name the nearest known one."""
-    faults = error.errors(include_url=False)
-    faults.sort(key=lambda fault: fault["type"] != "extra_forbidden")
-    fault = faults[0]
+    fault = first_fault(error)
     key = ".".join(str(part) for part in fault["loc"]) or "the scenario"
     if fault["type"] == "extra_forbidden":
         section = _section_at(fault["loc"][:-1])

@@ -3,18 +3,19 @@
 import json
 import subprocess
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from http.client import HTTPException
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gliderhpc.errors import InputError, first_line
+from gliderhpc.errors import first_line
 from gliderhpc.report.facts import polar
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.shipped import nearest
-from gliderhpc.yaml_text import number_rule, parse_yaml, read_yaml_text, shown
+from gliderhpc.yaml_text import number_rule, read_model, shown
 
 _DRAG = "viscous.K_D0"
 
@@ -193,11 +194,7 @@ def read_alerts(path: Path) -> Alerts:
     InputError
         The file cannot be read, or a key or value cannot be used.
     """
-    content = parse_yaml(read_yaml_text(path, "alerts"), str(path))
-    try:
-        return Alerts.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_explanation(error)}") from None
+    return read_model(path, "alerts", Alerts, _describe_fault)
 
 
 _SECTIONS: dict[str, type[_Section]] = {"": Alerts, "rules": Rules, "rules.next_surfacing_outside": Box}
@@ -209,10 +206,7 @@ _EXPECTED = {
 }
 
 
-def _explanation(error: ValidationError) -> str:
-    """Describe the first fault in one line; an unknown key comes before others, as it is usually a misspelling."""
-    faults = error.errors(include_url=False)
-    fault = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
+def _describe_fault(fault: Mapping[str, Any]) -> str:
     *parents, last = map(str, fault["loc"] or ("",))
     key = ".".join((*parents, last))
     if not key:
