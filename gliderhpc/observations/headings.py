@@ -232,12 +232,14 @@ def frozen_profiles(
     Parameters
     ----------
     time, heading, pitch, roll : (n,) arrays
-        Times (s), heading, pitch and roll (rad) of all profiles, NaN where missing; a roll of which nothing is known is
-        not considered.
+        Times (s), heading, pitch and roll (rad) of all profiles, NaN where missing. A roll that is missing or the same
+        everywhere was not measured and is not considered.
     profile : (n,) int array
         Number of the profile, 0 outside any.
     """
     known = np.flatnonzero(np.isfinite(heading))
+    if not _changes(roll).any():
+        roll = np.full(len(roll), np.nan)
     time, pitch, roll, profile = time[known], pitch[known], roll[known], profile[known]
     sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
     found: dict[int, str] = {}

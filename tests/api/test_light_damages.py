@@ -205,6 +205,15 @@ def test_a_simulated_glide_without_noise_keeps_its_heading_and_is_not_called_fro
         check_sensors(record)
 
 
+@pytest.mark.parametrize("roll", [np.nan, 0.0, 0.02])
+def test_a_frozen_compass_is_found_without_a_measured_roll(roll):
+    """A roll that is the same everywhere was filled in, and is not that of a simulated glide without noise."""
+    time = np.arange(4000.0)
+    pitch = np.radians(np.round(-20.0 + np.random.default_rng(1).normal(0.0, 0.2, 4000), 1))
+    heading, number = np.where(time < 2000.0, 1.0, 0.5 + time / 1e4), np.where(time < 2000.0, 1, 2)
+    assert list(frozen_profiles(time, heading, pitch, np.full(4000, roll), number)) == [1]
+
+
 def test_impossible_headings_are_missing_and_counted():
     """An undeclared fill value of 65535 hundredths had been taken as 295.35 degrees."""
     records = mission(GLIDE)
