@@ -98,8 +98,7 @@ def estimate_currents(
 
     An earlier result `out` in a folder of records is not read.
     """
-    if declination is not None and not (isinstance(declination, int | float) and np.isfinite(declination)):
-        raise InputError(f"declination={declination!r}: give a number of degrees")
+    declination = None if declination is None else _degrees(declination)
     if errors is not None and not isinstance(errors, GlideErrors):
         raise InputError(f"errors: give GlideErrors, not a {type(errors).__name__}")
     navigation = navigation_of(records, declination, out)
@@ -173,12 +172,23 @@ def navigation_of(
     return with_dives(merge_navigation(parts))
 
 
+def _degrees(declination: Any) -> float:
+    """Return a declination as a number; `InputError` if it is none."""
+    try:
+        number = float("nan") if isinstance(declination, bool | str) else float(declination)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not np.isfinite(number):
+        raise InputError(f"declination={declination!r}: give a number of degrees")
+    return number
+
+
 def _paths(records: Iterable[str | Path]) -> list[str | Path]:
     """Return the paths of several files; a table or one of anything else has no paths."""
     found: list[Any] = list(records) if isinstance(records, Iterable) and not hasattr(records, "columns") else [records]
     for each in found:
         if not isinstance(each, str | Path):
-            kind = type(records).__name__
+            kind = type(each).__name__
             raise InputError(f"records: a {kind} cannot be used; give an xarray.Dataset, a file or files")
     return found
 

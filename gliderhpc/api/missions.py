@@ -147,7 +147,7 @@ def run_mission(
     place = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
         text, shared = profiles_text(profiles), cluster is not None
-        prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=log.warning)
+        prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=_warn)
         if not existing.continues:
             warn_about_records(observations, platform, chosen, prepared.plan.profiles, python_words)
         own, warm = None if shared else prepared.workers, partial(warm_kernels, chosen.engine)
@@ -165,6 +165,10 @@ def run_mission(
 
 
 open_mission = speaks_python(archived.open_mission)
+
+
+def _warn(text: str) -> None:
+    log.warning("%s", python_words(text))
 
 
 def warn_about_records(

@@ -331,7 +331,7 @@ def plot_profile(
     if not dive["profile"].ndim:
         raise InputError(
             "dive: a profile selected by sel(profile=2) has no dimension profile; select it by sel(profile=[2]), or "
-            "give profile=2"
+            "give the whole mission and profile=2"
         )
     number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
     known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth

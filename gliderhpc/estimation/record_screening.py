@@ -10,7 +10,7 @@ from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.format import MEASURED
-from gliderhpc.observations.headings import frozen_profiles
+from gliderhpc.observations.headings import frozen_profiles, is_still
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.observations.records import FloatArray, ProfileRecord
@@ -41,7 +41,8 @@ def check_sensors(record: ProfileRecord) -> None:
     """
     number = np.full(len(record.time), record.number, dtype=np.int64)
     reason = frozen_profiles(record.time, record.heading, record.pitch, record.roll, number).get(record.number)
-    if reason is not None:
+    # A simulated glide without noise in a vertical plane keeps heading and roll.
+    if reason is not None and not is_still(record.roll):
         raise ProfileError(reason)
     known = np.flatnonzero(np.isfinite(record.depth) & np.isfinite(record.pitch))
     time, depth, pitch = record.time[known], record.depth[known], record.pitch[known]

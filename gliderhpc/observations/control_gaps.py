@@ -33,6 +33,10 @@ MIN_BALLAST_CHANGE = 1.0
 """Change of the ballast volume (cm3) below which it cannot turn a dive into a climb: a force of 0.01 N."""
 
 
+_MEDIAN = 5
+"""Number of samples in the running median of the depth, which removes false samples."""
+
+
 def stuck_ballast(depth: FloatArray, ballast: FloatArray) -> list[str]:
     """Remark on a ballast volume that stays the same while the glider dives and climbs; empty if there is none.
 
@@ -41,9 +45,11 @@ def stuck_ballast(depth: FloatArray, ballast: FloatArray) -> list[str]:
     depth, ballast : (n,) arrays
         Depth (m) and ballast volume (cm3); NaN where missing.
     """
-    known, deep = ballast[np.isfinite(ballast)], depth[np.isfinite(depth)]
-    if not len(known) or not len(deep) or np.ptp(known) >= MIN_BALLAST_CHANGE:
+    both = np.isfinite(ballast) & np.isfinite(depth)
+    known, deep = ballast[both], depth[both]
+    if len(known) < _MEDIAN or np.ptp(known) >= MIN_BALLAST_CHANGE:
         return []
+    deep = np.median(np.lib.stride_tricks.sliding_window_view(deep, _MEDIAN), axis=1)
     turn = int(np.argmax(deep))
     dive, climb = deep[turn] - deep[: turn + 1].min(), deep[turn] - deep[turn:].min()
     if min(dive, climb) < MIN_LEG:

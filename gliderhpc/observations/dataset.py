@@ -23,7 +23,7 @@ from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.packed import open_dataset
 from gliderhpc.observations.profile_checks import constant_values
-from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord
+from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
     PROFILE_VARIABLES,
@@ -129,7 +129,6 @@ class Observations:
         seconds = (time - time[0]) / SECOND
         before, after, reasons = self._fixes(span)
         seawater = {name: self._optional(name, span) for name in SEAWATER}
-        reasons = (*reasons, *self.survey.fixes.notes_between_dives(time, values["depth"]))
         return ProfileRecord(
             number=number,
             epoch=time[0],
@@ -148,6 +147,7 @@ class Observations:
             surface_fixes_after=after,
             notes=(
                 *describe_fixes(before, after, reasons, MAX_FIX_AGE),
+                *self._notes_between_dives(number, time, values["depth"]),
                 *dive_notes(seconds, values["depth"], values["roll"] + values["pitch"] + values["heading"]),
                 *_actuator_notes(seconds, values),
                 *constant_values(values["depth"], {name: seawater[name] for name in SEAWATER[:2]}),
@@ -156,6 +156,11 @@ class Observations:
             velocity=self._columns(VELOCITY, span),
             velocity_std=self._columns(VELOCITY_STD, span),
         )
+
+    def _notes_between_dives(self, number: int, time: TimeArray, depth: FloatArray) -> list[str]:
+        if number in self.survey.without_fixes:
+            return []
+        return self.survey.fixes.notes_between_dives(time, depth)
 
     def _columns(self, names: tuple[str, ...], span: ProfileSpan) -> FloatArray | None:
         """Read variables as columns, NaN for those that are absent; None if all are."""
@@ -199,9 +204,11 @@ class Observations:
 
     def fix_digest(self, number: int) -> str:
         """SHA-256 of a profile's fixes, and of the reasons why others are not used, in hexadecimal."""
-        before, after, reasons = self._fixes(self._span(number))
+        span = self._span(number)
+        before, after, reasons = self._fixes(span)
         sides = [[(str(fix.time), fix.latitude, fix.longitude) for fix in fixes] for fixes in (before, after)]
-        return hashlib.sha256(repr((sides, reasons)).encode()).hexdigest()
+        inside = [str(fix.time) for fix in self.survey.fixes.between(span.start_time, span.end_time)]
+        return hashlib.sha256(repr((sides, reasons, inside)).encode()).hexdigest()
 
     def sample_digests(self) -> dict[int, str]:
         """SHA-256 of each profile's samples and fault, by number; it includes neither the number nor the fixes.
@@ -305,7 +312,9 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
     if not dataset.variables:
+        dataset.close()
         _refuse_groups(path)
+        return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
     return dataset
 
 

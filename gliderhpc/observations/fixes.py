@@ -132,8 +132,9 @@ POSITION_ALLOWANCE = 100.0
 """Distance (m) between two fixes that is allowed even in no time: errors of the receiver, and times rounded to the
 minute."""
 
-DIVED = 10.0
-"""Depth (m) beyond which a glider has dived, before or after a surfacing."""
+DIVED, MAX_SURFACED_DEPTH = 10.0, 15.0
+"""Depth (m), relative to that at a surfacing, beyond which a glider has dived before or after it; and measured depth of
+a surfacing, with the offset of an absolute pressure."""
 
 STALE_AFTER = np.timedelta64(1800, "s")
 """Time after which an exactly repeated position is taken as an old one reported again: at sea nothing stays in place to
@@ -142,11 +143,11 @@ a metre. Of such a run of fixes, only those of the first surfacing are used."""
 _MAX_CHAIN = 400
 """Maximum number of runs of fixes that are checked together; longer sequences are checked piece by piece."""
 
-MAX_CARRIED_SPEED, CARRIED_ALLOWANCE = 50.0, 50_000.0
-"""Maximum speed (m/s) at which a glider is carried from one place to another between two fixes, and distance (m)
-allowed in addition: receivers hold old positions, and clocks are off by minutes."""
+MAX_CARRIED_SPEED, CARRIED_ALLOWANCE = 300.0, 50_000.0
+"""Maximum speed (m/s) at which a glider is carried, by air, from one place to another between two fixes, and distance
+(m) allowed in addition: receivers hold old positions, and clocks are off by minutes."""
 
-CLEAR_MAJORITY = 3
+CLEAR_MAJORITY = 2
 """Minimum ratio of the fixes that stay to those that contradict them, where nothing can have carried the glider."""
 
 _PROVEN_WEIGHT = 10**9
@@ -208,7 +209,9 @@ class SurfaceFixes:
         time, depth = time[known], depth[known]
         for fix in self.between(time[0], time[-1]) if len(time) else ():
             place = int(np.searchsorted(time, fix.time))
-            if min(depth[:place].max(initial=0.0), depth[place:].max(initial=0.0)) > DIVED:
+            here = float(depth[max(place - 1, 0) : place + 1].min())
+            deepest = (depth[:place].max(initial=here), depth[place:].max(initial=here))
+            if here < MAX_SURFACED_DEPTH and min(deepest) - here > DIVED:
                 return [
                     f"GPS fix at {_clock(fix.time)} between two dives of the profile: its current is a mean over these "
                     "dives and the surfacing; give every dive a number of its own"
@@ -290,9 +293,9 @@ def pair_fault(entry: Fix, exit_: Fix) -> str | None:
     return f"{speed} between the fixes before and after the profile: neither is used"
 
 
-_GRIDS, _MIN_POSITIONS, _ON_GRID = (0.1, 0.01, 0.001), 6, 1e-4
-"""Grids (degree) to which positions may have been rounded, least number of positions that show it, and largest distance
-from the grid, in its intervals."""
+_GRIDS, _MIN_POSITIONS, _ON_GRID = (0.1, 0.01, 0.001), 6, 0.02
+"""Grids (degree) to which positions may have been rounded, minimum number of positions that show it, and maximum
+distance from the grid, in its intervals; float32 resolves 0.015 of the finest."""
 
 
 def rounding_error(latitude: FloatArray, longitude: FloatArray) -> tuple[float, str]:

@@ -244,7 +244,7 @@ def frozen_profiles(
     sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
     found: dict[int, str] = {}
     for start, stop in equal_runs(heading[known], MIN_FROZEN):
-        if not _varies(pitch[start:stop]) or _is_still(roll[start:stop]):
+        if not _varies(pitch[start:stop]) or is_still(roll[start:stop]):
             continue
         lasts = float(time[stop - 1] - time[start])
         for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):
@@ -269,7 +269,7 @@ def _varies(values: FloatArray) -> bool:
     return bool(changes.sum() >= MANY_CHANGES or (len(changes) and changes.mean() >= MIN_CHANGES))
 
 
-def _is_still(roll: FloatArray) -> bool:
-    """Return whether the roll is known and hardly changes, as in a simulated glide without noise."""
+def is_still(roll: FloatArray) -> bool:
+    """Return whether a roll (rad) is known and hardly changes, as in a simulated glide without noise."""
     changes = _changes(roll)
     return bool(len(changes) and changes.sum() < STILL_ROLL)

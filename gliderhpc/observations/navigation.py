@@ -16,7 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.depth_screening import noise_window
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, screen_fixes
+from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, rounding_error, screen_fixes
 from gliderhpc.observations.headings import frozen_profiles
 from gliderhpc.observations.navigation_checks import check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation_clock import ClockDoubt, doubted_by_clock, find_clock_doubts
@@ -129,8 +129,9 @@ class Navigation:
             surface_fixes_before=before, surface_fixes_after=after,
             notes=(
                 *describe_fixes(before, after, notes, MAX_FIX_AGE),
+                *(self.fixes.notes_between_dives(time, self.depth[span]) if number not in self.without_fixes else []),
                 *_describe_depth(seconds, self.depth[span], self.impossible[span]),
-                *_describe_gap(seconds, self.depth[span] + self.pitch[span] + self.heading[span]),
+                *_describe_gap(seconds, self.depth[span], self.pitch[span] + self.heading[span]),
                 *dive_notes(seconds, self.depth[span], self.pitch[span] + self.heading[span]),
             ),
             velocity=None if self.velocity is None else self.velocity[span],
@@ -150,7 +151,6 @@ class Navigation:
         before = _of_same_surfacing(before[::-1], self.time[span.start])[::-1]
         after = _of_same_surfacing(after, self.time[span.stop - 1])
         reasons = [reason for side in sides for reason in self.fixes.reasons_between(*side)]
-        reasons += self.fixes.notes_between_dives(self.time[span], self.depth[span])
         if not (before and after):
             reasons += self.fixes.notes_inside(self.time[span.start], self.time[span.stop - 1])
         fault = pair_fault(before[-1], after[0]) if before and after else None
@@ -292,6 +292,8 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
         np.concatenate([getattr(part.fixes, name) for part in parts]) for name in ("time", "latitude", "longitude")
     )
     fixes = screen_fixes(at, latitude, longitude, np.ones(len(at), dtype=bool))
+    # A file of one dive has too few positions to show that they are rounded.
+    rounded, coarse = rounding_error(fixes.latitude, fixes.longitude)
     dives = detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
     profile = _usable(dives, depth, pitch, heading)
     source = f"{parts[0].source} and {len(parts) - 1} more"
@@ -299,8 +301,8 @@ def merge_navigation(parts: Sequence[Navigation]) -> Navigation:
     check_heading(source, measured, profile, "heading")
     return Navigation(
         source, parts[0].vehicle, time, depth, pitch, heading, roll, profile, dives, fixes,
-        max(part.fix_error for part in parts),
-        tuple(dict.fromkeys(remark for part in parts for remark in part.remarks)),
+        max(rounded, *(part.fix_error for part in parts)),
+        tuple(dict.fromkeys([*(remark for part in parts for remark in part.remarks), *([coarse] if coarse else [])])),
         float(np.median([part.declination for part in parts])), impossible,
         _submerged(time, depth, profile, fixes),
         join_velocity([part.velocity for part in parts], [len(part.time) for part in parts], order),
@@ -371,19 +373,26 @@ def _describe_depth(seconds: FloatArray, depth: FloatArray, impossible: npt.NDAr
 
 
 NOTED_GAP = 900.0
-"""Longest gap (s) between complete samples of a profile without a note; a glider moves by 200 to 300 m in this time."""
+"""Longest gap (s) between samples of a profile without a note; a glider moves by 200 to 300 m in this time."""
 
 
-def _describe_gap(seconds: FloatArray, measured: FloatArray) -> Iterator[str]:
-    """Note on the longest gap between the complete samples of a profile, if it is longer than `NOTED_GAP`."""
-    known = seconds[np.isfinite(measured)]
-    if len(known) < 2 or np.diff(known).max() <= NOTED_GAP:
-        return
-    gap = int(np.argmax(np.diff(known)))
-    yield (
-        f"no complete sample for {(known[gap + 1] - known[gap]) / 60.0:.0f} minutes, from {known[gap]:.0f} s on: the "
-        "displacement in this gap is a guess"
-    )
+def _describe_gap(seconds: FloatArray, *measured: FloatArray) -> Iterator[str]:
+    """Note on the longest gap of any measurement in a profile, if it is longer than `NOTED_GAP`."""
+    gaps = [_longest_gap(seconds[np.isfinite(values)]) for values in measured]
+    begin, lasts = max(gaps, key=lambda gap: gap[1])
+    if lasts > NOTED_GAP:
+        yield (
+            f"no depth or attitude for {lasts / 60.0:.0f} minutes, from {begin:.0f} s on: the displacement in this gap "
+            "is a guess"
+        )
+
+
+def _longest_gap(seconds: FloatArray) -> tuple[float, float]:
+    """Begin and duration (s) of the longest gap between some times."""
+    if len(seconds) < 2:
+        return 0.0, 0.0
+    gap = int(np.argmax(np.diff(seconds)))
+    return float(seconds[gap]), float(seconds[gap + 1] - seconds[gap])
 
 
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:

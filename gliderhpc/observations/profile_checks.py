@@ -298,6 +298,7 @@ def constant_values(depth: FloatArray, measured: Mapping[str, FloatArray | None]
         if np.ptp(values[known]) == 0.0 and np.ptp(depth[known]) > MIN_CONSTANT_RANGE:
             remarks.append(
                 f"{name} is {values[known][0]:.6g} in all its samples from {depth[known].min():.0f} to "
-                f"{depth[known].max():.0f} m: it was not measured there, so a buoyancy by density is wrong"
+                f"{depth[known].max():.0f} m: unless the water is that uniform, it was not measured, and a buoyancy by "
+                "density is wrong"
             )
     return remarks

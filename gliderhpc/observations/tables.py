@@ -1,6 +1,5 @@
 """Text tables from ERDDAP: names and units in the header, times in ISO 8601."""
 
-import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +20,8 @@ _VALUE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|\d{4}-\d\d-\d\d.*", re.
 _NUMERIC_UNITS = ("1", "1e-3", "0.001")
 """Units of dimensionless quantities."""
 
-_EXAMINED_ROWS = 100_000
-"""Maximum number of lines that are examined to describe a table that cannot be read."""
+_COLUMNS = re.compile(r"Expected (?P<expected>\d+) fields in line (?P<line>\d+), saw (?P<found>\d+)")
+"""Message of pandas on a row with too many columns."""
 
 _MISSING = ("", "nan", "na", "n/a", "null")
 """Missing values as programs write them, in lower case."""
@@ -61,7 +60,7 @@ def read_table(path: Path) -> xr.Dataset:
         if not what and isinstance(error, UnicodeDecodeError):
             what = "is not a text in UTF-8; convert its encoding"
         if not what and isinstance(error, pd.errors.ParserError):
-            what = _describe_rows(path)
+            what = _describe_rows(path, str(error))
         raise InputError(f"{path}: {what or f'cannot be read as an ERDDAP table ({first_line(error)})'}") from error
     if table.columns[0].startswith("#"):
         raise InputError(f"{path}: begins with a comment; remove it, so that the names of the columns come first")
@@ -85,16 +84,16 @@ def read_table(path: Path) -> xr.Dataset:
     return xr.Dataset(columns, attrs={"title": "ERDDAP table", "id": path.stem})
 
 
-def _describe_rows(path: Path) -> str:
-    """Describe the separator of a table whose rows have different numbers of commas, or the first such row."""
-    with path.open(encoding="utf-8-sig") as text:
-        lines = [line.rstrip("\n") for line in itertools.islice(text, _EXAMINED_ROWS)]
-    if lines and lines[0].count(";") > lines[0].count(","):
+def _describe_rows(path: Path, error: str) -> str:
+    """Describe the separator or the row that has too many columns; empty if the error is another one."""
+    counts = _COLUMNS.search(error)
+    if counts is None:
+        return ""
+    with path.open(encoding="utf-8-sig", errors="replace") as text:
+        names = next((line for line in text if line.strip()), "")
+    if names.count(";") > names.count(","):
         return "its columns are separated by semicolons; write it with commas between columns and decimal points"
-    for number, line in enumerate(lines, 1):
-        if line.count(",") > lines[0].count(","):
-            return f"line {number} has more columns than the names in line 1; correct it"
-    return "its rows have different numbers of columns; correct them"
+    return f"line {counts['line']} has {counts['found']} columns instead of {counts['expected']}; correct it"
 
 
 def _check_separator(names: Sequence[str], path: Path) -> None:

@@ -29,14 +29,14 @@ class DivePlan(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    heading: float | None = Field(None, ge=-360.0, le=360.0)
-    duration: float | None = Field(None, gt=0.0, le=864_000.0)
-    speed: float | None = Field(None, gt=0.0, le=5.0)
+    heading: float | None = Field(None, strict=True, ge=-360.0, le=360.0)
+    duration: float | None = Field(None, strict=True, gt=0.0, le=864_000.0)
+    speed: float | None = Field(None, strict=True, gt=0.0, le=5.0)
 
     @property
     def text(self) -> str:
         """Commands that are given, as text; empty if there are none."""
-        heading = None if self.heading is None else f"heading {self.heading % 360.0:03.0f}°"
+        heading = None if self.heading is None else f"heading {round(self.heading) % 360:03d}°"
         duration = None if self.duration is None else f"{self.duration / 60.0:.0f} min"
         speed = None if self.speed is None else f"{self.speed:g} m/s"
         return ", ".join(part for part in (heading, duration, speed) if part is not None)

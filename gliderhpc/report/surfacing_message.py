@@ -121,7 +121,9 @@ class Trim(_Part):
 class NextSurfacing(_Part):
     """Predicted end of the next dive, from the displacements and currents of the dives so far, or from its plan."""
 
-    plan: str = _field("", "planned heading, duration and speed, as far as given; empty for a dive like this one")
+    plan: str = Field(
+        "", description="planned heading, duration and speed, as far as given; empty: a dive like this one"
+    )
     time: str = _field("", "ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")
     longitude: float = _field("degree_east", "longitude")

@@ -363,8 +363,9 @@ class Watch:
 
     def _plan(self, archive: Archive, number: int) -> DivePlan | None:
         """Return the plan of the dive after the latest one; None for earlier dives, or if the file cannot be used."""
-        latest = archive.to_dataset()["start_time"].load().to_series().idxmax()
-        if self.watched.plan is None or latest != number:
+        if self.watched.plan is None:
+            return None
+        if archive.to_dataset()["start_time"].load().to_series().idxmax() != number:
             return None
         try:
             return read_plan(self.watched.plan)

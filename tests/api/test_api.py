@@ -292,7 +292,7 @@ def test_a_profile_is_drawn(dive, swift_store, swift):
         gh.plot_profile(gh.open_mission(swift_store))
     with pytest.raises(gh.InputError, match="dive: give what invert"):
         gh.plot_profile(dive["series"].to_dataset())
-    with pytest.raises(gh.InputError, match=r"select it by sel\(profile=\[2\]\), or give profile=2"):
+    with pytest.raises(gh.InputError, match=r"select it by sel\(profile=\[2\]\), or give the whole mission"):
         gh.plot_profile(gh.open_mission(swift_store).sel(profile=2))
 
 

@@ -259,7 +259,7 @@ def test_a_long_gap_in_a_numbered_profile_and_fixes_inside_it_are_named(tmp_path
         ).assign(profile=("time", number))
     )
     (message,) = _messages(found)
-    assert "no complete sample for 60 minutes" in message
+    assert "no depth or attitude for 60 minutes" in message
     assert "the displacement in this gap is a guess" in message
     assert "between two dives of the profile: its current is a mean over these dives and the surfacing" in message
 
@@ -278,6 +278,21 @@ def test_a_long_gap_in_a_numbered_profile_and_fixes_inside_it_are_named(tmp_path
 def test_arguments_of_another_kind_are_named(arguments, named, words):
     with pytest.raises(InputError, match=re.escape(words)):
         currents(arguments, **named)
+
+
+@pytest.mark.parametrize("number", [np.float32(10.5), np.array(10.5), np.float64(10.5), 10.5])
+def test_a_declination_is_a_number_of_any_kind(number):
+    found, same = (currents(mission(Glide(dives=1)), declination=value) for value in (number, 10.5))
+    np.testing.assert_array_equal(found["dac_north"], same["dac_north"])
+
+
+def test_depth_and_attitude_in_different_rows_leave_no_gap():
+    records = mission(GLIDE)
+    row = np.arange(records.sizes["time"])
+    apart = row % 300 != 0
+    parts = {name: records[name].where(~apart | (row % 2 == 1)) for name in ("pitch", "heading")}
+    found = currents(records.assign(depth=records["depth"].where(~apart | (row % 2 == 0)), **parts))
+    assert not any("no depth or attitude" in message for message in _messages(found))
 
 
 def test_a_table_of_another_library_is_not_taken_for_paths():

@@ -99,7 +99,7 @@ def test_a_ballast_that_stays_the_same_through_dive_and_climb_is_reported(tmp_pa
         found = {number: observations.profile(number).notes for number in observations.profile_numbers}
     assert found[1] == found[3] == ()
     (text,) = found[2]
-    assert text.startswith("ballast_volume stays at -250 cm3 although the glider dives by 50 m and climbs by 50 m")
+    assert text.startswith("ballast_volume stays at -250 cm3 although the glider dives by 49 m and climbs by 49 m")
 
 
 @pytest.mark.parametrize(
@@ -114,3 +114,12 @@ def test_a_ballast_that_stays_the_same_through_dive_and_climb_is_reported(tmp_pa
 )
 def test_other_ballasts_are_not_called_stuck(depth, ballast):
     assert stuck_ballast(depth, ballast) == []
+
+
+def test_a_ballast_known_during_the_dive_alone_and_a_false_depth_are_not_called_stuck():
+    depth = 200.0 * np.sin(np.linspace(0.0, np.pi, 400))
+    half = np.where(np.arange(400) < 190, 300.0, np.nan)
+    assert stuck_ballast(depth, half) == []
+    spike = np.linspace(0.0, 200.0, 400)
+    spike[380] = 20.0
+    assert stuck_ballast(spike, np.full(400, 300.0)) == []

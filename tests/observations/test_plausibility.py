@@ -737,6 +737,6 @@ def test_a_temperature_or_salinity_that_never_changes_is_named(tmp_path):
     sea = {"temperature": 18.0 - 0.01 * depth, "practical_salinity": np.full(len(depth), 35.0), "pressure": depth}
     found = notes(write(tmp_path, depth=depth, **sea))
     assert all(
-        "practical_salinity is 35 in all its samples from 0 to 60 m: it was not measured" in text for text, _ in found
+        "practical_salinity is 35 in all its samples from 0 to 60 m: unless the water" in text for text, _ in found
     )
     assert not any("temperature is" in text for text, _ in found)

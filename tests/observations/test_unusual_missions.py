@@ -159,7 +159,7 @@ TABLE = "time,depth\nUTC,m\n2024-05-01T00:00:00Z,1.0\n"
         (TABLE.replace("m", "°").encode("latin-1"), "is not a text in UTF-8; convert its encoding"),
         (f"# by a program\n{TABLE}".encode(), "begins with a comment; remove it"),
         (b"time;depth\nUTC;m\n2024-05-01T00:00:00Z;1,0\n", "its columns are separated by semicolons; write it with"),
-        (f"{TABLE}2024-05-01T00:00:01Z,1.0,3,4\n".encode(), "line 4 has more columns than the names in line 1"),
+        (f"{TABLE}2024-05-01T00:00:01Z,1.0,3,4\n".encode(), "line 4 has 4 columns instead of 2; correct it"),
         (f"{TABLE}2024-05-01T00:00:01Z,{'x' * 500}\n".encode(), r"depth in row 2 of the values is 'x+\.\.\.x+', which"),
     ],
 )

@@ -13,6 +13,7 @@ from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.dive_plan import DivePlan, read_plan
 from gliderhpc.report.next_surfacing import ellipse_scale, predict_from, surface_offset
+from gliderhpc.report.surfacing_message import NextSurfacing
 
 WIND = np.array([0.25, -0.15])
 
@@ -95,6 +96,7 @@ def test_a_plan_replaces_what_it_gives():
     np.testing.assert_allclose(DivePlan(speed=0.25, heading=0.0).displacement(expected, 1000.0), [250.0, 0.0])
     assert DivePlan(heading=-90.0, duration=5400.0, speed=0.3).text == "heading 270°, 90 min, 0.3 m/s"
     assert DivePlan().text == ""
+    assert DivePlan(heading=359.8).text == "heading 000°"
 
 
 def test_the_scatter_about_a_planned_heading_is_that_of_past_lengths_and_a_tenth_across():
@@ -142,6 +144,7 @@ def test_a_known_turn_does_not_spoil_the_prediction():
     [
         ("heading: 400", "heading is 400: it must be at most 360"),
         ("hedding: 40", "unknown key 'hedding'"),
+        ("heading: true", "heading is True"),
         ("speed: .nan", "speed is nan: it must be a finite number"),
         ("duration: 0", "duration is 0: it must be greater than 0"),
         ("- 1", "contains no plan"),
@@ -161,3 +164,17 @@ def test_a_plan_that_cannot_be_used_is_refused_in_one_line(text, words, tmp_path
 def test_a_plan_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml"):
         read_plan(tmp_path / "none.yaml")
+
+
+def test_a_message_of_an_earlier_version_has_no_plan():
+    """A watch that is updated reads its earlier messages, and repeats no alert."""
+    fields = dict.fromkeys(("latitude", "longitude", "current_north", "current_east", "deviation"), 0.0)
+    ellipse = {"probability": 0.68, "major": 2.0, "minor": 1.0, "direction": 0.0}
+    earlier = {
+        "time": "2024-05-01",
+        "dives": 3,
+        "correlation_time": 1.0,
+        "ellipse": ellipse,
+        "current_ellipse": ellipse,
+    }
+    assert NextSurfacing.model_validate(fields | earlier).plan == ""
