@@ -1,7 +1,7 @@
 """YAML files of one kind, given by name or path: those shipped with the package, and the user's own."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -79,6 +79,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """Return a suggestion to append to a message, empty if no known word is similar."""
     similar = most_similar(word, known)
     return f", did you mean '{similar}'?" if similar is not None else ""
+
+
+def describe_unknown_key(key: str, known: Sequence[str]) -> str:
+    """Describe a key that its section of a file does not have, with the section's keys and the most similar one."""
+    return f"unknown key '{key}'{nearest(key.rpartition('.')[2], known)}; keys are {', '.join(known)}"
 
 
 def most_similar(word: str, known: Iterable[str]) -> str | None:

@@ -154,7 +154,7 @@ def navigation_of(
         return read_navigation(records, declination=declination)
     if isinstance(records, xr.DataTree | xr.DataArray):
         raise InputError(f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset, a file or files")
-    paths = list(map(Path, [records] if isinstance(records, str | Path) else _paths(records)))
+    paths = _paths(records)
     if not paths:
         raise InputError("records: none given; give a file, files or a Dataset")
     # The importers load libraries that a plain file does not need.
@@ -183,14 +183,16 @@ def _degrees(declination: Any) -> float:
     return number
 
 
-def _paths(records: Iterable[str | Path]) -> list[str | Path]:
-    """Return the paths of several files; a table or one of anything else has no paths."""
-    found: list[Any] = list(records) if isinstance(records, Iterable) and not hasattr(records, "columns") else [records]
+def _paths(records: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Return the path of a file, or those of several; `InputError` for anything else, such as a table."""
+    found: list[Any] = [records]
+    if isinstance(records, Iterable) and not isinstance(records, str) and not hasattr(records, "columns"):
+        found = list(records)
     for each in found:
         if not isinstance(each, str | Path):
             kind = type(each).__name__
             raise InputError(f"records: a {kind} cannot be used; give an xarray.Dataset, a file or files")
-    return found
+    return [Path(each) for each in found]
 
 
 _NETCDF = (".nc", ".nc4")

@@ -25,13 +25,11 @@ MIN_CHANGE = {"ballast_volume": 20.0, "battery_position": 0.002, "battery_rotati
 Each changes a glide perceptibly: the speed by about 3 %, the pitch by about 2 degrees, or the course.
 """
 
-
 MIN_LEG = 20.0
 """Minimum height (m) of a dive and of a climb between which the ballast must change."""
 
 MIN_BALLAST_CHANGE = 1.0
 """Change of the ballast volume (cm3) below which it cannot turn a dive into a climb: a force of 0.01 N."""
-
 
 _MEDIAN = 5
 """Number of samples in the running median of the depth, which removes false samples."""

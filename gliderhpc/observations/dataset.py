@@ -312,17 +312,16 @@ def open_stored(path: Path, *, cache: bool = False) -> xr.Dataset:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded by the CF conventions ({reason})") from error
     if not dataset.variables:
-        dataset.close()
-        _refuse_groups(path)
-        return open_dataset(path, engine="netcdf4", cache=cache, **_AS_STORED)
+        _refuse_groups(dataset, path)
     return dataset
 
 
-def _refuse_groups(path: Path) -> None:
-    """Refuse a netCDF file whose variables are all in groups."""
+def _refuse_groups(dataset: xr.Dataset, path: Path) -> None:
+    """Refuse a netCDF file, open without any variable, if it has groups, and close it."""
     with netCDF4.Dataset(path) as content:
         groups = list(content.groups)
     if groups:
+        dataset.close()
         raise InputError(
             f"{path}: has no variable outside its groups ({', '.join(groups)}); write them to a file without groups: "
             f"xarray.open_dataset('{path.name}', group='{groups[0]}').to_netcdf(...)"

@@ -182,7 +182,8 @@ def survey_of(stored: StoredVariables) -> Survey:
     check_variables(stored.dataset, path)
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
-    places, faults = _locate(stored, time)
+    numbers = stored.numbers("profile", 0, len(time)) if "profile" in stored else None
+    places, faults = _locate(stored, time, numbers)
     clock_faults = check_clock(time, places, path, clock.implausible)
     faults |= {number: text for number, text in clock_faults.items() if number not in faults}
     faults |= check_extents(time, places, faults)
@@ -203,7 +204,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     fixes, warnings = _fixes(stored)
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
-    unnumbered = describe_unnumbered(stored.numbers("profile", 0, len(time)), time, depth)
+    unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
     return Survey(spans, faults, (*filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
 
 
@@ -225,11 +226,13 @@ def _wrong_depth_units(
     return found
 
 
-def _locate(stored: StoredVariables, time: TimeArray) -> tuple[dict[int, Span], dict[int, str]]:
+def _locate(
+    stored: StoredVariables, time: TimeArray, numbers: FloatArray | None
+) -> tuple[dict[int, Span], dict[int, str]]:
     """Spans and faults of the profiles, from the profile numbers in the file or, without these, from depth."""
     path = str(stored.path)
-    if "profile" in stored:
-        numbers = np.nan_to_num(stored.numbers("profile", 0, len(time)))
+    if numbers is not None:
+        numbers = np.nan_to_num(numbers)
         check_profile_numbers(numbers, path)
         places, faults = profile_spans(numbers.astype(np.int64))
     else:

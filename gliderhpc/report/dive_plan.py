@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from gliderhpc.shipped import nearest
+from gliderhpc.shipped import describe_unknown_key
 from gliderhpc.yaml_text import number_rule, read_model, shown
 
 Array = NDArray[np.float64]
@@ -73,5 +73,5 @@ def _describe_fault(fault: Mapping[str, Any]) -> str:
     if not key:
         return f"contains no plan; it may have the keys {', '.join(known)}, such as `heading: 120`"
     if fault["type"] == "extra_forbidden":
-        return f"unknown key '{key}'{nearest(key, known)}; keys are {', '.join(known)}"
+        return describe_unknown_key(key, known)
     return f"{key} is {shown(fault['input'])}: {number_rule(fault) or fault['msg']}"

@@ -142,21 +142,19 @@ def predict_from(
     spread = displacement_scatter(displacements, expected)
     count = dives.sizes["profile"]
     states = _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
-    predicted = {
-        place: _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
+    latest, last = states.pop(count - 1), fix_after(dives, count - 1)
+    past = [
+        _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
         for place, state in states.items()
-    }
-    coming, last = predicted.pop(count - 1), fix_after(dives, count - 1)
-    past = [_squared_distance(dives, cycle) for place, cycle in predicted.items() if is_followed(dives, place)]
-    scale = ellipse_scale(past)
+        if is_followed(dives, place)
+    ]
+    scale = ellipse_scale([_squared_distance(dives, cycle) for cycle in past])
+    through, duration = expected[-1], None
     if plan is not None:
-        below = float(dives["duration"][-1])
-        planned = plan.displacement(expected[-1], below)
+        through, duration = plan.displacement(through, float(dives["duration"][-1])), plan.duration
         if plan.heading is not None:
-            spread, scale = planned_scatter(displacements, planned), 1.0
-        coming = _predict_cycle(
-            dives, count - 1, coming.state, surface, (planned, spread), fix_error, plan.duration or below
-        )
+            spread, scale = planned_scatter(displacements, through), 1.0
+    coming = _predict_cycle(dives, count - 1, latest, surface, (through, spread), fix_error, duration)
     latitude, longitude = moved((last.latitude, last.longitude), coming.displacement)
     return Prediction(
         time=last.time + np.timedelta64(round(coming.elapsed), "s"),

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, NaiveDatetime, ValidationError, mod
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
-from gliderhpc.shipped import ShippedFiles, nearest
+from gliderhpc.shipped import ShippedFiles, describe_unknown_key
 from gliderhpc.simulator.sections import (
     Actuation,
     Coefficients,
@@ -138,9 +138,7 @@ def _explanation(error: ValidationError) -> str:
     fault = first_fault(error)
     key = ".".join(str(part) for part in fault["loc"]) or "the scenario"
     if fault["type"] == "extra_forbidden":
-        section = _section_at(fault["loc"][:-1])
-        known = list(section.model_fields)
-        return f"unknown key '{key}'{nearest(str(fault['loc'][-1]), known)}; keys are {', '.join(known)}"
+        return describe_unknown_key(key, list(_section_at(fault["loc"][:-1]).model_fields))
     if fault["type"] == "value_error":
         return f"{key}: {fault['ctx']['error']}"
     return f"{key} is {shown(fault['input'])}: {fault['msg'][0].lower()}{fault['msg'][1:]}"

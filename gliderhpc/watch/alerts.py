@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gliderhpc.errors import first_line
 from gliderhpc.report.facts import polar
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.shipped import nearest
+from gliderhpc.shipped import describe_unknown_key
 from gliderhpc.yaml_text import number_rule, read_model, shown
 
 _DRAG = "viscous.K_D0"
@@ -212,8 +212,7 @@ def _describe_fault(fault: Mapping[str, Any]) -> str:
     if not key:
         return "contains no alerts; it must have the key rules, and may have command, webhook and timeout"
     if fault["type"] == "extra_forbidden":
-        known = list(_SECTIONS[".".join(parents)].model_fields)
-        return f"unknown key '{key}'{nearest(last, known)}; keys are {', '.join(known)}"
+        return describe_unknown_key(key, list(_SECTIONS[".".join(parents)].model_fields))
     if fault["type"] == "missing":
         return f"missing key '{key}'; add it"
     if fault["type"] == "value_error":
