@@ -20,6 +20,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.windows import misfit
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -112,14 +113,8 @@ def main(profiles: int) -> None:
         for preset in PRESETS:
             store = Path(folder) / f"{preset}.zarr"
             with open_observations(path) as observations:
-                run_mission(
-                    observations,
-                    platform,
-                    MissionSettings.model_validate({"preset": preset}),
-                    tuple(observations.profile_numbers),
-                    store,
-                    lambda: local_executor(default_workers()),
-                )
+                prepared = prepare_mission(observations, platform, MissionSettings.model_validate({"preset": preset}))
+                run_mission(prepared, store, lambda: local_executor(default_workers()))
             lines += [
                 f"## Preset `{preset}`",
                 "",

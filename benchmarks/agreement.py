@@ -18,6 +18,7 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -112,14 +113,8 @@ def estimate(observations: Path, store: Path, preset: str, engine: str, platform
     """Invert the whole mission into an archive, and open that."""
     settings = MissionSettings.model_validate({"preset": preset, "engine": engine})
     with open_observations(observations) as mission:
-        run_mission(
-            mission,
-            platform,
-            settings,
-            tuple(mission.profile_numbers),
-            store,
-            lambda: local_executor(default_workers()),
-        )
+        prepared = prepare_mission(mission, platform, settings)
+        run_mission(prepared, store, lambda: local_executor(default_workers()))
     return open_mission(store)
 
 

@@ -31,6 +31,7 @@ from gliderhpc import load_platform
 from gliderhpc.findings.findings import markdown, number, write_json
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.existing import Existing
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -113,10 +114,8 @@ def twin_archive(folder: Path, twin: Twin, seed: int) -> Path:
     })  # fmt: skip
     simulate_mission(hull, observations, scenario=scenario, seed=seed)
     with open_observations(observations) as opened:
-        numbers = tuple(opened.profile_numbers)
-        run_mission(
-            opened, hull, MissionSettings(), numbers, store, lambda: local_executor(0), existing=Existing.OVERWRITE
-        )
+        prepared = prepare_mission(opened, hull, MissionSettings())
+        run_mission(prepared, store, lambda: local_executor(0), existing=Existing.OVERWRITE)
     done.touch()
     return store
 

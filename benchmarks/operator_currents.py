@@ -17,6 +17,7 @@ from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import ESTIMATES
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -48,9 +49,8 @@ def studied(path: Path, platform: Platform, numbers: tuple[int, ...], store: Pat
     """Group ``currents`` of an archive of these dives, made where it is not there."""
     if not store.exists():
         with open_observations(path) as observations:
-            run_mission(
-                observations, platform, MissionSettings(), numbers, store, lambda: local_executor(default_workers())
-            )
+            prepared = prepare_mission(observations, platform, MissionSettings(), numbers)
+            run_mission(prepared, store, lambda: local_executor(default_workers()))
     request = Request(store, lambda: local_executor(default_workers()), estimate=estimate, reference=path)
     STUDY.run(request, DepthResolvedSettings())
     with open_mission(store) as tree:

@@ -28,6 +28,7 @@ from gliderhpc import load_platform, open_mission
 from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -118,10 +119,8 @@ def invert(name: str, data: Path, work: Path) -> Inverted:
         def run(platform: Platform, kind: str) -> xr.DataTree:
             store = work / f"{mission.folder}-{kind}.zarr"
             if not store.exists():
-                run_mission(
-                    observations, platform, MissionSettings(), tuple(inverted), store,
-                    lambda: local_executor(default_workers()),
-                )  # fmt: skip
+                prepared = prepare_mission(observations, platform, MissionSettings(), inverted)
+                run_mission(prepared, store, lambda: local_executor(default_workers()))
             return open_mission(store)
 
         return Inverted(summary, run(shipped, "shipped"), found, run(found.platform, "calibrated") if found else None)

@@ -15,6 +15,7 @@ from benchmarks.windows import PLATFORM, SEED, settings_of, twin_series
 from gliderhpc import Glider, load_platform
 from gliderhpc.mission.executors import Executor, local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -80,14 +81,14 @@ def mission_row(path: Path, store: Path, engine: str, preset: str, workers: int)
             ready.append(time.perf_counter())
 
     with open_observations(path) as observations, watched_memory() as peak:
-        numbers = tuple(observations.profile_numbers)
-        result = run_mission(observations, load_platform(PLATFORM), settings, numbers, store, executor)
+        prepared = prepare_mission(observations, load_platform(PLATFORM), settings)
+        result = run_mission(prepared, store, executor)
     if result.failed:
         raise RuntimeError(f"profiles {result.failed} failed, so that their times mean nothing")
     began, ended = ready
     return {
         "workers": workers,
-        "profiles": len(numbers),
+        "profiles": len(prepared.plan.profiles),
         "seconds": ended - began,
         "peak_worker_mib": peak.of_a_worker / MEBI,
     }

@@ -13,6 +13,7 @@ from benchmarks.command_line import positional
 from gliderhpc import load_platform, open_mission
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -60,14 +61,9 @@ def main(scenario: str, profiles: int) -> None:
         for name, prior in PRIORS.items():
             store = Path(folder) / f"{name}.zarr"
             with open_observations(path) as observations:
-                run_mission(
-                    observations,
-                    load_platform(PLATFORM).model_copy(update={"prior": prior}),
-                    MissionSettings(),
-                    tuple(observations.profile_numbers),
-                    store,
-                    lambda: local_executor(default_workers()),
-                )
+                platform = load_platform(PLATFORM).model_copy(update={"prior": prior})
+                prepared = prepare_mission(observations, platform, MissionSettings())
+                run_mission(prepared, store, lambda: local_executor(default_workers()))
             size = errors(store, truth_path(path))
             known = size[np.isfinite(size)]
             cells = (

@@ -233,7 +233,7 @@ def _undrawn_elsewhere(request):
 @pytest.fixture
 def unchecked_records(monkeypatch):
     """Runs of the program that do not look for errors of the records first, a tenth of the time of a short one."""
-    monkeypatch.setattr("gliderhpc.cli.run_mission.warn_about_records", lambda *_: None)
+    monkeypatch.setattr("gliderhpc.api.missions.warn_about_records", lambda *_: None)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,10 @@ from gliderhpc.api.arguments import Hull, Profiles, chosen_profile, platform_of,
 from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive import mission as archived
 from gliderhpc.errors import InputError
-from gliderhpc.estimation.engines import check_engine
 from gliderhpc.mission import run
-from gliderhpc.mission.cluster import FileNotSharedError
+from gliderhpc.mission.cluster import ClusterAddress, FileNotSharedError
 from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.prepared import PreparedMission, prepare_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations
@@ -72,7 +72,6 @@ def invert(
     >>> dive["series"].ds.B_cr.sel(profile=12)  # doctest: +SKIP
     """
     chosen = settings_of(MissionSettings, settings, named)
-    check_engine(chosen)
     platform = platform_of(hull)
     with opened_records(records) as observations:
         number = chosen_profile(observations.profile_numbers, profile)
@@ -139,7 +138,6 @@ def run_mission(
     """
     existing = Existing.of(overwrite=overwrite, resume=resume, append=append)
     chosen = settings_of(MissionSettings, settings, named)
-    check_engine(chosen)
     platform, cluster = platform_of(hull), cluster_of(scheduler)
     # Arguments are checked before anything is read.
     archived.check_is_path(store, "store")
@@ -148,12 +146,8 @@ def run_mission(
     with opened_records(records) as observations:
         text, shared = profiles_text(profiles), cluster is not None
         prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=_warn)
-        if not existing.continues:
-            warn_about_records(observations, platform, chosen, prepared.plan.profiles, python_words)
-        own, warm = None if shared else prepared.workers, partial(warm_kernels, chosen.engine)
-        executor = executor_of(own, cluster, prepared.needed(place), len(prepared.plan.profiles), warm)
         try:
-            prepared.run(place, executor, existing=existing)
+            invert_prepared(prepared, place, cluster, existing=existing, words=python_words)
         except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
@@ -165,6 +159,45 @@ def run_mission(
 
 
 open_mission = speaks_python(archived.open_mission)
+
+
+def _no_progress(_: int) -> AbstractContextManager[Callable[[], None]]:
+    return nullcontext(lambda: None)
+
+
+def invert_prepared(
+    prepared: PreparedMission,
+    store: Place,
+    cluster: ClusterAddress | None = None,
+    *,
+    existing: Existing = Existing.REFUSE,
+    words: Callable[[str], str] = str,
+    progress: Callable[[int], AbstractContextManager[Callable[[], None]]] = _no_progress,
+) -> run.MissionResult:
+    """Run a prepared inversion on local workers or a cluster, after a brief check of the records of a new archive.
+
+    Parameters
+    ----------
+    prepared : PreparedMission
+        The run.
+    store : str or Path
+        The archive.
+    cluster : ClusterAddress, optional
+        Running cluster; by default as many local workers as the run was prepared for.
+    existing : Existing
+        Treatment of an archive that exists.
+    words : callable
+        Adapts the warnings about the records to the caller's language.
+    progress : callable
+        Opens the display of progress over a number of profiles; its context is the function that advances it.
+    """
+    numbers = prepared.plan.profiles
+    if not existing.continues:
+        warn_about_records(prepared.observations, prepared.platform, prepared.settings, numbers, words)
+    workers, warm = None if cluster is not None else prepared.workers, partial(warm_kernels, prepared.settings.engine)
+    executor = executor_of(workers, cluster, prepared.needed(store), len(numbers), warm)
+    with progress(len(numbers)) as advance:
+        return run.run_mission(prepared, store, executor, existing=existing, on_result=lambda _: advance())
 
 
 def _warn(text: str) -> None:

@@ -22,6 +22,7 @@ from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.local_workers import default_workers
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import compile_in_background, is_compiled, warm_simulator
@@ -199,15 +200,8 @@ def _check_folder(observations: Path, mission: str) -> None:
 
 def _invert(tour: _DemoRun) -> MissionResult:
     with open_observations(tour.observations) as opened:
-        return run_mission(
-            opened,
-            tour.platform,
-            MissionSettings(),
-            tuple(opened.profile_numbers),
-            tour.store,
-            tour.workers,
-            existing=Existing.OVERWRITE,
-        )
+        prepared = prepare_mission(opened, tour.platform, MissionSettings())
+        return run_mission(prepared, tour.store, tour.workers, existing=Existing.OVERWRITE)
 
 
 def _validate(tour: _DemoRun) -> None:

@@ -150,11 +150,16 @@ def executor_for(
     workers: int | None, cluster: ClusterAddress | None = None, *further: Any
 ) -> Callable[[], AbstractContextManager[Executor]]:
     """Check the arguments as options, and return the function of `executor_of` that opens the executor."""
+    check_workers(workers, cluster)
+    return executor_of(workers, cluster, *further)
+
+
+def check_workers(workers: int | None, cluster: ClusterAddress | None) -> None:
+    """Refuse local workers beside a running cluster."""
     if cluster is not None and workers is not None:
         raise click.UsageError(
             "--workers starts local workers; leave it out, since a running cluster has its own workers"
         )
-    return executor_of(workers, cluster, *further)
 
 
 assignments = click.option(

@@ -3,7 +3,6 @@
 import logging
 import math
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,11 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gliderhpc.api.missions import warn_about_records
+from gliderhpc.api.missions import invert_prepared
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.messages import echo
-from gliderhpc.cli.options import executor_for
-from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.existing import Existing
@@ -26,7 +23,6 @@ from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.settings import build_settings, parse_assignments
-from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_place
@@ -94,34 +90,23 @@ def run_mission(
       gliderhpc run-mission mission.nc --platform petrel-l --store one.zarr --profiles 18:20,68 --preset paper
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    if sum((resume, append, overwrite)) > 1:
-        raise click.UsageError("--resume, --append and --overwrite are mutually exclusive; give one of them")
     existing = Existing.of(overwrite=overwrite, resume=resume, append=append)
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)
-    check_engine(settings)
     platform = load_platform(platform_name, platform_values)
     with logging_to(log_file), open_observations(observations) as opened:
         prepared = prepare_mission(
             opened, platform, settings, profiles, workers, on_cluster=cluster is not None, warn=_warn
         )
-        chosen = prepared.plan.profiles
         if dry_run:
             check_place(store, existing is not Existing.REFUSE or not is_begun(store))
             echo(prepared.plan.describe(settings, prepared.workers))
-            _print_faults(opened, chosen)
+            _print_faults(opened, prepared.plan.profiles)
             return 0
-        if not existing.continues:
-            warn_about_records(opened, platform, settings, chosen)
-        executor = executor_for(
-            prepared.workers if cluster is None else workers,
-            cluster,
-            prepared.needed(store),
-            len(chosen),
-            partial(warm_kernels, settings.engine),
+        options.check_workers(workers, cluster)
+        result = invert_prepared(
+            prepared, store, cluster, existing=existing, progress=lambda count: progress(count, "profiles")
         )
-        with progress(len(chosen), "profiles") as advance:
-            result = prepared.run(store, executor, existing=existing, report=lambda _: advance())
     results().print(summary_table(result))
     echo(closing_line(result, str(store)))
     return 1 if result.failed else 0

@@ -1,24 +1,23 @@
 """A run that is ready to begin: its profiles are chosen, its inputs are checked, and its workers fit into memory."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.jobs import ProfileResult
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import lock_name
 from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
-from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place
 from gliderhpc.wording import most_frequent_reason
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,47 +44,25 @@ class PreparedMission:
         """Return the files that workers on other machines must see: observations, and the lock of a local archive."""
         return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
 
-    def run(
-        self,
-        place: Place,
-        executor: Callable[[], AbstractContextManager[Executor]],
-        *,
-        existing: Existing = Existing.REFUSE,
-        check_last: int | None = None,
-        report: Callable[[ProfileResult], None] = lambda _: None,
-    ) -> MissionResult:
-        """Run the inversion, as `run_mission` does."""
-        return run_mission(
-            self.observations,
-            self.platform,
-            self.settings,
-            self.plan.profiles,
-            place,
-            executor,
-            existing=existing,
-            check_last=check_last,
-            report=report,
-        )
-
 
 def prepare_mission(
     observations: Observations,
     platform: Platform,
     settings: MissionSettings,
-    profiles: str | None,
-    workers: int | None,
+    profiles: str | Sequence[int] | None = None,
+    workers: int | None = None,
     *,
-    on_cluster: bool,
-    warn: Callable[[str], None],
+    on_cluster: bool = False,
+    warn: Callable[[str], None] = log.warning,
 ) -> PreparedMission:
-    """Choose the profiles of a run and the number of its workers.
+    """Check the inputs of a run, and choose its profiles and the number of its workers.
 
     Parameters
     ----------
     observations, platform, settings : Observations, Platform, MissionSettings
         The open file, the hull and the settings.
-    profiles : str, optional
-        Choice of profiles, such as ``18:20,68``; all by default.
+    profiles : str or sequence of int, optional
+        Choice of profiles, such as ``18:20,68``, or their numbers; all by default.
     workers : int, optional
         Number of local worker processes; by default one per core, if memory allows.
     on_cluster : bool
@@ -96,9 +73,13 @@ def prepare_mission(
     Raises
     ------
     InputError
-        There is no such profile or no usable one, or the workers need more memory than the machine has.
+        There is no such profile or no usable one, or the workers need more memory than the machine has; or buoyancy by
+        density is set for a hull without compressibility; or the engine cannot run on this machine.
     """
-    chosen = select_profiles(observations.profile_numbers, profiles)
+    check_engine(settings)
+    if profiles is None or isinstance(profiles, str):
+        profiles = select_profiles(observations.profile_numbers, profiles)
+    chosen = tuple(profiles)
     for warning in observations.warnings:
         warn(warning)
     if not set(chosen) - set(observations.faults):

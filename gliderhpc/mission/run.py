@@ -23,6 +23,7 @@ from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, 
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
+from gliderhpc.mission.prepared import PreparedMission
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.resume import MISSING, Validity, examine_archive, prepare_archive
 from gliderhpc.mission.settings import MissionSettings
@@ -76,27 +77,21 @@ class MissionResult:
 
 
 def run_mission(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    profiles: tuple[int, ...],
+    prepared: PreparedMission,
     store: Place,
     executor: Callable[[], ExecutorContext],
     *,
     existing: Existing = Existing.REFUSE,
     check_last: int | None = None,
-    report: Callable[[ProfileResult], None] = lambda _: None,
+    on_result: Callable[[ProfileResult], None] = lambda _: None,
 ) -> MissionResult:
     """Estimate the chosen profiles of an open observation file into an archive.
 
     Parameters
     ----------
-    observations : Observations
-        The open file; its faulty profiles are recorded as failed with their fault.
-    platform, settings : Platform, MissionSettings
-        The hull and the settings; both are stored with the archive.
-    profiles : tuple of int
-        Numbers of the profiles to estimate.
+    prepared : PreparedMission
+        The open file, whose faulty profiles are recorded as failed with their fault; the hull and the settings, which
+        are stored with the archive; and the chosen profiles.
     store : str or Path
         The archive.
     executor : callable
@@ -105,26 +100,24 @@ def run_mission(
         Treatment of an archive that exists.
     check_last : int, optional
         Number of profiles at the end of the archive that are checked for damage before it grows; by default all.
-    report : callable
+    on_result : callable
         Called with each result as it arrives.
 
     Raises
     ------
     InputError
         An archive exists and is to be refused, or another run is writing it, or it was made for other
-        profiles or by another schema; or buoyancy by density is set for a hull without compressibility; or the engine
-        cannot run on this machine.
+        profiles or by another schema.
     RunStoppedError
         No worker is left; the results so far are saved.
     OSError
         The disk is full or lost; the results so far are saved.
     """
-    check_engine(settings)
-    check_seawater(platform, settings)
+    observations, platform, settings = prepared.observations, prepared.platform, prepared.settings
+    plan = prepared.plan
     _log_use_of_optional_variables(observations, platform, settings)
     _warn_about_unused_settings(platform, settings)
     began = time.monotonic()
-    plan = plan_mission(observations, settings, profiles)
     attributes = archive_attributes(observations, platform, settings)
     work = MissionWork(observations, platform, settings, absolute(store))
     with locked(store) as token:
@@ -147,7 +140,7 @@ def run_mission(
         with ExitStack() as contexts, executor() if waiting else nullcontext() as opened:
             on_commit = contexts.enter_context(open_archive(token))
             if opened is not None:
-                _execute(opened, work, token, waiting, dict(validity.valid), result, _notify_both(on_commit, report))
+                _execute(opened, work, token, waiting, dict(validity.valid), result, _notify_both(on_commit, on_result))
                 # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
@@ -238,7 +231,7 @@ def _execute(
     profiles: Sequence[tuple[int, int]],
     table: dict[int, Row],
     result: MissionResult,
-    report: Callable[[ProfileResult], None],
+    on_result: Callable[[ProfileResult], None],
 ) -> None:
     """Estimate the profiles, updating the archive's table during the run and, even after an error, at its end."""
     written = time.monotonic()
@@ -246,7 +239,7 @@ def _execute(
         for done in profile_results(opened, work, token, profiles):
             result.rows[done.number] = table[done.index] = done.row
             _log_result(done)
-            report(done)
+            on_result(done)
             if time.monotonic() - written > TABLE_INTERVAL:
                 write_mission_table(work.store, table)
                 written = time.monotonic()
@@ -264,13 +257,13 @@ def _resume(
 
 
 def _notify_both(
-    on_commit: Callable[[], None], report: Callable[[ProfileResult], None]
+    on_commit: Callable[[], None], on_result: Callable[[ProfileResult], None]
 ) -> Callable[[ProfileResult], None]:
-    def reported(done: ProfileResult) -> None:
+    def notify(done: ProfileResult) -> None:
         on_commit()
-        report(done)
+        on_result(done)
 
-    return reported
+    return notify
 
 
 def _log_result(done: ProfileResult) -> None:
@@ -318,7 +311,7 @@ def invert_profile(
     ProfileError
         The profile cannot be estimated.
     InputError
-        Same reasons as in `run_mission`.
+        Same reasons as in `prepare_mission`.
     """
     import dask
 

@@ -22,6 +22,7 @@ from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
@@ -317,7 +318,8 @@ class Watch:
         prepared = prepare_mission(
             observations, watched.platform, watched.settings, None, workers, on_cluster=False, warn=log.warning
         )
-        prepared.run(
+        run_mission(
+            prepared,
             watched.store,
             lambda: nullcontext(self._workers.open(min(prepared.workers, waiting))),
             existing=Existing.APPEND if grows else Existing.OVERWRITE,

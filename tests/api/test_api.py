@@ -357,7 +357,7 @@ def test_records_in_memory_that_a_clusters_worker_cannot_see(records, swift, tmp
         ({"workers": 2.5}, "workers=2.5: give a number of processes"),
         ({"workers": "2"}, "workers='2': give a number of processes"),
         ({"workers": 2, "scheduler": "tcp://nowhere:1"}, "workers=2: a running cluster has its own"),
-        ({"overwrite": True, "resume": True}, "overwrite, resume and append are mutually exclusive"),
+        ({"overwrite": True, "resume": True}, "overwrite=True, resume=True and append=True are mutually exclusive"),
         ({"engine": "fast"}, "engine: .*'fast'"),
         ({"window": {"margin": 40.0}}, r"^window\.margin=40: must be shorter than the window"),
     ],

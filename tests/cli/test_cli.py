@@ -25,7 +25,7 @@ from gliderhpc.cli.records import _print_findings
 from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.cli.studies import write_and_print
 from gliderhpc.findings.findings import Findings
-from gliderhpc.mission import prepared
+from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.platform import platform_text
 from gliderhpc.studies.registry import STUDIES
@@ -154,7 +154,7 @@ def test_an_interrupt_is_130(brief, run, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(prepared, "run_mission", interrupt)
+    monkeypatch.setattr(mission_run, "run_mission", interrupt)
     answer, _ = run(brief)
     assert answer.status == 130
     assert "interrupted; the archive is intact, finish it with --resume" in answer.err
@@ -175,7 +175,7 @@ def test_an_error_on_the_way_out_of_an_interrupt_is_130(brief, run, monkeypatch)
         with Unlocked():
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(prepared, "run_mission", fail)
+    monkeypatch.setattr(mission_run, "run_mission", fail)
     answer, _ = run(brief)
     assert answer.status == 130
     assert "interrupted; the archive is intact, finish it with --resume" in answer.err
@@ -213,7 +213,7 @@ def test_a_full_disk_is_1(brief, run, monkeypatch):
     def fill(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device", "some.zarr")
 
-    monkeypatch.setattr(prepared, "run_mission", fill)
+    monkeypatch.setattr(mission_run, "run_mission", fill)
     answer, _ = run(brief)
     assert answer.status == 1
     assert "no space left to write some.zarr; free some space and finish it with --resume" in answer.line
@@ -223,7 +223,7 @@ def test_bugs_are_not_hidden(brief, run, monkeypatch, tmp_path):
     def slip(*_, **__):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(prepared, "run_mission", slip)
+    monkeypatch.setattr(mission_run, "run_mission", slip)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     answer, _ = run(brief)
     assert answer.status == 1

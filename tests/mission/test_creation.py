@@ -13,6 +13,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission import cluster, lock
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.existing import Existing
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -43,15 +44,8 @@ def names(store):
 def overwrite(swift, store, executor):
     """Replace an archive with a run in this process."""
     with open_observations(swift) as observations:
-        return run_mission(
-            observations,
-            read_platform("petrel-l"),
-            MissionSettings(),
-            (1, 2, 3),
-            store,
-            executor,
-            existing=Existing.OVERWRITE,
-        )
+        prepared = prepare_mission(observations, read_platform("petrel-l"), MissionSettings())
+        return run_mission(prepared, store, executor, existing=Existing.OVERWRITE)
 
 
 @contextmanager

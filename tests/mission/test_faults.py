@@ -27,6 +27,7 @@ from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import lock_name
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -75,11 +76,8 @@ def run_on(cluster, dips, store, *, existing=Existing.REFUSE, patience=60.0):
     address = ClusterAddress(file=cluster.file, patience=patience)
     needed = (dips, Path(lock_name(store)))
     with open_observations(dips) as opened:
-        numbers = tuple(opened.profile_numbers)
-        return run_mission(
-            opened, PETREL, MissionSettings(), numbers, store, lambda: cluster_executor(address, needed),
-            existing=existing,
-        )  # fmt: skip
+        prepared = prepare_mission(opened, PETREL, MissionSettings())
+        return run_mission(prepared, store, lambda: cluster_executor(address, needed), existing=existing)
 
 
 # Workers and schedulers
@@ -130,11 +128,10 @@ def test_a_cluster_whose_workers_are_all_gone_stops_the_run(dips, tmp_path):
             cluster.workers[0].kill()
 
         address = ClusterAddress(file=cluster.file, patience=2.0)
-        with open_observations(dips) as opened, pytest.raises(RunStoppedError, match="has had no worker for 2 s"):
-            run_mission(
-                opened, PETREL, MissionSettings(engine="scipy"), tuple(opened.profile_numbers), store,
-                lambda: cluster_executor(address), report=kill_the_last,
-            )  # fmt: skip
+        with open_observations(dips) as opened:
+            prepared = prepare_mission(opened, PETREL, MissionSettings(engine="scipy"))
+            with pytest.raises(RunStoppedError, match="has had no worker for 2 s"):
+                run_mission(prepared, store, lambda: cluster_executor(address), on_result=kill_the_last)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert "done" in tree["status"].values
         assert "pending" in tree["status"].values
@@ -175,9 +172,8 @@ def test_a_profile_that_kills_its_workers_is_given_up_alone(dips, tmp_path, monk
     monkeypatch.setattr(local_workers, "_CONTEXT", forking())
     store = tmp_path / "poison.zarr"
     with open_observations(dips) as opened:
-        result = run_mission(
-            opened, PETREL, MissionSettings(), (4, 5, 6), store, lambda: local_executor(2)
-        )  # fmt: skip
+        prepared = prepare_mission(opened, PETREL, MissionSettings(), (4, 5, 6))
+        result = run_mission(prepared, store, lambda: local_executor(2))
     assert result.failed == (5,)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "failed", "done"]

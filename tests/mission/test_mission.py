@@ -38,6 +38,7 @@ from gliderhpc.mission.executors import SerialExecutor, local_executor
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.planning import MAX_BATCH, as_ranges, batch_sizes, plan_mission, select_profiles
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_about_unused_settings, run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
@@ -408,8 +409,8 @@ def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_sto
     store, committed = tmp_path / "one-by-one.zarr", []
     with open_observations(swift) as observations:
         run_mission(
-            observations, PETREL, MissionSettings(), (1, 2, 3), store, partial(local_executor, 0),
-            report=lambda done: committed.append((done.number, len(read_commits(store)))),
+            prepare_mission(observations, PETREL, MissionSettings()), store, partial(local_executor, 0),
+            on_result=lambda done: committed.append((done.number, len(read_commits(store)))),
         )  # fmt: skip
     assert sorted(number for number, _ in committed) == [1, 2, 3]
     assert [count for _, count in committed] == [1, 2, 3]
@@ -421,10 +422,8 @@ def test_partial_files_of_a_killed_worker_are_removed_at_the_end_of_the_run(swif
     store = tmp_path / "stray.zarr"
     stray = store / "observed" / "ballast_volume" / f"c.5.{'0a' * 16}.partial"
     with open_observations(swift) as observations:
-        run_mission(
-            observations, PETREL, MissionSettings(), (1, 2, 3), store, partial(local_executor, 0),
-            report=lambda done: stray.touch(),
-        )  # fmt: skip
+        prepared = prepare_mission(observations, PETREL, MissionSettings())
+        run_mission(prepared, store, partial(local_executor, 0), on_result=lambda done: stray.touch())
     assert archive_bytes(store) == archive_bytes(swift_store)
 
 
@@ -442,8 +441,8 @@ def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift
     reported = []
     with open_observations(swift) as observations:
         result = run_mission(
-            observations, PETREL, MissionSettings(), (1, 2, 3), tmp_path / "again.zarr", partial(local_executor, 0),
-            report=lambda done: reported.append(done.number),
+            prepare_mission(observations, PETREL, MissionSettings()), tmp_path / "again.zarr",
+            partial(local_executor, 0), on_result=lambda done: reported.append(done.number),
         )  # fmt: skip
     assert result.failed == ()
     assert sorted(reported) == [1, 2, 3]
@@ -502,7 +501,7 @@ def test_an_interrupted_run_is_whole_and_can_be_finished(swift, swift_store, tmp
 
     store = tmp_path / "interrupted.zarr"
     with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
-        run_mission(observations, PETREL, MissionSettings(), (1, 2, 3), store, interrupted)
+        run_mission(prepare_mission(observations, PETREL, MissionSettings()), store, interrupted)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "pending", "pending"]
         np.testing.assert_array_equal(tree["disturbance_prior"].values, [0.0, np.nan, np.nan])
@@ -573,12 +572,12 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path
     """A profile that failed by chance succeeds the second time; here, the marker is changed to a failure."""
     store = tmp_path / "failed.zarr"
     with open_observations(swift) as observations:
-        arguments = observations, PETREL, MissionSettings(), (1, 2, 3), store
-        run_mission(*arguments, lambda: local_executor(0))
+        prepared = prepare_mission(observations, PETREL, MissionSettings())
+        run_mission(prepared, store, lambda: local_executor(0))
         rows, commit = ArchiveRows(store), read_commits(store)[2]
         rows.begin(2)
         rows.commit(2, {"status": "failed", "message": "no reason"}, commit.inputs, "2026-01-01T00:00:00Z")
-        result = run_mission(*arguments, lambda: local_executor(0), existing=Existing.RESUME)
+        result = run_mission(prepared, store, lambda: local_executor(0), existing=Existing.RESUME)
     assert result.reused == (1, 2)
     assert result.failed == ()
     assert read_markers(store)[2]["status"] == "done"

@@ -24,6 +24,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import SerialExecutor
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
@@ -282,7 +283,7 @@ def test_a_simulated_profile_from_record_to_page(tmp_path):
     scenario = read_scenario({"profiles": 1, "depth": 40.0, "steering": {"interval": 120.0}})
     simulate_mission(platform, records, scenario=scenario, seed=1)
     with open_observations(records) as observations:
-        run_mission(observations, platform, MissionSettings(), (1,), store, serially)
+        run_mission(prepare_mission(observations, platform, MissionSettings()), store, serially)
     with open_mission(store) as archive:
         profile_figure(archive, 1, read_profile_truth(truth_path(records), 1)).savefig(tmp_path / "page.png")
         assert (tmp_path / "page.png").read_bytes().startswith(PNG)

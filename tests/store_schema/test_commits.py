@@ -207,16 +207,16 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
         raise KeyboardInterrupt
 
     from gliderhpc.mission.existing import Existing
+    from gliderhpc.mission.prepared import prepare_mission
     from gliderhpc.mission.run import run_mission
     from gliderhpc.mission.settings import MissionSettings
     from gliderhpc.observations import open_observations
     from gliderhpc.platform import read_platform
 
-    with open_observations(swift) as observations, pytest.raises(KeyboardInterrupt):
-        run_mission(
-            observations, read_platform("petrel-l"), MissionSettings(), (1, 2, 3), own_copy, stops,
-            existing=Existing.RESUME,
-        )  # fmt: skip
+    with open_observations(swift) as observations:
+        prepared = prepare_mission(observations, read_platform("petrel-l"), MissionSettings())
+        with pytest.raises(KeyboardInterrupt):
+            run_mission(prepared, own_copy, stops, existing=Existing.RESUME)
     with xr.open_datatree(own_copy, engine="zarr") as tree:
         table = tree.to_dataset().load()
     assert list(table["status"].values) == ["done", "pending", "done"]

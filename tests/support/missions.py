@@ -18,6 +18,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.mission.executors import local_executor
+from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import ProfileSeries, open_observations
@@ -95,8 +96,8 @@ def estimate(
     """Estimate a whole mission through the library, in this process."""
     settings = build_settings({"preset": preset}, assignments or {})
     with open_observations(observations) as opened:
-        numbers = tuple(opened.profile_numbers)
-        return run_mission(opened, load_platform(platform), settings, numbers, store, lambda: local_executor(0))
+        prepared = prepare_mission(opened, load_platform(platform), settings)
+        return run_mission(prepared, store, lambda: local_executor(0))
 
 
 def profile_series(observations: Path, number: int, settings: EstimationSettings) -> ProfileSeries:
