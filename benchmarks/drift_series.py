@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gliderhpc import load_platform
 from gliderhpc.findings.findings import markdown
-from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.library.drift.change_points import (
     AXIAL,
     MOMENTS,
@@ -21,6 +21,7 @@ from gliderhpc.studies.library.drift.change_points import (
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
 from gliderhpc.studies.library.drift.shape_fits import EPISODE
 from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test
+from gliderhpc.vocabulary import PHASES
 
 HULL = "petrel-l"
 SERIES, LENGTHS, CORRELATIONS = 200, (33, 60, 120, 240), (0.0, 0.7)

@@ -22,11 +22,11 @@ from gliderhpc.store_schema import (
     SCHEMA_VERSION,
     STATUS,
     check_archive,
+    committed_rows,
     damaged_chunks,
     is_archive,
     other_version,
     read_attributes,
-    read_markers,
     structure_differences,
 )
 from gliderhpc.store_schema.maintenance import OUTDATED
@@ -208,7 +208,7 @@ def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
 
 def _committed_columns(path: Place, count: int) -> Columns:
     """Return the tables' columns from the profiles' commits, which are newer than the tables after a killed run."""
-    return dict(mission_columns(read_markers(path), count))
+    return dict(mission_columns(committed_rows(path), count))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truths
-from gliderhpc.studies.library.scores import Score, rms, score_columns
+from gliderhpc.studies.library.scores import Score, finite_median, rms, score_columns
 from gliderhpc.vocabulary import CHANNELS
 
 NAMES = {
@@ -170,19 +170,16 @@ def as_markdown(rows: Sequence[AccuracyRow]) -> str:
     return markdown(_COLUMNS, (_cells(row) for row in rows), _COLUMNS[2:])
 
 
-def _median(values: Iterable[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else float("nan")
-
-
 def _median_score(scores: Iterable[Score]) -> Score:
     all_scores = list(scores)
-    return Score(_median(score.rmse for score in all_scores), _median(score.correlation for score in all_scores))
+    return Score(
+        finite_median([score.rmse for score in all_scores]), finite_median([score.correlation for score in all_scores])
+    )
 
 
 def _error_row(quantity: str, label: str, unit: str, errors: Iterable[float]) -> AccuracyRow:
     nan = float("nan")
-    return AccuracyRow(quantity, label, unit, Score(_median(errors), nan), Score(nan, nan))
+    return AccuracyRow(quantity, label, unit, Score(finite_median(list(errors)), nan), Score(nan, nan))
 
 
 def _cells(row: AccuracyRow) -> tuple[str, ...]:

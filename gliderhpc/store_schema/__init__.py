@@ -1,7 +1,7 @@
 """Mission archive: its schema as data, and creation, writing, verification and comparison of archives."""
 
 from gliderhpc.store_schema.check import check_archive, other_version, structure_differences, version_note
-from gliderhpc.store_schema.commits import Commit, read_commits
+from gliderhpc.store_schema.commits import Commit, committed_rows, read_commits
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_archive, set_attributes
 from gliderhpc.store_schema.deep_check import committed_chunk_faults, damaged_chunks, missing_chunks
@@ -11,7 +11,6 @@ from gliderhpc.store_schema.rows import (
     ArchiveRows,
     clear_marker,
     read_attributes,
-    read_markers,
     read_profiles,
     write_coordinates,
     write_mission_table,
@@ -46,6 +45,7 @@ __all__ = [
     "check_archive",
     "clear_marker",
     "committed_chunk_faults",
+    "committed_rows",
     "consolidate",
     "create_archive",
     "create_study",
@@ -56,7 +56,6 @@ __all__ = [
     "other_version",
     "read_attributes",
     "read_commits",
-    "read_markers",
     "read_profiles",
     "restored_on_error",
     "set_attributes",

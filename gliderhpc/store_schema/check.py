@@ -11,7 +11,7 @@ import zarr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE
-from gliderhpc.store_schema.consolidation import stored_metadata
+from gliderhpc.store_schema.consolidation import stored_metadata, without_members
 from gliderhpc.store_schema.place import CONSOLIDATED, Place, describe_other, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
@@ -234,14 +234,11 @@ def _is_consolidated(place: Place) -> bool:
     try:
         own = stored_metadata(store_at(place, read_only=True))
         consolidated = own.pop("")[CONSOLIDATED]["metadata"]
-        return own.keys() == consolidated.keys() and all(_own(consolidated[path]) == _own(own[path]) for path in own)
+        return own.keys() == consolidated.keys() and all(
+            without_members(consolidated[path]) == without_members(own[path]) for path in own
+        )
     except (*UNREADABLE, AttributeError):
         return False
-
-
-def _own(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Return metadata without the consolidated metadata of its members."""
-    return {key: value for key, value in metadata.items() if key != CONSOLIDATED}
 
 
 def _members(root: zarr.Group) -> dict[str, Any]:

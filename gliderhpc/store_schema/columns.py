@@ -34,7 +34,6 @@ def impulse_column(name: str) -> str:
 # Study `currents`.
 
 CURRENT_PHASES = ("dive", "climb", "both")
-COMPONENTS = ("north", "east")
 
 
 def component_column(name: str, component: str) -> str:
@@ -48,8 +47,6 @@ def bin_column(phase: str, kind: str) -> str:
 
 
 # Study `vertical`.
-
-LEGS = ("dive", "climb")
 
 
 def leg_column(name: str, leg: str) -> str:
@@ -195,8 +192,6 @@ CHANGE = "change"
 
 MOMENT_CHANGE = "moment_change"
 """Dimension of the change points of the moments."""
-
-PHASES = ("dive", "climb")
 
 FORWARD_ERROR_COLUMN = "forward_rmse"
 """Name of the forward model's error in the study's table."""

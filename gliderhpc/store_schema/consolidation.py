@@ -34,9 +34,9 @@ def consolidate(place: Place) -> None:
 def consolidate_store(store: Store) -> None:
     """Consolidate all metadata in a store; errors as in `consolidate`."""
     metadata = stored_metadata(store)
-    root = _without_members(metadata.pop(""))
+    root = without_members(metadata.pop(""))
     paths = sorted(metadata, key=lambda path: (path.count("/"), path.casefold()))
-    members = {path: _without_members(metadata[path]) for path in paths}
+    members = {path: without_members(metadata[path]) for path in paths}
     for member in members.values():
         if member["node_type"] == "group":
             member[CONSOLIDATED] = _inline({})
@@ -74,7 +74,8 @@ def _inline(members: dict[str, Metadata]) -> Metadata:
     return {"kind": "inline", "must_understand": False, "metadata": members}
 
 
-def _without_members(metadata: Metadata) -> Metadata:
+def without_members(metadata: Metadata) -> Metadata:
+    """Return metadata without the consolidated metadata of its members."""
     return {key: value for key, value in metadata.items() if key != CONSOLIDATED}
 
 

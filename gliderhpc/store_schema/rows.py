@@ -19,7 +19,6 @@ from gliderhpc.store_schema.commits import (
     array_at,
     arrays_at,
     as_texts,
-    committed_rows,
     label_of,
     row_chunks,
     row_names,
@@ -180,11 +179,6 @@ def write_profile(place: Place, profile_index: int, group: str, values: Mapping[
 def clear_marker(place: Place, profile_index: int) -> None:
     """Clear a profile's commit marker before the profile is computed again."""
     ArchiveRows(place).begin(profile_index)
-
-
-def read_markers(place: Place) -> dict[int, dict[str, Any]]:
-    """Read the table's rows from the commit markers, by position along the profile dimension."""
-    return committed_rows(place)
 
 
 def read_attributes(place: Place) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from gliderhpc.estimation.current_errors import TERMS, CurrentErrors, current_un
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import sign_in_doubt
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import COMPONENTS, CURRENT_PHASES, bin_column, component_column
+from gliderhpc.store_schema.columns import CURRENT_PHASES, bin_column, component_column
 from gliderhpc.studies.archived import platform_of, settings_of
 from gliderhpc.studies.library.reference_currents import (
     ReferenceFile,
@@ -26,6 +26,7 @@ from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.tracks import archived_drift
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import Preparation, ProfileContext, Row, Study
+from gliderhpc.vocabulary import COMPONENTS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

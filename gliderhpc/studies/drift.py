@@ -18,7 +18,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, PHASES, median_column
+from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, median_column
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
 from gliderhpc.studies.library.drift.change_text import stored_changes, stored_moment_changes
@@ -43,6 +43,7 @@ from gliderhpc.studies.library.drift.verdict import VALIDATION_GROUP, DriftFindi
 from gliderhpc.studies.library.trends import MIN_VALUES
 from gliderhpc.studies.request import Request, study_settings
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
+from gliderhpc.vocabulary import PHASES
 
 NAME = "drift"
 

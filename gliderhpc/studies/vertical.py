@@ -18,11 +18,12 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
+from gliderhpc.store_schema.columns import effect_column, leg_column
 from gliderhpc.studies.library.scores import correlation, rms
 from gliderhpc.studies.library.vertical_velocity import VerticalVelocity, vertical_velocity
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import ESTIMATE_UNUSED, Preparation, ProfileContext, Row, Study
+from gliderhpc.vocabulary import PHASES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -75,7 +76,7 @@ def legs_row(found: VerticalVelocity) -> dict[str, Any]:
 def legs(found: VerticalVelocity) -> dict[str, Mask]:
     """Masks (n,) of the samples with a velocity on dive and climb."""
     known = np.isfinite(found.water)
-    return dict(zip(LEGS, (known & found.diving, known & found.climbing), strict=True))
+    return dict(zip(PHASES, (known & found.diving, known & found.climbing), strict=True))
 
 
 def difference_row(found: VerticalVelocity) -> dict[str, Any]:

@@ -33,7 +33,6 @@ Row = dict[str, Any]
 
 YAW = list(CHANNELS).index("B_cr")
 SENSED = ("roll", "pitch", "heading", "depth")
-PHASES = ("dive", "climb")
 LONGITUDINAL_AND_YAW = ("B_cu", "B_cw", "B_cq", "B_cr")
 """Channels that the usual twin disturbs."""
 

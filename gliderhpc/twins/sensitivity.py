@@ -32,7 +32,7 @@ from gliderhpc.twins.cases import (
     world,
 )
 from gliderhpc.twins.figures import SWEEP_LABELS, draw_sensitivity
-from gliderhpc.twins.scoring import LONGITUDINAL_AND_YAW, PHASES, Row
+from gliderhpc.twins.scoring import LONGITUDINAL_AND_YAW, Row
 from gliderhpc.twins.study import (
     TwinPlan,
     TwinRun,
@@ -45,7 +45,7 @@ from gliderhpc.twins.study import (
     tidy_table,
     twin_findings,
 )
-from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.vocabulary import CHANNELS, PHASES
 
 OFFSETS = ("pitch", "heading", "roll")
 STEPS = (0.05, 0.2, 0.25)

@@ -50,8 +50,8 @@ from gliderhpc.store_schema import (
     ArchiveRows,
     check_archive,
     clear_marker,
+    committed_rows,
     read_commits,
-    read_markers,
     set_attributes,
     write_profile,
 )
@@ -401,7 +401,7 @@ def test_the_number_of_workers_changes_nothing(swift, swift_store, tmp_path):
     assert answer.status == 0, answer.err
     assert all(" INFO profile " in line for line in answer.err.splitlines())
     assert archive_bytes(store) == archive_bytes(swift_store)
-    assert len(read_markers(store)) == 3
+    assert len(committed_rows(store)) == 3
 
 
 def test_each_profile_is_committed_and_reported_when_it_is_done(swift, swift_store, tmp_path):
@@ -580,7 +580,7 @@ def test_resume_tries_failed_profiles_again_and_leaves_done_ones(swift, tmp_path
         result = run_mission(prepared, store, lambda: local_executor(0), existing=Existing.RESUME)
     assert result.reused == (1, 2)
     assert result.failed == ()
-    assert read_markers(store)[2]["status"] == "done"
+    assert committed_rows(store)[2]["status"] == "done"
 
 
 @pytest.fixture

@@ -22,10 +22,10 @@ from gliderhpc.store_schema import (
     ArchiveRows,
     check_archive,
     clear_marker,
+    committed_rows,
     consolidate,
     create_archive,
     is_archive,
-    read_markers,
     set_attributes,
     write_profile,
     write_table_rows,
@@ -258,12 +258,12 @@ def _commit(path, index: int, row: dict) -> None:
 
 
 def test_markers(archive):
-    assert read_markers(archive) == {}
+    assert committed_rows(archive) == {}
     _commit(archive, 2, {"status": "done", "window_count": 3})
     _commit(archive, 0, {})
-    assert read_markers(archive) == {2: {"status": "done", "window_count": 3}, 0: {}}
+    assert committed_rows(archive) == {2: {"status": "done", "window_count": 3}, 0: {}}
     clear_marker(archive, 2)
-    assert read_markers(archive) == {0: {}}
+    assert committed_rows(archive) == {0: {}}
 
 
 def test_rows_that_do_not_fit_are_refused(archive):

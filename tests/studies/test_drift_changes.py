@@ -9,7 +9,7 @@ import xarray as xr
 
 from benchmarks import drift_series
 from gliderhpc.platform import read_platform
-from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.store_schema.columns import median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.library.drift.change_points import (
     MOMENTS,
@@ -29,6 +29,7 @@ from gliderhpc.studies.library.drift.change_text import (
 )
 from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings, DriftSettings
 from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
+from gliderhpc.vocabulary import PHASES
 
 HULL = read_platform("petrel-l")
 REFERENCE = HULL.viscous.K_D0

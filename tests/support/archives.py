@@ -19,9 +19,9 @@ from gliderhpc.simulator import ProfileTruth
 from gliderhpc.simulator.files import append_truth, truth_file
 from gliderhpc.store_schema import (
     MISSION,
+    committed_rows,
     consolidate,
     create_archive,
-    read_markers,
     write_profile,
     write_table_rows,
     write_whole,
@@ -206,7 +206,7 @@ def _commit(path: Path, index: int, changes: dict) -> None:
     """Commit what is stored of a profile, with some values of its row of the table changed."""
     store = store_at(path)
     root = zarr.open_group(store, mode="r+", use_consolidated=False)
-    before = read_markers(path).get(index, {})
+    before = committed_rows(path).get(index, {})
     row = {name: value for name, value in (before | _plain(changes)).items() if value == value}
     chunks = row_chunks(row_arrays(root, MISSION), index)
     texts = as_texts(row, {}, stored_digests(store, chunks), "2026-01-01T00:00:00Z")

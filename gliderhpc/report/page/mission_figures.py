@@ -64,12 +64,6 @@ def last_current(table: MissionTable) -> tuple[int, Current | None]:
     return int(table.number[known[-1]]), current_of_dive(table.dataset.isel(profile=int(known[-1])))
 
 
-def median(values: Array) -> float:
-    """Return the median of the finite values, NaN if there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
-
-
 @dataclass(frozen=True, eq=False)
 class MissionTable:
     """Profiles in the order of the archive.

@@ -11,11 +11,12 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
-from gliderhpc.report.page.mission_figures import MissionTable, last_current, median
+from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
+from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.tuning.hull_changes import PROBABLE
 from gliderhpc.wording import counted
 
@@ -88,7 +89,7 @@ def _trend(days: Array, values: Array) -> tuple[float, float]:
 
 def _describe_uncertainty(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield sentences on the uncertainty of the results."""
-    deviation, converged = median(table.current_std), median(table.converged[table.done])
+    deviation, converged = finite_median(table.current_std), finite_median(table.converged[table.done])
     if np.isfinite(deviation):
         yield f"median standard deviation of a current's component {deviation:.3f} m/s ({table.adopted.label})"
     if np.isfinite(converged):

@@ -7,15 +7,9 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts, failure_text
 from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section, limited_warnings
-from gliderhpc.report.page.mission_figures import (
-    SHOWN,
-    MissionTable,
-    map_figure,
-    median,
-    profiles_figure,
-    timing_figure,
-)
+from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
 from gliderhpc.store_schema import STATUS
+from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.wording import counted
 
 
@@ -54,7 +48,7 @@ def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
         speed = np.hypot(*table.current)
         flight["current speed"] = (
             f"median {np.nanmedian(speed):.3f} m/s, maximum {np.nanmax(speed):.3f} m/s; median standard deviation of "
-            f"a component {median(table.current_std):.3f} m/s; {table.adopted.label}"
+            f"a component {finite_median(table.current_std):.3f} m/s; {table.adopted.label}"
         )
     first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
     return {**first, **flight, **last}
@@ -121,7 +115,7 @@ def _map_caption(table: MissionTable) -> str:
         "Dives from fix to fix (thick lines), the intervals between them (thin lines), and the depth-averaged current "
         f"of {counted(count, 'profile')} ({table.adopted.label}): the displacement between the fixes minus that "
         "through the water, divided by the dive's duration. The median standard deviation of a component is "
-        f"{median(table.current_std):.3f} m/s. Longitudes are scaled to distance at this latitude."
+        f"{finite_median(table.current_std):.3f} m/s. Longitudes are scaled to distance at this latitude."
     )
 
 
@@ -148,7 +142,7 @@ def _profiles_alternative(table: MissionTable) -> str:
     return (
         f"{counted(len(table.number), 'profile')} over {table.days[table.done].max():.1f} days: maximum depth "
         f"{np.nanmin(table.depth):.0f} to {np.nanmax(table.depth):.0f} m, median share of converged windows "
-        f"{median(table.converged):.0%}, and the components of the current."
+        f"{finite_median(table.converged):.0%}, and the components of the current."
     )
 
 

@@ -15,7 +15,7 @@ from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, figure_text, markdown, number
 from gliderhpc.report.studies.hull import change_findings
 from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
-from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.archived import (
     Provenance,
     failed_profiles,
@@ -66,6 +66,7 @@ from gliderhpc.studies.library.drift.verdict import (
     slopes_of_all_samples,
     verdict_lines,
 )
+from gliderhpc.vocabulary import PHASES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

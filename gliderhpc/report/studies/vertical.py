@@ -14,7 +14,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, median_of
-from gliderhpc.store_schema.columns import LEGS, effect_column, leg_column
+from gliderhpc.store_schema.columns import effect_column, leg_column
 from gliderhpc.studies.archived import (
     Provenance,
     column_medians,
@@ -26,6 +26,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.library.vertical_velocity import NAMES, ParameterErrors, half_power, hull_errors
 from gliderhpc.studies.vertical import LEVELS, NAME
+from gliderhpc.vocabulary import PHASES
 from gliderhpc.wording import counted
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
                 elinewidth=1.0,
                 label=leg,
             )
-            means = [leg_column("mean", each) for each in LEGS]
+            means = [leg_column("mean", each) for each in PHASES]
             axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), margin=0.5))
     axes.axhline(0.0, color="#666666", linewidth=0.6)
     legend(axes)
@@ -149,14 +150,14 @@ def comparisons(table: pd.DataFrame, errors: ParameterErrors) -> tuple[Compariso
     return (
         Comparison("share of samples with a vertical velocity", "1", median_of(table, "share")),
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
-        *(_leg_comparison(table, leg, whose) for leg in ("dive", "climb")),
+        *(_leg_comparison(table, leg, whose) for leg in PHASES),
         Comparison("root mean square of the water's vertical velocity", "m/s", rms),
         Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
             _parameter_comparison(table, parameter.key.rpartition(".")[2], leg)
             for parameter in errors.parameters
-            for leg in ("dive", "climb")
+            for leg in PHASES
         ),
         *_against_truth(table),
     )
@@ -273,7 +274,7 @@ def _captions(made: Provenance, known: pd.DataFrame, errors: ParameterErrors, *,
     window, share = float(known["window"].median()), float(known["share"].median())
     whose = "as its calibration states them" if errors.calibrated else "plausible ones, as no calibration states them"
     deviations = [
-        float(known[name].median()) for name in [leg_column("mean_std", leg) for leg in LEGS] if name in known
+        float(known[name].median()) for name in [leg_column("mean_std", leg) for leg in PHASES] if name in known
     ]
     sure = (
         f"Deviations include the depth sensor's noise, rounded pitch and errors of the hull's parameters ({whose}): "

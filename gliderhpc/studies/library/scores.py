@@ -36,6 +36,13 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
+def finite_median(values: ArrayLike) -> float:
+    """Return the median of the finite values; NaN if there are none."""
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
 def correlation(a: Array, b: Array) -> float:
     """Correlation over the samples where both are finite; NaN if either is constant."""
     known = np.isfinite(a) & np.isfinite(b)

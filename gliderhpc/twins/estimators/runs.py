@@ -29,7 +29,6 @@ from gliderhpc.twins.estimators.methods import ESTIMATORS, Estimator, EstimatorR
 from gliderhpc.twins.inversion import TwinInversion
 from gliderhpc.twins.scoring import (
     INTERVALS,
-    PHASES,
     YAW,
     Row,
     boundaries_of,
@@ -40,7 +39,7 @@ from gliderhpc.twins.scoring import (
     seam_ratio,
 )
 from gliderhpc.twins.study import TwinPlan, TwinRun, TwinSize, finite, groups, labelled, quartiles, tidy_table
-from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.vocabulary import CHANNELS, PHASES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.flight.hull_parameters import righting_moment
 from gliderhpc.platform import GRAVITY, Platform
-from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.library.drift.change_search import (
     PARTS,
     TOGETHER,
@@ -25,6 +25,7 @@ from gliderhpc.studies.library.drift.drag import shared_drag, weight_effects
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
 from gliderhpc.studies.library.drift.series import days_of, values_of
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, RAMP
+from gliderhpc.vocabulary import PHASES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import MAD_TO_STD
-from gliderhpc.store_schema.columns import PHASES
 from gliderhpc.studies.library.drift.departures import (
     MIN_WINDOW,
     StrongestWindow,
@@ -25,6 +24,7 @@ from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings
 from gliderhpc.studies.library.drift.series import days_of
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, Shape, fitted_shape, joined_shape
 from gliderhpc.studies.library.trends import block_length, moving_blocks
+from gliderhpc.vocabulary import PHASES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

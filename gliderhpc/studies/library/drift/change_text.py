@@ -9,12 +9,13 @@ import xarray as xr
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
-from gliderhpc.store_schema.columns import MOMENT_CHANGE, PHASES, change_column, moment_column
+from gliderhpc.store_schema.columns import MOMENT_CHANGE, change_column, moment_column
 from gliderhpc.studies.archived import stored_attribute
 from gliderhpc.studies.library.drift.change_points import AXIAL, MISSING, MOMENTS, QUANTITIES, Change, Changes
 from gliderhpc.studies.library.drift.change_search import PARTS, TOGETHER, Size, SizeKey
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, FORMS, RAMP
+from gliderhpc.vocabulary import PHASES
 
 _GROUP, _KIND = "drift", "change_kind"
 _AND = " and "

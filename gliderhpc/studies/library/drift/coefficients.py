@@ -21,11 +21,12 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import PHASES
 from gliderhpc.studies.archived import series_of
 from gliderhpc.studies.library.drift.medians import UNITS, CoefficientSettings, DepthBand, counted, medians_of
 from gliderhpc.studies.library.drift.series import LONGITUDINAL, days_of
+from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.studies.library.trends import MIN_VALUES, interval, theil_sen
+from gliderhpc.vocabulary import PHASES
 
 Array = NDArray[np.float64]
 
@@ -318,15 +319,10 @@ def slope_labels(slopes: Sequence[CoefficientSlopes]) -> dict[str, list[str]]:
 def _slopes(days: Array, medians: Array, quantity: str, phase: str) -> CoefficientSlopes:
     slopes = np.array([_slope(days, values) for values in medians.T])
     own = len(OWN)
-    shift = np.array([_finite_median(medians[:, variant] - medians[:, 0]) for variant in range(1, own)])
+    shift = np.array([finite_median(medians[:, variant] - medians[:, 0]) for variant in range(1, own)])
     return CoefficientSlopes(quantity, phase, float(slopes[0]), slopes[own:], slopes[1:own], shift)
 
 
 def _slope(days: Array, values: Array) -> float:
     known = np.isfinite(values)
     return theil_sen(days[known], values[known]) if known.sum() >= MIN_VALUES else float("nan")
-
-
-def _finite_median(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

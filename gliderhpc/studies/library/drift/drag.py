@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import PHASES, median_column, phase_column
+from gliderhpc.store_schema.columns import median_column, phase_column
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.medians import DRAG
 from gliderhpc.studies.library.drift.series import SeriesTrend, days_of, epochs_of, series_trend, values_of
 from gliderhpc.studies.library.trends import MIN_VALUES, epoch_draws, interval
+from gliderhpc.vocabulary import PHASES
 
 Interval = tuple[float, float]
 

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import PHASES, median_column, phase_column
-from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.store_schema.columns import median_column, phase_column
+from gliderhpc.vocabulary import CHANNELS, PHASES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.store_schema.columns import PHASES, median_column
+from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.library.drift.medians import UNITS
 from gliderhpc.studies.library.trends import (
     MIN_VALUES,
@@ -28,6 +28,7 @@ from gliderhpc.studies.library.trends import (
     robust_test,
     slope_draws,
 )
+from gliderhpc.vocabulary import PHASES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

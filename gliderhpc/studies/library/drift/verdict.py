@@ -13,7 +13,7 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, PHASES, median_column
+from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.studies.library.drift.change_points import Changes, moment_per_degree
 from gliderhpc.studies.library.drift.change_search import MIN_VALUES_SEARCHED
 from gliderhpc.studies.library.drift.change_text import (
@@ -51,6 +51,7 @@ from gliderhpc.studies.library.drift.series import (
     values_of,
 )
 from gliderhpc.studies.library.trends import MIN_VALUES, known_pairs
+from gliderhpc.vocabulary import PHASES
 
 VALIDATION_GROUP, FORWARD_ERROR = "validation", "longitudinal_rmse"
 
