@@ -15,6 +15,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
+from gliderhpc.studies.library.scores import covariance_matrix
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
@@ -81,7 +82,7 @@ def _degrees_per_speed(places: Array, narrowing: float, fastest: float) -> float
 
 def covariance_factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
     """Return factors ``(n, 2, 2)`` of the covariances of (east, north); they map the unit circle to the ellipse."""
-    matrices = np.moveaxis(np.array([[east_std**2, covariance], [covariance, north_std**2]]), -1, 0)
+    matrices = covariance_matrix(east_std, north_std, covariance)
     values, vectors = np.linalg.eigh(np.nan_to_num(matrices))
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 

@@ -16,6 +16,7 @@ from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
 from gliderhpc.observations.times import SECOND
 from gliderhpc.report.dive_plan import DivePlan
+from gliderhpc.studies.library.scores import covariance_matrix
 
 Array = NDArray[np.float64]
 
@@ -367,7 +368,5 @@ def _vectors(dives: xr.Dataset, columns: str) -> Array:
 
 
 def _covariance(row: xr.Dataset) -> Array:
-    north, east, both = (
-        float(row[name]) for name in ("dac_north_smoothed_std", "dac_east_smoothed_std", "dac_smoothed_covariance")
-    )
-    return np.array([[north**2, both], [both, east**2]])
+    names = ("dac_north_smoothed_std", "dac_east_smoothed_std", "dac_smoothed_covariance")
+    return covariance_matrix(*(row[name] for name in names))

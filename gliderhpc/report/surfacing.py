@@ -27,6 +27,7 @@ from gliderhpc.report.surfacing_message import (
 )
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
+from gliderhpc.studies.library.scores import covariance_matrix
 from gliderhpc.vocabulary import QUALITY
 from gliderhpc.wording import counted
 
@@ -165,7 +166,6 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
     north, east, north_std, east_std, covariance = (
         float(value) for value in (found.north, found.east, found.north_std, found.east_std, found.covariance)
     )
-    matrix = np.array([[north_std**2, covariance], [covariance, east_std**2]])
     return Current(
         north=north,
         east=east,
@@ -174,7 +174,7 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
         covariance=covariance,
         speed=math.hypot(north, east),
         direction=math.degrees(math.atan2(east, north)) % 360.0,
-        ellipse=error_ellipse(matrix),
+        ellipse=error_ellipse(covariance_matrix(north_std, east_std, covariance)),
         estimate=str(found.estimate),
     )
 
@@ -210,8 +210,7 @@ def water_of_dive(archive: Archive, data: ProfileData) -> Water | None:
 
 def displacement_covariance(row: xr.Dataset) -> Array:
     """Return the covariance (2, 2) of the displacement north and east (m2) from a row of group ``smoothed``."""
-    north, east, both = (float(row[f"displacement_{name}"]) for name in ("north_std", "east_std", "covariance"))
-    return np.array([[north**2, both], [both, east**2]])
+    return covariance_matrix(*(row[f"displacement_{name}"] for name in ("north_std", "east_std", "covariance")))
 
 
 def _displacement_errors(row: xr.Dataset, displacement: Array, duration: float) -> dict[str, float | None]:

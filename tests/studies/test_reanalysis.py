@@ -23,7 +23,7 @@ from gliderhpc.report.studies.reanalysis_comparisons import Compared, agreement,
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
 from gliderhpc.studies.library.ocean_model import Coverage, Grid, expand_source, open_models
-from gliderhpc.studies.library.scores import direction, direction_difference, sigma_distance
+from gliderhpc.studies.library.scores import covariance_matrix, direction, direction_difference, sigma_distance
 from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
 from gliderhpc.studies.reanalysis import compare_with_models
 from gliderhpc.studies.registry import missing_input
@@ -649,3 +649,10 @@ def test_without_a_usable_model_there_is_one_line(archive, tmp_path):
     assert "none.nc: no such file" in absent.line
     with open_mission(archive) as opened:
         assert "reanalysis" not in opened.children
+
+
+def test_covariances_are_built_from_deviations_and_their_covariance():
+    matrix = covariance_matrix(3.0, 2.0, -1.5)
+    np.testing.assert_array_equal(matrix, [[9.0, -1.5], [-1.5, 4.0]])
+    several = covariance_matrix([3.0, 0.5], [2.0, np.nan], [-1.5, np.nan])
+    np.testing.assert_array_equal(several, [matrix, [[0.25, np.nan], [np.nan, np.nan]]])

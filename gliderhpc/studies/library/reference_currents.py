@@ -20,7 +20,7 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.format import PROFILE, read_reference
 from gliderhpc.studies.library.model_file import COMPONENTS, downward, factor_of, role_of, times_of, velocity_name
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
-from gliderhpc.studies.library.scores import MIN_COVERAGE, correlation, sigma_distance
+from gliderhpc.studies.library.scores import MIN_COVERAGE, correlation, covariance_matrix, sigma_distance
 
 Row = Mapping[str, Any]
 
@@ -280,8 +280,7 @@ def _difference(found: ReferenceCurrent, row: Row) -> Row:
     apart = np.array([row["current_north"], row["current_east"]]) - found.velocity
     if not np.isfinite(apart).all():
         return {}
-    across = row["current_covariance"]
-    covariance = np.array([[row["current_north_std"] ** 2, across], [across, row["current_east_std"] ** 2]])
+    covariance = covariance_matrix(row["current_north_std"], row["current_east_std"], row["current_covariance"])
     both = covariance + np.nan_to_num(found.error) ** 2 * np.eye(2)
     return {
         "reference_difference": float(np.linalg.norm(apart)),

@@ -74,6 +74,13 @@ def vector_rmsd(velocity: Array, reference: Array) -> float:
     return float(np.sqrt(squares[known].mean())) if known.any() else float("nan")
 
 
+def covariance_matrix(first_std: ArrayLike, second_std: ArrayLike, covariance: ArrayLike) -> Array:
+    """Covariances ``(..., 2, 2)`` of two components from their standard deviations and their covariance ``(...)``."""
+    first, second, both = (np.asarray(values, dtype=np.float64) for values in (first_std, second_std, covariance))
+    rows = np.stack([first**2, both], axis=-1), np.stack([both, second**2], axis=-1)
+    return np.stack(rows, axis=-2)
+
+
 def sigma_distance(difference: Array, covariance: Array) -> float:
     """Mahalanobis distance of a difference ``(2,)`` from an ellipse of covariance ``(2, 2)``.
 

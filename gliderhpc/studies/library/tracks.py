@@ -19,6 +19,7 @@ from gliderhpc.observations.times import SECOND
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.digests import digest_of
 from gliderhpc.studies.archived import platform_of, series_of, settings_of, states_of
+from gliderhpc.studies.library.scores import covariance_matrix
 
 Array = NDArray[np.float64]
 
@@ -324,8 +325,7 @@ def _smoothed_covariance(archive: Archive, number: int) -> Array:
     """Covariance ``(2, 2)`` (m2) of the smoother's displacement."""
     row = archive[SMOOTHED].to_dataset().sel(profile=number)
     names = ("displacement_north_std", "displacement_east_std", "displacement_covariance")
-    north, east, between = (float(row[name]) for name in names)
-    return np.array([[north**2, between], [between, east**2]])
+    return covariance_matrix(*(row[name] for name in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,10 +359,8 @@ def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -
         between = np.where(known, study["current_covariance"].values, between)
         first = np.where(known, study["current_north_std"].values, first)
         second = np.where(known, study["current_east_std"].values, second)
-    return [
-        Current(np.array([north[i], east[i]]), np.array([[first[i] ** 2, between[i]], [between[i], second[i] ** 2]]))
-        for i in range(len(numbers))
-    ]
+    velocities, covariances = np.column_stack([north, east]), covariance_matrix(first, second, between)
+    return [Current(velocities[i], covariances[i]) for i in range(len(numbers))]
 
 
 def has_currents_study(archive: Archive, estimate: str) -> bool:
