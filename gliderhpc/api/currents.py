@@ -10,7 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.currents import DepthAveragedCurrent, describe_implausible_current, mean_surface_drift
+from gliderhpc.estimation.current_rows import current_row, fix_row, surface_drift_row
+from gliderhpc.estimation.currents import describe_implausible_current
 from gliderhpc.estimation.glide_currents import (
     GlideErrors,
     GlideTrack,
@@ -257,39 +258,29 @@ def _dataset(
 
 def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:
     current = None if track is None else track.current
-    drift = mean_surface_drift(record)
-    return {
+    fixes = {"entry": record.entry_fix, "exit": record.exit_fix}
+    no_fix = Fix(np.datetime64("NaT", "ns"), np.nan, np.nan)
+    row = {
         "profile": record.number,
         "message": note,
         "start_time": record.epoch,
         "max_depth": float(np.nanmax(record.depth)),
         "duration": float(record.time[-1]),
         "sample_count": np.int32(len(record.time)),
-        **_fix("entry", record.entry_fix),
-        **_fix("exit", record.exit_fix),
-        **_current(current),
-        "surface_drift_north": np.nan if drift is None else float(drift[0]),
-        "surface_drift_east": np.nan if drift is None else float(drift[1]),
+        **{name: value for end, fix in fixes.items() for name, value in fix_row(end, fix or no_fix).items()},
+        **dict.fromkeys(_FROM_FIXES, np.nan),
         "glide_angle_masked_fraction": np.nan if track is None else track.motion.masked_fraction,
     }
+    if current is not None:
+        row |= current_row(current, "dac_{}", "dac_covariance")
+    return row | surface_drift_row(record)
 
 
-def _fix(side: str, fix: Fix | None) -> dict[str, Any]:
-    if fix is None:
-        fix = Fix(np.datetime64("NaT", "ns"), np.nan, np.nan)
-    return {f"{side}_time": fix.time, f"{side}_latitude": fix.latitude, f"{side}_longitude": fix.longitude}
-
-
-def _current(current: DepthAveragedCurrent | None) -> dict[str, float]:
-    velocity = np.full(2, np.nan) if current is None else current.velocity
-    covariance = np.full((2, 2), np.nan) if current is None else current.covariance
-    return {
-        "dac_north": float(velocity[0]),
-        "dac_east": float(velocity[1]),
-        "dac_north_std": float(np.sqrt(covariance[0, 0])),
-        "dac_east_std": float(np.sqrt(covariance[1, 1])),
-        "dac_covariance": float(covariance[0, 1]),
-    }
+_FROM_FIXES = (
+    "dac_north", "dac_east", "dac_north_std", "dac_east_std", "dac_covariance", "surface_drift_north",
+    "surface_drift_east",
+)  # fmt: skip
+"""Columns that are unknown without a current or a drift at the surface."""
 
 
 _SERIES: dict[str, dict[str, str]] = {

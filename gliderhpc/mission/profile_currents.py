@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
+from gliderhpc.estimation.current_rows import component_row, current_row, fix_row, surface_drift_row
 from gliderhpc.estimation.currents import (
     DepthAveragedCurrent,
     Segment,
@@ -21,14 +22,13 @@ from gliderhpc.estimation.currents import (
     current_from_displacement,
     cycles_of,
     depth_averaged_current,
-    mean_surface_drift,
     single_cycle,
     track_of,
     with_disagreement,
 )
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
-from gliderhpc.observations import Fix, ProfileRecord
+from gliderhpc.observations import ProfileRecord
 from gliderhpc.observations.times import epoch_seconds
 
 Array = NDArray[np.float64]
@@ -133,15 +133,15 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
         adjoint, smoothed = with_disagreement(adjoint, smoothed, errors, filtered)
     row = _fix_rows(record)
     if adjoint is not None:
-        row |= _vector(adjoint, "dac_{}", "dac_covariance")
+        row |= current_row(adjoint, "dac_{}", "dac_covariance")
         row |= _surface_row("entry", adjoint.entry) | _surface_row("exit", adjoint.exit)
     if conventional is not None:
-        row |= _components(conventional, "dac_{}_glide_angle")
-    row |= _surface_drift_row(record)
+        row |= component_row(conventional, "dac_{}_glide_angle")
+    row |= surface_drift_row(record)
     if smoothed is not None:
-        row |= _vector(smoothed, "dac_{}_smoothed", "dac_smoothed_covariance")
+        row |= current_row(smoothed, "dac_{}_smoothed", "dac_smoothed_covariance")
     if filtered is not None:
-        row |= _components(filtered, "dac_{}_filter")
+        row |= component_row(filtered, "dac_{}_filter")
     return row, _segments(() if adjoint is None else adjoint.segments)
 
 
@@ -164,29 +164,12 @@ def _segments(segments: Sequence[Segment]) -> Row:
     }
 
 
-def _components(current: DepthAveragedCurrent, name: str) -> Row:
-    north, east = current.velocity.tolist()
-    return {name.format("north"): north, name.format("east"): east}
-
-
-def _vector(current: DepthAveragedCurrent, name: str, covariance: str) -> Row:
-    """Return a current with its standard deviations and its covariance."""
-    north, east = np.sqrt(np.diag(current.covariance)).tolist()
-    deviations = {f"{name.format('north')}_std": north, f"{name.format('east')}_std": east}
-    return _components(current, name) | deviations | {covariance: float(current.covariance[0, 1])}
-
-
 def _fix_rows(record: ProfileRecord) -> Row:
     row: Row = {}
     for end, fix in (("entry", record.entry_fix), ("exit", record.exit_fix)):
         if fix is not None:
-            row |= _fix_row(end, fix)
+            row |= fix_row(end, fix) | {f"{end}_time": epoch_seconds(fix.time)}
     return row
-
-
-def _surface_drift_row(record: ProfileRecord) -> Row:
-    drift = mean_surface_drift(record)
-    return {} if drift is None else {"surface_drift_north": float(drift[0]), "surface_drift_east": float(drift[1])}
 
 
 def _surface_row(end: str, interval: SurfaceInterval) -> Row:
@@ -195,14 +178,6 @@ def _surface_row(end: str, interval: SurfaceInterval) -> Row:
         f"{end}_surface_time": interval.drift_removed,
         f"{end}_surface_north": north,
         f"{end}_surface_east": east,
-    }
-
-
-def _fix_row(end: str, fix: Fix) -> Row:
-    return {
-        f"{end}_time": epoch_seconds(fix.time),
-        f"{end}_latitude": fix.latitude,
-        f"{end}_longitude": fix.longitude,
     }
 
 
