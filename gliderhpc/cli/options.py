@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from gliderhpc.api.import_options import NUMBERS
 from gliderhpc.api.workers import executor_of
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.executors import PATIENCE, Executor
@@ -186,6 +187,24 @@ deployment = click.option(
     metavar="FILE.yaml",
     help="Global attributes from a file, such as pyglider's deployment.yml.",
 )
+records_out = click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+
+
+def sources(metavar: str) -> Callable[[Command], Command]:
+    """Return the argument of the files or folders to import."""
+    return click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar=metavar)
+
+
+def declination(default: str = ", instead of that in the files.") -> Callable[[Command], Command]:
+    """Return the option of the magnetic declination; `default` ends its help with the value used without it."""
+    return click.option(
+        "--declination",
+        type=Finite(*NUMBERS["declination"].limits),
+        metavar="DEGREE",
+        help=f"Magnetic declination, east positive{default}",
+    )
+
+
 overwrite = click.option("--overwrite", is_flag=True, help="Replace an existing file.")
 log_file = click.option("--log-file", type=click.Path(dir_okay=False, path_type=Path), help="Also log to this file.")
 study_folder = click.option(

@@ -44,8 +44,8 @@ def import_() -> None:
 
 
 @import_.command("any")
-@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.sources("FILE...")
+@options.records_out
 @options.overwrite
 def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     """Import files whose kind is recognised by name or content, with the defaults of the importer.
@@ -64,8 +64,8 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
 
 
 @import_.command("seaexplorer")
-@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.sources("SOURCE...")
+@options.records_out
 @click.option(
     "--linear-scale",
     type=options.Finite(*NUMBERS["linear_scale"].limits),
@@ -81,12 +81,7 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     help="LinPos at which battery_position is zero.",
 )
 @click.option("--include-surfacing", is_flag=True, help="Count the surfacing manoeuvre as part of a profile.")
-@click.option(
-    "--declination",
-    type=options.Finite(*NUMBERS["declination"].limits),
-    metavar="DEGREE",
-    help="Magnetic declination, east positive, instead of that in the files.",
-)
+@options.declination()
 @options.overwrite
 def seaexplorer(
     sources: tuple[Path, ...],
@@ -119,20 +114,15 @@ def seaexplorer(
 
 
 @import_.command("slocum")
-@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
+@options.sources("SOURCE...")
+@options.records_out
 @click.option(
     "--cache",
     type=click.Path(path_type=Path),
     metavar="DIR",
     help="Folder of the cache files (*.cac).  [default: next to the binary files, or cac/ there]",
 )
-@click.option(
-    "--declination",
-    type=options.Finite(*NUMBERS["declination"].limits),
-    metavar="DEGREE",
-    help="Magnetic declination, east positive.  [default: what the GPS receiver reports, m_gps_mag_var]",
-)
+@options.declination(".  [default: what the GPS receiver reports, m_gps_mag_var]")
 @click.option(
     "--battery-scale",
     type=options.Finite(*NUMBERS["battery_scale"].limits),
@@ -179,14 +169,9 @@ def slocum(
 
 
 @import_.command("seaglider")
-@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option(
-    "--declination",
-    type=options.Finite(*NUMBERS["declination"].limits),
-    metavar="DEGREE",
-    help="Magnetic declination, east positive, instead of that in the files.",
-)
+@options.sources("SOURCE...")
+@options.records_out
+@options.declination()
 @options.overwrite
 def seaglider(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import a Seaglider mission from the basestation's per-dive netCDF.
@@ -201,14 +186,9 @@ def seaglider(sources: tuple[Path, ...], out: Path, declination: float | None, o
 
 
 @import_.command("og1")
-@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SOURCE...")
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
-@click.option(
-    "--declination",
-    type=options.Finite(*NUMBERS["declination"].limits),
-    metavar="DEGREE",
-    help="Magnetic declination, east positive, instead of that in the files.",
-)
+@options.sources("SOURCE...")
+@options.records_out
+@options.declination()
 @options.overwrite
 def og1(sources: tuple[Path, ...], out: Path, declination: float | None, overwrite: bool) -> int:
     """Import OceanGliders OG1 netCDF with attitude and ballast volume.
