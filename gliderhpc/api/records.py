@@ -12,7 +12,7 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, settings_of
-from gliderhpc.api.import_options import check_option_values
+from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
 from gliderhpc.mission.planning import select_profiles
@@ -29,6 +29,7 @@ from gliderhpc.observations.seaexplorer_files import is_seaexplorer_file
 from gliderhpc.observations.seaglider import import_seaglider, is_seaglider_file
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.observations.slocum_files import is_binary
+from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.suitability import describe_suitability
 from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform
@@ -129,7 +130,15 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     return loaded
 
 
-def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[str, Any]) -> ImportSummary:
+def import_as(
+    kind: str,
+    sources: Sequence[Path],
+    out: Path,
+    options: Mapping[str, Any],
+    *,
+    overwrite: bool = False,
+    reads: Reads = read_directly,
+) -> ImportSummary:
     """Import an instrument's files of one kind into a file, with options of the importer.
 
     Raises
@@ -139,15 +148,10 @@ def import_as(kind: str, sources: Sequence[Path], out: Path, options: Mapping[st
     """
     if kind not in IMPORTERS:
         raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
+    check_option_names(kind, options)
     check_option_values(options)
     given = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
-    try:
-        return IMPORTERS[kind](sources, out, **given)
-    except TypeError as error:
-        if "unexpected keyword argument" not in str(error):
-            raise
-        reason = str(error).partition("() ")[2]
-        raise InputError(f"{kind}: {reason}; see `gliderhpc import {kind} --help`") from None
+    return IMPORTERS[kind](sources, out, **given, overwrite=overwrite, reads=reads)
 
 
 def kind_of(sources: Sequence[Path]) -> str:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -71,11 +70,10 @@ class FileImport:
     def _cache_files(self) -> list[Path]:
         return [] if self.folder is None else cache_files(self.folder)
 
-    def _options(self, kind: str, reads: Reads) -> dict[str, Any]:
-        """Options of the user and of the watch; an importer without the option `reads` opens its files itself."""
+    def _options(self, kind: str) -> dict[str, Any]:
+        """Options of the user, and the folder of a Slocum's cache files."""
         cached = self._cache_files() if kind == "slocum" else []
-        options = ({"cache": cached[0].parent} if cached else {}) | dict(self.options) | {"overwrite": True}
-        return options | {"reads": reads} if "reads" in signature(IMPORTERS[kind]).parameters else options
+        return ({"cache": cached[0].parent} if cached else {}) | dict(self.options)
 
     def import_files(self, paths: Sequence[Path], out: Path, reads: Reads = read_directly) -> dict[str, str]:
         """Turn files into one observation file, which replaces `out`; unusable ones are left out.
@@ -109,7 +107,7 @@ class FileImport:
         chosen.sort()
         while chosen:
             try:
-                summary = import_as(kind, chosen, out, self._options(kind, reads))
+                summary = import_as(kind, chosen, out, self._options(kind), overwrite=True, reads=reads)
             except InputError as error:
                 culprit = _named_file(error, chosen)
                 faults[culprit.name] = str(error)

@@ -614,26 +614,15 @@ def test_an_import_option_that_cannot_be_used_is_refused_in_one_line(option, wor
 
 def test_options_are_those_of_the_importers():
     for kind, importer in IMPORTERS.items():
-        own = set(signature(importer).parameters) - {"sources", "out", "overwrite", "reads"}
+        parameters, common = set(signature(importer).parameters), {"sources", "out", "overwrite", "reads"}
+        assert common <= parameters
+        own = parameters - common
         assert set(BY_KIND[kind]) == own <= {*NUMBERS, *FLAGS, *FOLDERS}
     check_option_values(
         {"declination": None, "cache": None, "linear_zero": np.float32(60.0), "include_surfacing": True}
     )
     with pytest.raises(InputError, match="the import of seaglider has no option 'cache'; the options are declination"):
         FileImport("seaglider", {"cache": None})
-
-
-def test_an_importer_that_opens_its_files_itself_is_used_too(tmp_path, monkeypatch):
-    usual = IMPORTERS["seaglider"]
-
-    def import_plain(sources, out, *, overwrite=False):
-        return usual(sources, out, overwrite=overwrite)
-
-    path = write_dive(tmp_path / "sg", 1, columns=True)
-    assert FileImport("seaglider", {}).import_files([path], tmp_path / "usual.nc") == {}
-    monkeypatch.setitem(IMPORTERS, "seaglider", import_plain)
-    assert FileImport("seaglider", {}).import_files([path], tmp_path / "out.nc") == {}
-    assert (tmp_path / "out.nc").read_bytes() == (tmp_path / "usual.nc").read_bytes()
 
 
 def test_an_empty_folder_has_no_records_of_any_kind(tmp_path):
