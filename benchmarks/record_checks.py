@@ -18,7 +18,7 @@ from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.profiles import evenly_spaced
-from gliderhpc.report.tuning import HEADINGS, finding_row
+from gliderhpc.report.record_checks import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records
 from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION

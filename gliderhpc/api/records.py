@@ -33,7 +33,7 @@ from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.suitability import describe_suitability
 from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform
-from gliderhpc.report.tuning import content
+from gliderhpc.report.record_checks import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records
 from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
 

@@ -24,7 +24,7 @@ from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaglider import import_seaglider
 from gliderhpc.observations.slocum import import_slocum
 from gliderhpc.output_files import check_output, write_text
-from gliderhpc.report.tuning import HEADINGS, content, finding_row
+from gliderhpc.report.record_checks import HEADINGS, content, finding_row
 from gliderhpc.tuning.record_checks import Inspection
 from gliderhpc.wording import counted
 
