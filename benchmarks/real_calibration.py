@@ -9,7 +9,7 @@ import gliderhpc as gh
 from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.observations import Observations
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.vocabulary import QUALITY

@@ -17,7 +17,7 @@ from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.report.record_checks import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records

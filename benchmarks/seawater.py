@@ -22,8 +22,8 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import depth_rate
 from gliderhpc.estimation.smoother.iterate import smooth_dive
 from gliderhpc.findings.findings import markdown
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.simulator import load_scenario, simulate_profile
 from gliderhpc.studies.validation import run_forward

@@ -11,8 +11,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.settings import Settings
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import validated_settings
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 
 Hull = Platform | str | Path

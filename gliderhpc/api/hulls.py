@@ -22,10 +22,9 @@ from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.dive_calibration import OpenExecutor, Progress, calibrate_on_dives, no_progress
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced, select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.report import calibration as calibration_report
 from gliderhpc.report import hull_rounds as rounds_report

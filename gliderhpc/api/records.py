@@ -15,7 +15,6 @@ from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, 
 from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.observations.file_content import describe_missing
@@ -24,6 +23,7 @@ from gliderhpc.observations.importing import ImportSummary
 from gliderhpc.observations.in_memory import Records, opened_records, read_records
 from gliderhpc.observations.navigation_columns import NavigationColumns
 from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.observations.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seaexplorer_files import is_seaexplorer_file
 from gliderhpc.observations.seaglider import import_seaglider, is_seaglider_file

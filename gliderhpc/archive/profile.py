@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gliderhpc.angles import on_branch_of, unwrap, wrap
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.observations.profiles import describe_numbers
+from gliderhpc.observations.profile_numbers import describe_numbers
 from gliderhpc.observations.series import averages_between
 from gliderhpc.observations.times import SECOND
 from gliderhpc.outcomes import Outcome

@@ -23,10 +23,10 @@ from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
+from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.executors import Executor, one_line, spare_threads, was_killed
 from gliderhpc.mission.inputs import common_digests, earliest_start, input_digests
 from gliderhpc.mission.lock import check_held
-from gliderhpc.mission.planning import batch_sizes
 from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, recompute_currents
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, Survey, open_observations
@@ -37,6 +37,9 @@ from gliderhpc.store_schema.commits import UNREADABLE, damages
 from gliderhpc.store_schema.digests import Digests
 
 log = logging.getLogger(__name__)
+
+MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
+"""Maximum number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
 
 
 @dataclass(frozen=True)
@@ -260,6 +263,26 @@ class MissionWork:
             self.observations.survey.only(number for number, _ in profiles), self.platform, self.settings, self.start,
             token, {index: self.amendable[index] for _, index in profiles if index in self.amendable},
         )  # fmt: skip
+
+
+def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
+    """Return the largest number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
+    return min(MAX_BATCH[settings.engine], -(-profiles // workers))
+
+
+def batch_sizes(settings: MissionSettings, profiles: int, workers: int) -> list[int]:
+    """Return the numbers of profiles in the batches of a run, in the order in which they are handed out.
+
+    A batch takes half of a worker's share of what is left, but fills the engine's lanes as long as all workers have
+    enough to do. Towards the end of the run batches are therefore small, and the workers end at about the same time.
+    """
+    sizes: list[int] = []
+    left = profiles
+    while left:
+        half_share = -(-left // (2 * workers))
+        sizes.append(min(batch_size(settings, left, workers), max(half_share, LANES)))
+        left -= sizes[-1]
+    return sizes
 
 
 def profile_results(

@@ -1,10 +1,7 @@
 """Plan of a run: profiles, size of the archive, computing time, memory and disk."""
 
-import os
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -13,13 +10,11 @@ from gliderhpc.estimation.currents import MIN_CYCLE
 from gliderhpc.estimation.smoother.problem import steps_per_segment
 from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
+from gliderhpc.mission.jobs import batch_size
+from gliderhpc.mission.memory import memory_limit
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
-from gliderhpc.observations.profiles import describe_numbers
 from gliderhpc.wording import counted
-
-MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
-"""Maximum number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
 
 # Constants for the estimates of a dry run, measured by `python -m benchmarks.planning`.
 SECONDS_PER_STEP = {
@@ -122,58 +117,6 @@ def _smoother_bytes(step: float) -> float:
     return max(_SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT / steps_per_segment(step))
 
 
-def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
-    """Return the largest number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
-    return min(MAX_BATCH[settings.engine], -(-profiles // workers))
-
-
-def batch_sizes(settings: MissionSettings, profiles: int, workers: int) -> list[int]:
-    """Return the numbers of profiles in the batches of a run, in the order in which they are handed out.
-
-    A batch takes half of a worker's share of what is left, but fills the engine's lanes as long as all workers have
-    enough to do. Towards the end of the run batches are therefore small, and the workers end at about the same time.
-    """
-    sizes: list[int] = []
-    left = profiles
-    while left:
-        half_share = -(-left // (2 * workers))
-        sizes.append(min(batch_size(settings, left, workers), max(half_share, LANES)))
-        left -= sizes[-1]
-    return sizes
-
-
-def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
-    """Select profiles by a string such as ``18:20,68`` (ranges are inclusive; ``18-20`` is accepted too), or all.
-
-    Raises
-    ------
-    InputError
-        The text is malformed, or names a profile that is not in the file.
-    """
-    if text is None:
-        return tuple(sorted(available))
-    chosen: set[int] = set()
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:[:-]\s*(\d{1,18})\s*)?", part)
-        if match is None:
-            raise InputError(f"{option} {text}: '{part}' is neither a number nor a range such as 18:20")
-        first, last = int(match[1]), int(match[2] or match[1])
-        found = {number for number in available if first <= number <= last}
-        if not found or last < first:
-            raise InputError(
-                f"{option} {text}: no profile {part.strip()}; the available ones are {describe_numbers(available)}"
-            )
-        chosen |= found
-    return tuple(sorted(chosen))
-
-
-def as_ranges(numbers: Sequence[int]) -> str:
-    """Write profile numbers as `select_profiles` reads them: ``18:20,68``."""
-    ends = [*[i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1], len(numbers)]
-    runs = [numbers[first:last] for first, last in zip([0, *ends], ends, strict=False)]
-    return ",".join(f"{run[0]}:{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
-
-
 def plan_mission(observations: Observations, settings: MissionSettings, profiles: tuple[int, ...]) -> MissionPlan:
     """Size the archive for the chosen profiles from their durations.
 
@@ -231,56 +174,3 @@ def _check_margin(observations: Observations, settings: MissionSettings, profile
             f"--set window.margin={settings.window.margin:g}: must be shorter than the window, {length:g} s here; "
             "set window.length too"
         )
-
-
-_GROUPS = Path("/sys/fs/cgroup")
-_OWN_GROUPS = Path("/proc/self/cgroup")
-
-
-def memory_limit() -> float:
-    """Return the memory (bytes) available to all processes of a run on this machine; infinite if unknown.
-
-    It is the smallest of the physical memory, the limits of the control groups and the limit of the address space.
-    """
-    return min(_physical(), *_group_limits(), _address_space())
-
-
-def _physical() -> float:
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (ValueError, OSError):
-        return float("inf")
-
-
-def _address_space() -> float:
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit.
-        return float("inf")
-    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
-
-
-def _group_limits() -> Iterator[float]:
-    """Yield the limits of this process's control groups (versions 2 and 1) and of their parents."""
-    try:
-        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
-    except OSError:
-        return
-    for line in lines:
-        _, controllers, group = line.split(":", 2)
-        if controllers not in ("", "memory"):
-            continue
-        root, name = (_GROUPS, "memory.max") if not controllers else (_GROUPS / "memory", "memory.limit_in_bytes")
-        place = root / group.lstrip("/")
-        for folder in (place, *place.parents):
-            if folder.is_relative_to(root):
-                yield _limit_in(folder / name)
-
-
-def _limit_in(file: Path) -> float:
-    try:
-        text = file.read_text("utf-8").strip()
-    except OSError:
-        return float("inf")
-    return float(text) if text.isdigit() else float("inf")

@@ -10,9 +10,10 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import lock_name
-from gliderhpc.mission.planning import MissionPlan, plan_mission, select_profiles
+from gliderhpc.mission.planning import MissionPlan, plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place
 from gliderhpc.wording import most_frequent_reason

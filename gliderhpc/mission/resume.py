@@ -30,6 +30,8 @@ from gliderhpc.store_schema.maintenance import check_continuation, grow_archive,
 from gliderhpc.store_schema.place import Place, remove_partial_files
 from gliderhpc.wording import counted
 
+log = logging.getLogger(__name__)
+
 KINDS = {
     "software": "another version of gliderhpc",
     "settings": "other settings",
@@ -39,13 +41,12 @@ KINDS = {
 }
 """Kinds of input, each with the description of a difference, in the order in which they are reported."""
 
+MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
+
 
 def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> str | None:
     """Describe the first input of a profile that differs from the required one, or return None if all are the same."""
     return next((text for kind, text in KINDS.items() if found.get(kind) != wanted[kind]), None)
-
-
-MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
 
 
 @dataclass(frozen=True)
@@ -128,9 +129,6 @@ def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | No
     if difference is not None:
         return f"made with {difference}"
     return None if commit.row.get("status") == "done" else FAILED
-
-
-log = logging.getLogger(__name__)
 
 
 def examine_archive(

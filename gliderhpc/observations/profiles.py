@@ -1,7 +1,6 @@
 """Profiles, and dive-climb cycles within a profile, detected from depth alone; a choice among profiles."""
 
 import logging
-from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy.typing as npt
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.wording import counted
 
 
 def stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -232,15 +230,3 @@ def dive_span(
             f"too shallow: dives to {deepest:.0f} m, but a dive begins below {begin:g} m and ends above {end:g} m"
         )
     return int(first[0]), int(last[-1]) + 1
-
-
-def evenly_spaced(numbers: Sequence[int], count: int) -> list[int]:
-    """Choose at most ``count`` of the numbers, evenly spread: the first and, from two on, the last among them."""
-    places = np.unique(np.linspace(0, len(numbers) - 1, min(count, len(numbers))).round().astype(int))
-    return [numbers[place] for place in places]
-
-
-def describe_numbers(numbers: Iterable[int]) -> str:
-    """Describe which profiles there are, for a message that refuses another."""
-    ordered = sorted(numbers)
-    return f"{ordered[0]} to {ordered[-1]} ({counted(len(ordered), 'profile')})" if ordered else "none"

@@ -13,10 +13,10 @@ from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, filt
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import as_plain
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform
 from gliderhpc.store_schema.maintenance import OUTDATED
 from gliderhpc.store_schema.schema import PROFILE

@@ -22,7 +22,7 @@ from gliderhpc.estimation.settings import Settings
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import semidefinite
 from gliderhpc.flight.hull_parameters import HullParameter, among_parameters, hull_parameters
-from gliderhpc.mission.planning import select_profiles
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
 from gliderhpc.studies.archived import chosen_profiles, platform_of

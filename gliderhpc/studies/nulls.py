@@ -26,7 +26,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import RecordSettings, Settings
 from gliderhpc.flight.coefficients import coefficients_of, with_errors
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.planning import batch_size
+from gliderhpc.mission.jobs import batch_size
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform

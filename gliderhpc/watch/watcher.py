@@ -20,7 +20,6 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.planning import select_profiles
 from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -36,6 +35,7 @@ from gliderhpc.observations.landing import (
     same_names,
     unchanged,
 )
+from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform

@@ -30,7 +30,7 @@ from gliderhpc.api.studies import StudyFindings
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema.place import group_at
 from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection

@@ -11,7 +11,8 @@ from support.seaglider_files import pitches, write_dive
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission import planning
-from gliderhpc.mission.planning import memory_limit, plan_mission
+from gliderhpc.mission.memory import memory_limit
+from gliderhpc.mission.planning import plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
 from gliderhpc.observations.fixes import rounding_error, screen_fixes

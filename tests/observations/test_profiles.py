@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles, evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
+from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
 
 YO = 600
 """Samples of one dive and climb."""

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 
 from gliderhpc.archive.profile import SMOOTHED
 from gliderhpc.archive.reader import Archive
-from gliderhpc.mission.planning import as_ranges
 from gliderhpc.mission.settings import MissionSettings
+from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flatten_settings
 from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section

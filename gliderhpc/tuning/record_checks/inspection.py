@@ -19,7 +19,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
 from gliderhpc.tuning.record_checks.finding import (

@@ -7,7 +7,7 @@ import numpy as np
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.archive.reader import Archive
-from gliderhpc.observations.profiles import evenly_spaced
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
 from gliderhpc.studies.library.turbulence.series import FastSettings, describe_unresolved, series_step
 from gliderhpc.studies.request import Request
