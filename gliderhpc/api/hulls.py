@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,13 @@ from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
-from gliderhpc.mission.dive_calibration import OpenExecutor, Progress, calibrate_on_dives, no_progress
+from gliderhpc.mission.dive_calibration import (
+    DiveCalibrationInputs,
+    OpenExecutor,
+    Progress,
+    calibrate_on_dives,
+    no_progress,
+)
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.profile_numbers import evenly_spaced, select_profiles
@@ -104,34 +110,43 @@ def calibrate(
     executor = executor_of(workers)
     calibration = calibrate_and_tune if tune else calibrate_open
     with opened_records(records) as observations:
-        return calibration(
-            observations,
-            platform,
-            chosen,
-            profiles_text(profiles),
-            profiles_text(hold_out),
-            assignments_of(named),
-            executor,
-        )
+        texts = profiles_text(profiles), profiles_text(hold_out)
+        return calibration(CalibrationInputs(observations, platform, chosen, *texts, assignments_of(named)), executor)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationInputs:
+    """Inputs of a calibration.
+
+    Attributes
+    ----------
+    observations, platform, settings : Observations, Platform, CalibrateSettings
+        The open file, the hull to start from, and the settings.
+    profiles, hold_out : str, optional
+        Choices of the profiles to use, and of those held out for the score, such as ``18:20,68``.
+    assignments : sequence of str
+        Settings given by the user, which are recorded in the platform's source.
+    """
+
+    observations: Observations
+    platform: Platform
+    settings: CalibrateSettings
+    profiles: str | None = None
+    hold_out: str | None = None
+    assignments: Sequence[str] = ()
 
 
 def calibrate_open(
-    observations: Observations,
-    platform: Platform,
-    settings: CalibrateSettings,
-    profiles: str | None,
-    hold_out: str | None,
-    assignments: Sequence[str],
-    executor: OpenExecutor,
-    progress: Progress = no_progress,
+    inputs: CalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
 ) -> CalibratedHull:
-    """Calibrate on an open file, as `calibrate` does, and record the `assignments` in the platform's source.
+    """Calibrate on an open file, as `calibrate` does.
 
     ``progress(total)`` opens a display of the number of finished dives, over all rounds.
     """
+    observations, platform, settings = inputs.observations, inputs.platform, inputs.settings
     rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
     with threadpool_limits(limits=1):
-        taken, named = chosen_profiles(observations, profiles, hold_out, settings)
+        taken, named = chosen_profiles(observations, inputs.profiles, inputs.hold_out, settings)
         every = steady_segments(observations, platform, taken, settings, settings.steady, allow_flatter=True)
         segments, held_out = split_segments(every, named)
         platform, segments, held_out = choose_buoyancy(platform, segments, held_out, settings.seawater, log.info)
@@ -145,9 +160,8 @@ def calibrate_open(
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
-            dives = calibrate_on_dives(
-                observations, platform, base, start, segments, held_out, settings, executor, progress, rounds=rounds
-            )
+            given = DiveCalibrationInputs(observations, platform, base, start, segments, held_out, settings, rounds)
+            dives = calibrate_on_dives(given, executor, progress)
     except CalibrationError as error:
         failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
         log.warning(failure)
@@ -159,19 +173,12 @@ def calibrate_open(
         found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, failure=failure)
     if platform.calibration is not None:
         found = replace(found, caution=CALIBRATED_BEFORE)
-    made = _provenance(found, observations.path.name, observations.digest(), assignments)
+    made = _provenance(found, observations.path.name, observations.digest(), inputs.assignments)
     return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
 
 
 def calibrate_and_tune(
-    observations: Observations,
-    platform: Platform,
-    settings: CalibrateSettings,
-    profiles: str | None,
-    hold_out: str | None,
-    assignments: Sequence[str],
-    executor: OpenExecutor,
-    progress: Progress = no_progress,
+    inputs: CalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
 ) -> CalibratedHull:
     """Calibrate, tune the disturbance prior on the hull found, and calibrate again from the platform with that prior.
 
@@ -179,16 +186,16 @@ def calibrate_and_tune(
     error, and the prior decides how much of the records the hull has to explain. A prior with which a run would refuse
     one of the profiles is not used, nor one with which the dives no longer give a hull.
     """
-    first = calibrate_open(observations, platform, settings, profiles, hold_out, assignments, executor, progress)
-    tuning = TuneSettings(**{name: getattr(settings, name) for name in TuneSettings.model_fields})
+    first = calibrate_open(inputs, executor, progress)
+    tuning = TuneSettings(**{name: getattr(inputs.settings, name) for name in TuneSettings.model_fields})
     some = ",".join(map(str, evenly_spaced(list(first.fitted.profiles), tuning.tuning.profiles)))
-    tuned = tune_open(observations, first.platform, tuning, some, assignments, log.info)
+    tuned = tune_open(inputs.observations, first.platform, tuning, some, inputs.assignments, log.info)
     log.info(tuned.notes[0])
     if refused := tuning_report.refusal(tuned.tuned, tuning):
         return _without_prior(first, refused)
-    with_prior = platform.model_copy(update={"prior": tuned.platform.prior})
+    with_prior = inputs.platform.model_copy(update={"prior": tuned.platform.prior})
     try:
-        found = calibrate_open(observations, with_prior, settings, profiles, hold_out, assignments, executor, progress)
+        found = calibrate_open(replace(inputs, platform=with_prior), executor, progress)
     except CalibrationError as error:
         return _without_prior(first, f"with it no hull was found ({error})")
     if first.dives is not None and found.dives is None:

@@ -7,7 +7,7 @@ import click
 from rich.table import Table
 
 from gliderhpc.api.estimated_hulls import CalibratedHull, write_history, write_platform
-from gliderhpc.api.hulls import calibrate_and_tune, calibrate_open, tune_open
+from gliderhpc.api.hulls import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
@@ -120,16 +120,8 @@ def calibrate(
             check_output(file, overwrite=overwrite, inputs=(observations, platform_name), instead=f"another {option}")
     with logging_to(log_file), open_observations(observations) as opened:
         calibration = calibrate_and_tune if tunes else calibrate_open
-        found = calibration(
-            opened,
-            platform,
-            settings,
-            profiles,
-            hold_out,
-            assignments,
-            options.executor_for(workers),
-            lambda total: progress(total, "dives"),
-        )
+        inputs = CalibrationInputs(opened, platform, settings, profiles, hold_out, assignments)
+        found = calibration(inputs, options.executor_for(workers), lambda total: progress(total, "dives"))
     write_platform(out, found.platform, overwrite)
     if history is not None and found.dives is not None:
         write_history(history, found, overwrite)

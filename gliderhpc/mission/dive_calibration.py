@@ -72,36 +72,51 @@ class DiveCalibration:
     tolerance: float
 
 
-def calibrate_on_dives(
-    observations: Observations,
-    platform: Platform,
-    base: Platform,
-    start: Platform,
-    segments: SteadySegments,
-    held_out_segments: SteadySegments,
-    settings: CalibrateSettings,
-    executor: OpenExecutor,
-    progress: Progress = no_progress,
-    *,
-    rounds: int,
-) -> DiveCalibration:
-    """Calibrate on the dives that have steady segments.
+@dataclass(frozen=True, eq=False)
+class DiveCalibrationInputs:
+    """Inputs of a calibration on whole dives.
 
-    Parameters
+    Attributes
     ----------
     observations : Observations
         The observation file.
     platform, base, start : Platform
         Hull that the result is compared with, hull from which plausible deviations are measured (the same, or with drag
         and lift of a measured velocity), and hull found from the steady glides.
-    segments, held_out_segments : SteadySegments
+    segments, held_out : SteadySegments
         Steady segments of the fitted and of the held-out profiles.
     settings : CalibrateSettings
         Settings of the calibration.
-    executor, progress : callable
-        Functions that open the executor for the dives and the progress display.
     rounds : int
         Largest number of rounds.
+    """
+
+    observations: Observations
+    platform: Platform
+    base: Platform
+    start: Platform
+    segments: SteadySegments
+    held_out: SteadySegments
+    settings: CalibrateSettings
+    rounds: int
+
+    @property
+    def numbers(self) -> tuple[list[int], list[int]]:
+        """Numbers of the fitted and of the held-out profiles."""
+        return np.unique(self.segments.profile).tolist(), np.unique(self.held_out.profile).tolist()
+
+
+def calibrate_on_dives(
+    inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
+) -> DiveCalibration:
+    """Calibrate on the dives that have steady segments.
+
+    Parameters
+    ----------
+    inputs : DiveCalibrationInputs
+        Records, hulls and settings.
+    executor, progress : callable
+        Functions that open the executor for the dives and the progress display.
 
     Raises
     ------
@@ -109,27 +124,7 @@ def calibrate_on_dives(
         No dive can be smoothed, or the hull found has no stable glide, is farther from the platform than its plausible
         deviations allow, or is worse than the platform.
     """
-    # If the rudder moved, its coefficient is marked as stated, which makes it one of the hull's parameters.
-    if segments.actuators[:, 3].any() or held_out_segments.actuators[:, 3].any():
-        base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
-    known = hull_parameters(base)
-    held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
-    parameters = tuple(p for p in known if p.key not in held)
-    fitted, held_out = (np.unique(part.profile).tolist() for part in (segments, held_out_segments))
-    with executor() as opened, progress(rounds * (len(fitted) + len(held_out))) as advance:
-        found = DiveRounds(
-            observations,
-            base,
-            parameters,
-            fitted,
-            held_out,
-            estimation=settings,
-            settings=settings.rounds,
-            most=rounds,
-            turn_test=settings.turn_test,
-            executor=opened,
-            report=advance,
-        ).run(start)
+    found = _run_rounds(inputs, executor, progress)
     _check_plausible(found)
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
@@ -137,22 +132,60 @@ def calibrate_on_dives(
             "or choose other --profiles"
         )
     errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
-    hull = with_deviations_of(platform, with_covariance(found.platform, errors))
-    parts = (segments, held_out_segments)
+    hull = with_deviations_of(inputs.platform, with_covariance(found.platform, errors))
+    fitted, held_out = _judge(inputs, hull)
+    return DiveCalibration(hull, found, fitted, held_out, inputs.settings.rounds.tolerance)
+
+
+def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
+    """Estimate the hull in rounds over the dives."""
+    base, settings = inputs.base, inputs.settings
+    # If the rudder moved, its coefficient is marked as stated, which makes it one of the hull's parameters.
+    if inputs.segments.actuators[:, 3].any() or inputs.held_out.actuators[:, 3].any():
+        base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
+    known = hull_parameters(base)
+    held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
+    parameters = tuple(p for p in known if p.key not in held)
+    fitted, held_out = inputs.numbers
+    with executor() as opened, progress(inputs.rounds * (len(fitted) + len(held_out))) as advance:
+        return DiveRounds(
+            inputs.observations,
+            base,
+            parameters,
+            fitted,
+            held_out,
+            estimation=settings,
+            settings=settings.rounds,
+            most=inputs.rounds,
+            turn_test=settings.turn_test,
+            executor=opened,
+            report=advance,
+        ).run(inputs.start)
+
+
+def _judge(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
+    """Score a hull on the steady glides of the fitted and of the held-out profiles.
+
+    Raises
+    ------
+    CalibrationError
+        The hull has no steady glides there, or is worse on them than the platform or the fit of its trim alone.
+    """
+    parts = (inputs.segments, inputs.held_out)
     with threadpool_limits(limits=1):
         try:
-            shared = [_shared_segments(observations, hull, part, settings) for part in parts]
+            shared = [_shared_segments(inputs.observations, hull, part, inputs.settings) for part in parts]
         except InputError as error:
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
-        numbered = list(zip((fitted, held_out), shared, strict=True))
-        ours, others = (_score(platform, hull, *each) for each in numbered)
-        ours_by_trim, others_by_trim = (_score(start, hull, *each) for each in numbered)
+        numbered = list(zip(inputs.numbers, shared, strict=True))
+        ours, others = (_score(inputs.platform, hull, *each) for each in numbered)
+        ours_by_trim, others_by_trim = (_score(inputs.start, hull, *each) for each in numbered)
     check_errors(ours, others, _JUDGED_QUANTITIES)
     # Water that turns the glider can lead the dives to a hull that its steady glides contradict.
     check_errors(ours_by_trim, others_by_trim, _JUDGED_QUANTITIES, before="the fit of its trim alone")
-    return DiveCalibration(hull, found, ours, others, settings.rounds.tolerance)
+    return ours, others
 
 
 def _check_plausible(found: HullRounds) -> None:

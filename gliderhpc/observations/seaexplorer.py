@@ -12,7 +12,6 @@ a row lies 0.9 to 1.0 of the way to the next one, independent of the length of t
 time of the next row.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,7 @@ from gliderhpc.observations.importing import ImportSummary, MissionRecords, desc
 from gliderhpc.observations.position_form import NEAR_ZERO, are_not_minutes, may_be_decimal
 from gliderhpc.observations.profile_checks import check_heading_unit
 from gliderhpc.observations.records import TimeArray
-from gliderhpc.observations.rows import ClockStep, Columns, Rows
+from gliderhpc.observations.rows import Columns, Rows
 from gliderhpc.observations.seaexplorer_ctd import read_water
 from gliderhpc.observations.seaexplorer_files import MissionFiles, find_files, is_seaexplorer_file, read_rows
 from gliderhpc.observations.seaexplorer_legs import TRANSMITTING, find_legs
@@ -112,12 +111,10 @@ def _read_mission(
 ) -> MissionRecords:
     """Read the navigation of every readable cycle; the payload is read later, when the profiles are known."""
     files = find_files(sources)
-    dropped: Counter[str] = Counter()
-    unreadable: dict[int, str] = {}
-    steps: list[ClockStep] = []
     # Without the declination in the rows, as in some exports, a given one is enough.
     needed = {name: limits for name, limits in _NAVIGATION.items() if declination is None or name != "Declination"}
-    rows = read_rows(files.navigation, "Timestamp", needed, dropped, unreadable, steps=steps, reads=reads)
+    found = read_rows(files.navigation, "Timestamp", needed, with_steps=True, reads=reads)
+    rows, dropped, unreadable = found.rows, found.dropped, found.rejected
     legs, without = find_legs(rows, include_surfacing=include_surfacing)
     if not legs:
         _check_depth_sign(files, sources[0], reads)
@@ -151,7 +148,7 @@ def _read_mission(
             *heading_remarks,
             *(f"cycle {cycle}: {why}" for cycle, why in without.items() if cycle in spans),
         ),
-        clock_steps=steps,
+        clock_steps=found.steps,
         water=partial(read_water, files, dropped, reads=reads),
     )
 
@@ -165,7 +162,7 @@ def _check_depth_sign(files: MissionFiles, source: Path, reads: Reads) -> None:
         The depths are positive up.
     """
     any_sign = {"Depth": (-_NAVIGATION["Depth"][1], _NAVIGATION["Depth"][1])}
-    rows = read_rows(files.navigation, "Timestamp", any_sign, Counter(), {}, reads=reads)
+    rows = read_rows(files.navigation, "Timestamp", any_sign, reads=reads).rows
     refuse_negative_depth(rows["Depth"], str(source), "Depth")
 
 

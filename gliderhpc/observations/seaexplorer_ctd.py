@@ -237,9 +237,10 @@ def _read_cast(
     """Read one CTD's columns from the files of one kind."""
     everything = (-np.inf, np.inf)
     ranges = {name: _RANGES.get(quantity, everything) for quantity, name in columns.items()}
-    rejected: dict[int, str] = {}
-    rows = read_rows(paths, CLOCK, ranges, dropped, rejected, label="payload: ", reads=reads)
-    for cycle, why in rejected.items():
+    found = read_rows(paths, CLOCK, ranges, label="payload: ", reads=reads)
+    rows = found.rows
+    dropped.update(found.dropped)
+    for cycle, why in found.rejected.items():
         faults.setdefault(cycle, []).append(why)
     measured = {quantity: rows[name] for quantity, name in columns.items()}
     absent = np.full(len(rows), np.nan)

@@ -149,16 +149,38 @@ CLOCK_NOT_SET = "clock not set"
 _DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (\d\d:\d\d:\d\d(?:\.\d+)?)")
 
 
+@dataclass(frozen=True, eq=False)
+class MissionRows:
+    """Rows of a mission's files, and what was left out.
+
+    Attributes
+    ----------
+    rows : Rows
+        The rows.
+    dropped : Counter
+        Number of dropped rows by reason.
+    rejected : dict of int to str
+        Reason for every cycle whose file cannot be read, lacks a column, or has times that contradict those of the
+        other files; no row of such a cycle is used.
+    steps : list of ClockStep
+        Backward steps of the clock, if they were searched for.
+    """
+
+    rows: Rows
+    dropped: Counter[str]
+    rejected: dict[int, str]
+    steps: list[ClockStep]
+
+
 def read_rows(
     files: Mapping[int, Path],
     clock: str,
     ranges: Mapping[str, tuple[float, float]],
-    dropped: Counter[str],
-    rejected: dict[int, str],
+    *,
     label: str = "",
-    steps: list[ClockStep] | None = None,
+    with_steps: bool = False,
     reads: Reads = read_directly,
-) -> Rows:
+) -> MissionRows:
     """Read the files of a mission and drop their junk rows.
 
     Parameters
@@ -169,19 +191,15 @@ def read_rows(
         Name of the time column.
     ranges : mapping of str to (float, float)
         Columns to read, with the open ranges of their plausible values.
-    dropped : Counter
-        Counter to which the number of dropped rows is added, by reason.
-    rejected : dict of int to str
-        Mapping to which the reason is added for every cycle whose file cannot be read, lacks a column, or has times
-        that contradict those of the other files; no row of such a cycle is used.
     label : str
         Prefix of the reasons of dropped rows.
-    steps : list of ClockStep, optional
-        List to which the backward steps of the clock are added; it requires a column ``Depth``.
+    with_steps : bool
+        Whether to search for backward steps of the clock, which requires a column ``Depth``.
     reads : Reads
         Function that reads each file.
     """
     found: Counter[str] = Counter()
+    rejected: dict[int, str] = {}
     parts: list[Rows] = []
     for cycle, path in files.items():
         try:
@@ -194,11 +212,10 @@ def read_rows(
             rejected[cycle] = str(error)
     rows = _drop_contradicting(join_rows(parts, ranges), files, clock, rejected)
     keep = increasing(rows.time)
-    if steps is not None:
-        steps.extend(find_clock_steps(rows.time, keep, rows["Depth"]))
+    steps = find_clock_steps(rows.time, keep, rows["Depth"]) if with_steps else []
     rows = keep_rows(rows, keep, NOT_INCREASING, found)
-    dropped.update({label + reason: count for reason, count in found.items()})
-    return rows
+    dropped = Counter({label + reason: count for reason, count in found.items()})
+    return MissionRows(rows, dropped, rejected, steps)
 
 
 def _drop_contradicting(rows: Rows, files: Mapping[int, Path], clock: str, rejected: dict[int, str]) -> Rows:

@@ -165,7 +165,11 @@ def fly_profile(
         course=math.radians(course),
     )
     record = _recorded(flight, glider, scenario, seed, number)
-    return record, _truth(record, flight, scenario, hull, disturbance, water, levels, math.radians(course))
+    truth = _truth(
+        record, flight, scenario, hull=hull, disturbance=disturbance, water=water, levels=levels,
+        course=math.radians(course),
+    )  # fmt: skip
+    return record, truth
 
 
 def place_profile(
@@ -255,6 +259,7 @@ def _truth(
     record: ProfileRecord,
     flight: Flight,
     scenario: Scenario,
+    *,
     hull: TrueHull,
     disturbance: Disturbance,
     water: Water,

@@ -317,7 +317,8 @@ def conclude(plan: TwinPlan[RecoverabilitySize], rows: list[Row]) -> Findings:
     facts = {"noise": noise, "detection": detection, "floors": floors, "errors": errors, "budget": budget.model_dump()}
     figure = draw_recoverability(noise, detection, motions)
     documents = {BUDGET: budget_text(budget)}
-    return twin_findings(NAME, plan, comparisons, [*impulses, *motions], figure, facts, documents)
+    rows = [*impulses, *motions]
+    return twin_findings(NAME, plan, comparisons, rows=rows, figure=figure, facts=facts, documents=documents)
 
 
 STUDY = TwinStudy(NAME, FULL, QUICK, recoverability_runs, conclude, job=recoverability_rows, min_seeds=MIN_TWINS)

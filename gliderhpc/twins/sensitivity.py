@@ -303,7 +303,8 @@ def conclude(plan: TwinPlan[SensitivitySize], rows: list[Row]) -> Findings:
         f"{platform.name}, {preset}": compare_sensitivity(summary, biases, preset) for preset in plan.size.presets
     }
     facts = {"summary": summary, "biases": biases}
-    return twin_findings(NAME, plan, comparisons, rows, draw_sensitivity(summary, biases), facts)
+    figure = draw_sensitivity(summary, biases)
+    return twin_findings(NAME, plan, comparisons, rows=rows, figure=figure, facts=facts)
 
 
 STUDY = TwinStudy(NAME, FULL, QUICK, sensitivity_runs, conclude)

@@ -194,6 +194,7 @@ def twin_findings(
     study: str,
     plan: TwinPlan[Any],
     comparisons: Mapping[str, Sequence[Comparison]],
+    *,
     rows: Sequence[Row],
     figure: Figure,
     facts: Mapping[str, Any],

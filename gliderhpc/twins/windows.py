@@ -287,9 +287,9 @@ def conclude(plan: TwinPlan[WindowsSize], rows: list[Row]) -> Findings:
         NAME,
         plan,
         {f"{hull}, {preset}": compare_windows(summary, verdicts, hull, preset) for hull, preset in pairs},
-        rows,
-        draw_windows(summary, excerpts),
-        {"verdicts": verdicts, "sentences": sentences, "summary": summary},
+        rows=rows,
+        figure=draw_windows(summary, excerpts),
+        facts={"verdicts": verdicts, "sentences": sentences, "summary": summary},
         remarks=sentences,
     )
 

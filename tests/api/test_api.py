@@ -506,7 +506,7 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     monkeypatch.setattr(hulls, "calibrate_open", lambda *_: first)
     monkeypatch.setattr(hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"]))
     monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
-    found = hulls.calibrate_and_tune(None, hull, hulls.CalibrateSettings(), None, None, (), None)
+    found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
     assert found.platform.prior == hull.prior
     assert found.warnings[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
     assert "the prior was tuned but is not used" in caplog.text
@@ -518,7 +518,8 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
     hull, reason = gh.load_platform("petrel-l"), "no dive could be smoothed"
     first = CalibratedHull(hull, None, dives=SimpleNamespace())
 
-    def calibrated(_, platform, *__):
+    def calibrated(inputs, *_):
+        platform = inputs.platform
         if platform.prior is None:
             return first
         if raised:
@@ -533,7 +534,7 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
         hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
     )
     monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: "")
-    found = hulls.calibrate_and_tune(None, hull, hulls.CalibrateSettings(), None, None, (), None)
+    found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
     assert found.platform is hull
     assert found.dives is first.dives
     assert re.match(rf"the prior was tuned but is not used, since with it .*\({reason}\)", found.warnings[0])

@@ -342,10 +342,10 @@ def conclude(plan: TwinPlan[CurrentsSize], rows: list[Row], budget: Budget | Non
             f"{platform.name}, depth-averaged current": compare_averaged(results),
             f"{platform.name}, depth-resolved current": compare_resolved(results),
         },
-        [*results.averaged, *resolved],
-        draw_currents(results),
-        _facts(results, concluded),
-        _documents(results, budget),
+        rows=[*results.averaged, *resolved],
+        figure=draw_currents(results),
+        facts=_facts(results, concluded),
+        documents=_documents(results, budget),
         remarks=(*concluded, *_remarks(results, budget)),
     )
 

@@ -52,9 +52,9 @@ def conclude(plan: TwinPlan[EstimatorsSize], rows: list[Row]) -> Findings:
         NAME,
         plan,
         {f"{platform.name}, {kind}": compare_estimators(summary, kind) for kind in (CALM, IMPULSIVE, PRIOR)},
-        rows,
-        draw_estimators(summary, platform.sensors.sample_interval, plan.size.intervals),
-        {"degrees_of_freedom": DEGREES_OF_FREEDOM, "summary": summary, "advice": advice, "sentences": sentences},
+        rows=rows,
+        figure=draw_estimators(summary, platform.sensors.sample_interval, plan.size.intervals),
+        facts={"degrees_of_freedom": DEGREES_OF_FREEDOM, "summary": summary, "advice": advice, "sentences": sentences},
         remarks=sentences,
     )
     return replace(found, documents={PAGE: page_text(as_plain(found.content), f"{NAME}.png")})
