@@ -18,6 +18,7 @@ from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.windows import misfit
+from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.prepared import prepare_mission
@@ -25,7 +26,7 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import truth_path
-from gliderhpc.report.accuracy import accuracy_table, as_markdown
+from gliderhpc.report.accuracy import COLUMNS, accuracy_table, cells_of
 from gliderhpc.simulator import Scenario, simulate_mission
 
 PLATFORM = "petrel-l"
@@ -118,7 +119,7 @@ def main(profiles: int) -> None:
             lines += [
                 f"## Preset `{preset}`",
                 "",
-                as_markdown(accuracy_table(open_mission(store), truth_path(path))),
+                markdown(COLUMNS, map(cells_of, accuracy_table(open_mission(store), truth_path(path))), COLUMNS[2:]),
                 "",
             ]
         lines += [

@@ -37,7 +37,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.report.studies.drift import table_5, table_5_text
 from gliderhpc.simulator import load_scenario, simulate_mission
-from gliderhpc.studies.drift import MissionDrift, study_mission
+from gliderhpc.studies.drift import STUDY, MissionDrift, drift_of_rows
 from gliderhpc.studies.library.drift.change_text import phases_text
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.drag import CAUSES
@@ -129,7 +129,8 @@ def planted_drag(twin: Twin) -> float:
 
 def studied(store: Path, settings: DriftSettings, workers: int = 0) -> MissionDrift:
     """Study an archive without writing anything."""
-    return study_mission(Request(store, lambda: local_executor(workers)), settings)
+    plan = STUDY.plan(Request(store, lambda: local_executor(workers)), settings)
+    return drift_of_rows(plan, STUDY.study_profiles(plan)[0])
 
 
 def twin_row(folder: Path, twin: Twin, seed: int) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of
 from gliderhpc.studies.library.scores import correlation, rms
 from gliderhpc.studies.library.vertical_velocity import VerticalVelocity, vertical_velocity
-from gliderhpc.studies.vertical import difference_of
+from gliderhpc.studies.vertical import CommonLevels
 
 Array = np.ndarray
 Rows = list[tuple[str, str]]
@@ -36,6 +36,12 @@ UPPER = 100.0
 _SECOND = np.timedelta64(1, "s")
 _CM = 100.0
 _NONE = 1e-9
+
+
+def difference_of(found: VerticalVelocity, values: Array) -> float:
+    """Mean difference of dive and climb over their common levels, for values (n,) at the samples; NaN without any."""
+    levels = CommonLevels(found)
+    return float(levels.difference(values).mean()) if levels.common else float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc.estimation.current_errors import TERMS
-from gliderhpc.findings.findings import comparison_from_json, comparison_markdown, markdown, number
+from gliderhpc.findings.findings import COLUMNS, NUMBER_COLUMNS, comparison_from_json, markdown, number
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.currents.runs import GUSTS as BROADBAND
 from gliderhpc.twins.estimators.report import claim, page_text
@@ -65,7 +65,7 @@ def made_by(content: Row) -> str:
 def comparisons(content: Row) -> list[tuple[str, str]]:
     """Titles and tables of the paper's figures compared with ours."""
     return [
-        (title, comparison_markdown(comparison_from_json(row) for row in rows))
+        (title, markdown(COLUMNS, (comparison_from_json(row).cells for row in rows), NUMBER_COLUMNS))
         for title, rows in content["comparisons"].items()
     ]
 

@@ -28,7 +28,8 @@ _ABSENT = "–"
 COLUMNS = ("quantity", "unit", "paper", "ours", "spread", "ratio", "remark")
 """Columns of the table of comparisons."""
 
-_OF_NUMBERS = ("paper", "ours", "spread", "ratio")
+NUMBER_COLUMNS = ("paper", "ours", "spread", "ratio")
+"""Those that hold numbers."""
 
 _OPTIONAL = ("spread", "remark")
 
@@ -157,15 +158,10 @@ def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
     shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
     table = Table(title=Text(title), title_justify="left")
     for column in _shown_of(COLUMNS, shown):
-        table.add_column(column, justify="right" if column in _OF_NUMBERS else "left", overflow="fold")
+        table.add_column(column, justify="right" if column in NUMBER_COLUMNS else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, _shown_of(row.cells, shown)))
     return table
-
-
-def comparison_markdown(rows: Iterable[Comparison]) -> str:
-    """Format comparisons as a Markdown table with all columns."""
-    return markdown(COLUMNS, (row.cells for row in rows), _OF_NUMBERS)
 
 
 def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:

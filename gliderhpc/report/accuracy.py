@@ -11,7 +11,6 @@ from rich.table import Table
 from gliderhpc.archive.profile import TRACKED, ProfileData, done_profiles, read_profile_data, truth_on_samples
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truths
 from gliderhpc.studies.library.scores import Score, finite_median, rms, score_columns
 from gliderhpc.vocabulary import CHANNELS
@@ -26,7 +25,9 @@ NAMES = {
 }
 """Names of the six disturbances."""
 
-_COLUMNS = ("quantity", "unit", "adjoint RMSE", "correlation", "filter RMSE", "correlation")
+COLUMNS = ("quantity", "unit", "adjoint RMSE", "correlation", "filter RMSE", "correlation")
+"""Columns of the table of accuracy."""
+
 _ABSENT = "–"
 
 
@@ -158,16 +159,11 @@ def tracking_rmse(data: ProfileData) -> tuple[float, ...]:
 def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
     """Format the rows as a table for a terminal."""
     table = Table(title=title, title_justify="left")
-    for position, column in enumerate(_COLUMNS):
+    for position, column in enumerate(COLUMNS):
         table.add_column(column, justify="left" if position < 2 else "right")
     for row in rows:
-        table.add_row(*_cells(row), end_section=row.quantity in ("B_cr", "depth"))
+        table.add_row(*cells_of(row), end_section=row.quantity in ("B_cr", "depth"))
     return table
-
-
-def as_markdown(rows: Sequence[AccuracyRow]) -> str:
-    """Format the rows as a Markdown table."""
-    return markdown(_COLUMNS, (_cells(row) for row in rows), _COLUMNS[2:])
 
 
 def _median_score(scores: Iterable[Score]) -> Score:
@@ -182,6 +178,7 @@ def _error_row(quantity: str, label: str, unit: str, errors: Iterable[float]) ->
     return AccuracyRow(quantity, label, unit, Score(finite_median(list(errors)), nan), Score(nan, nan))
 
 
-def _cells(row: AccuracyRow) -> tuple[str, ...]:
+def cells_of(row: AccuracyRow) -> tuple[str, ...]:
+    """Return the text of a row's cells, one for each of `COLUMNS`."""
     numbers = (row.adjoint.rmse, row.adjoint.correlation, row.prior.rmse, row.prior.correlation)
     return (row.label, row.unit, *(f"{number:.3f}" if np.isfinite(number) else _ABSENT for number in numbers))

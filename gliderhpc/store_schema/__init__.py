@@ -9,12 +9,10 @@ from gliderhpc.store_schema.digests import Digests
 from gliderhpc.store_schema.place import Place, is_archive
 from gliderhpc.store_schema.rows import (
     ArchiveRows,
-    clear_marker,
     read_attributes,
     read_profiles,
     write_coordinates,
     write_mission_table,
-    write_profile,
     write_table_rows,
     write_whole,
 )
@@ -43,7 +41,6 @@ __all__ = [
     "Digests",
     "Place",
     "check_archive",
-    "clear_marker",
     "committed_chunk_faults",
     "committed_rows",
     "consolidate",
@@ -66,7 +63,6 @@ __all__ = [
     "write_coordinates",
     "write_manifests",
     "write_mission_table",
-    "write_profile",
     "write_table_rows",
     "write_whole",
 ]

@@ -171,16 +171,6 @@ class ArchiveRows:
         return {name: self._arrays[name] for name in names}
 
 
-def write_profile(place: Place, profile_index: int, group: str, values: Mapping[str, ArrayLike]) -> None:
-    """Write one profile's row of some variables of a group, as `ArchiveRows.write` does."""
-    ArchiveRows(place).write(profile_index, group, values)
-
-
-def clear_marker(place: Place, profile_index: int) -> None:
-    """Clear a profile's commit marker before the profile is computed again."""
-    ArchiveRows(place).begin(profile_index)
-
-
 def read_attributes(place: Place) -> dict[str, Any]:
     """Read the root attributes of an archive."""
     return dict(group_at(place).attrs)

@@ -147,19 +147,14 @@ class MissionDrift:
         )
 
 
-def study_mission(request: Request, settings: DriftSettings) -> MissionDrift:
-    """Study a mission without writing anything.
+def drift_of_rows(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
+    """Return the drift of a mission from the rows of its profiles.
 
     Raises
     ------
     InputError
         Fewer than four profiles have medians.
     """
-    plan = STUDY.plan(request, settings)
-    return _mission_drift(plan, STUDY.study_profiles(plan)[0])
-
-
-def _mission_drift(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
     mission: Mission = plan.prepared.inputs
     table = _table(mission, rows)
     segments: list[SegmentMedians] = [row["segments"] for row in rows.values() if "segments" in row]
@@ -195,7 +190,7 @@ def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     InputError
         Fewer than four profiles have medians.
     """
-    studied = _mission_drift(plan, rows)
+    studied = drift_of_rows(plan, rows)
     changes, moments, band = studied.changes, studied.moments, studied.mission.band
     return GroupContent(
         sizes={CHANGE: max(1, len(changes.found)), MOMENT_CHANGE: max(1, len(moments.found))},

@@ -88,7 +88,7 @@ def difference_row(found: VerticalVelocity) -> dict[str, Any]:
     standard deviation includes the errors of the hull, which are common to both legs, and the rounding of pitch, which
     is independent on each leg.
     """
-    levels = _Levels(found)
+    levels = CommonLevels(found)
     if not levels.common:
         return {"levels": 0.0}
     difference = levels.difference(found.water)
@@ -102,13 +102,7 @@ def difference_row(found: VerticalVelocity) -> dict[str, Any]:
     }
 
 
-def difference_of(found: VerticalVelocity, values: Array) -> float:
-    """Mean difference of dive and climb over their common levels, for values (n,) at the samples; NaN without any."""
-    levels = _Levels(found)
-    return float(levels.difference(values).mean()) if levels.common else float("nan")
-
-
-class _Levels:
+class CommonLevels:
     """Depth levels that a profile covers on both dive and climb."""
 
     def __init__(self, found: VerticalVelocity) -> None:

@@ -18,8 +18,9 @@ from gliderhpc.archive.profile import (
     wrap,
 )
 from gliderhpc.errors import InputError
+from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.report.accuracy import accuracy_table, as_markdown, profile_accuracy, render
+from gliderhpc.report.accuracy import COLUMNS, accuracy_table, cells_of, profile_accuracy, render
 
 YAW = 5
 
@@ -169,12 +170,12 @@ def test_tables_show_the_rows_numbers(tmp_path):
     rows = list(table_of(tmp_path, content).values())
     console = Console(file=StringIO(), width=120)
     console.print(render(rows, "twin"))
-    markdown = as_markdown(rows)
-    for text in (console.file.getvalue(), markdown):
-        assert "0.123" in text
-        assert text.count("–") == 3 * 5, "tracking and current have neither correlation nor a filter's estimate"
-    assert [line.count("|") for line in markdown.splitlines()] == [7] * (2 + 11)
-    assert "| B_cr yaw moment | N m | 0.123 | 1.000 | 0.000 | 1.000 |" in markdown
+    text = markdown(COLUMNS, map(cells_of, rows), COLUMNS[2:])
+    for shown in (console.file.getvalue(), text):
+        assert "0.123" in shown
+        assert shown.count("–") == 3 * 5, "tracking and current have neither correlation nor a filter's estimate"
+    assert [line.count("|") for line in text.splitlines()] == [7] * (2 + 11)
+    assert "| B_cr yaw moment | N m | 0.123 | 1.000 | 0.000 | 1.000 |" in text
 
 
 def test_angles_across_north():

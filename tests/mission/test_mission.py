@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from support.archives import clear_marker, write_profile
 from support.missions import (
     CHANNELS,
     WHOLE,
@@ -48,15 +49,7 @@ from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, read_platform
 from gliderhpc.platform_sections import CalibrationErrors
-from gliderhpc.store_schema import (
-    ArchiveRows,
-    check_archive,
-    clear_marker,
-    committed_rows,
-    read_commits,
-    set_attributes,
-    write_profile,
-)
+from gliderhpc.store_schema import ArchiveRows, check_archive, committed_rows, read_commits, set_attributes
 from gliderhpc.vocabulary import QUALITY
 
 pytestmark = [pytest.mark.compiled, pytest.mark.usefixtures("unchecked_records")]

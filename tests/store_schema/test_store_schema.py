@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from support.archives import clear_marker, write_profile
 
 from benchmarks.archive_schema import PAGE
 from benchmarks.sections import section_of
@@ -21,13 +22,11 @@ from gliderhpc.store_schema import (
     STUDIES,
     ArchiveRows,
     check_archive,
-    clear_marker,
     committed_rows,
     consolidate,
     create_archive,
     is_archive,
     set_attributes,
-    write_profile,
     write_table_rows,
 )
 from gliderhpc.store_schema.codecs import check_text_count

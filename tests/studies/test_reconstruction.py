@@ -19,6 +19,7 @@ from support.archives import (
     true_disturbances,
     truth_of,
     write_archive,
+    write_profile,
     write_truth_file,
 )
 from support.missions import program
@@ -30,7 +31,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
-from gliderhpc.store_schema import check_archive, create_study, write_profile, write_table_rows
+from gliderhpc.store_schema import check_archive, create_study, write_table_rows
 from gliderhpc.studies.archived import chosen_profiles, platform_of, series_of, states_of
 from gliderhpc.studies.library.filter_comparison import (
     YAW,

@@ -18,7 +18,7 @@ from distributed import Client, LocalCluster
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
-from support.archives import Content, put_table_rows, write_archive
+from support.archives import Content, put_table_rows, write_archive, write_profile
 from support.missions import program
 
 import gliderhpc as gh
@@ -26,12 +26,13 @@ import gliderhpc.report.studies
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import (
+    COLUMNS,
+    NUMBER_COLUMNS,
     Comparison,
     Findings,
     archive_findings,
     as_plain,
     comparison_from_json,
-    comparison_markdown,
     comparison_table,
     comparisons_as_json,
     markdown,
@@ -42,14 +43,7 @@ from gliderhpc.findings.findings import (
 )
 from gliderhpc.mission.executors import DaskExecutor, local_executor
 from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
-from gliderhpc.store_schema import (
-    check_archive,
-    create_study,
-    finish_study,
-    set_study_attributes,
-    write_profile,
-    write_table_rows,
-)
+from gliderhpc.store_schema import check_archive, create_study, finish_study, set_study_attributes, write_table_rows
 from gliderhpc.store_schema.schema import STUDIES as GROUPS
 from gliderhpc.studies.archived import (
     Provenance,
@@ -111,7 +105,7 @@ def test_the_table_shows_spread_and_remark_only_where_there_is_one():
 
 
 def test_markdown():
-    lines = comparison_markdown(ROWS[:1]).splitlines()
+    lines = markdown(COLUMNS, [ROWS[0].cells], NUMBER_COLUMNS).splitlines()
     assert lines[1] == "| --- | --- | ---: | ---: | ---: | ---: | --- |"
     assert lines[2] == "| yaw RMSE | N m | 0.150 | 0.0500 | 0.0400 to 0.0600 | 0.333 | best |"
     assert markdown(("a", "b"), [("1", "2|3")], "b") == "| a | b |\n| --- | ---: |\n| 1 | 2\\|3 |"

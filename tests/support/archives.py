@@ -19,10 +19,10 @@ from gliderhpc.simulator import ProfileTruth
 from gliderhpc.simulator.files import append_truth, truth_file
 from gliderhpc.store_schema import (
     MISSION,
+    ArchiveRows,
     committed_rows,
     consolidate,
     create_archive,
-    write_profile,
     write_table_rows,
     write_whole,
 )
@@ -36,6 +36,16 @@ STEPS = 3000
 EVERY = 10
 CHANNELS = ("B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr")
 TRACKED = ("roll", "pitch", "heading", "depth")
+
+
+def write_profile(place, profile_index, group, values):
+    """Write one profile's row of some variables of a group, as `ArchiveRows.write` does."""
+    ArchiveRows(place).write(profile_index, group, values)
+
+
+def clear_marker(place, profile_index):
+    """Clear a profile's commit marker before the profile is computed again."""
+    ArchiveRows(place).begin(profile_index)
 
 
 def schema_digest(path: Path) -> str:

@@ -79,23 +79,6 @@ def bracket_terms(platform: Platform, angle_of_attack: Array) -> Array:
     return np.asarray(constant[:, None] + np.outer([0.0, viscous.K_MR, 0.0, 0.0], sine))
 
 
-def left_side(glider: Glider, motion: Array, rudder: Array, current: Array) -> Array:
-    """Left side of eq. 41, N m ``(n,)``.
-
-    Parameters
-    ----------
-    glider : Glider
-        The hull.
-    motion : (n, 6)
-        Velocities u, v, w (m/s) and rates p, q, r (rad/s) through the water.
-    rudder : (n,)
-        Rudder angle, rad.
-    current : (n,)
-        Current v_c, m/s.
-    """
-    return _in_current(glider, motion, rudder, current) - _yaw_moments(glider, motion, rudder)
-
-
 def solve_lateral_flow(glider: Glider, motion: Array, rudder: Array, moment: Array, limit: float) -> LateralFlow:
     """Solve eq. 41 for the current across the hull.
 
