@@ -351,8 +351,14 @@ def test_calibration_finds_drag_and_lift(records):
 
 
 @pytest.mark.compiled
-def test_a_hull_is_tuned_on_such_records(records):
-    gh.tune(records, PETREL, profiles=1, tuning={"longest": 150, "max_rounds": 1})
+def test_the_prior_tuned_on_such_records_is_that_without_the_velocity(records, without):
+    """Tuning maximises the likelihood of the filter, which does not use the velocity."""
+    chosen = {"longest": 150, "max_rounds": 1, "least_noise": 1e-4}
+    own, plain = (gh.tune(each, PETREL, profiles=1, tuning=chosen).tuned for each in (records, without))
+    assert own.gain > 0.0
+    assert own.after != own.before
+    assert own.after == plain.after
+    assert own.evaluation_after.log_likelihood == plain.evaluation_after.log_likelihood
 
 
 def test_several_samples_at_a_point_are_averaged():

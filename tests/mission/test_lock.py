@@ -55,8 +55,11 @@ def test_a_lock_of_an_earlier_version_is_read(here, tmp_path, monkeypatch):
     del earlier["namespace"]
     (tmp_path / "a.zarr.lock").write_text(json.dumps(earlier), "utf-8")
     monkeypatch.setattr(lock, "_namespace", lambda: "")
-    with locked(archive):
-        assert Path(lock_name(archive)).exists()
+    with locked(archive) as token:
+        assert token != here.token
+        holder = Holder(**json.loads(Path(lock_name(archive)).read_text("utf-8")))
+        assert (holder.token, holder.process, holder.namespace) == (token, os.getpid(), "")
+    assert not Path(lock_name(archive)).exists()
 
 
 def test_a_lock_needs_no_hard_links(tmp_path, monkeypatch):

@@ -57,7 +57,16 @@ def test_the_scatter_of_the_drifts_is_that_of_the_dives_so_far():
     rough = dives(np.zeros(2))
     for name in ("north", "east"):
         rough[f"exit_surface_{name}"] = rough[f"exit_surface_{name}"] + SURFACE * rng.normal(0.0, 0.3, 12)
-    assert surface_offset(rough, 0.05)[1] == pytest.approx(0.27, rel=0.3)
+    apart = np.column_stack([
+        rough[f"exit_surface_{name}"] / rough["exit_surface_time"] - rough[f"dac_{name}_smoothed"]
+        for name in ("north", "east")
+    ])  # fmt: skip
+    # The usual difference, 0.05 m/s, counts as three drifts more; the mean is drawn towards zero.
+    squares = (11 * apart.var(axis=0, ddof=1).mean() + 3 * 0.05**2) / (11 + 3)
+    offset, scatter = surface_offset(rough, 0.05)
+    assert scatter == pytest.approx(np.sqrt(squares), rel=1e-9)
+    assert scatter < 0.95 * np.sqrt(apart.var(axis=0, ddof=1).mean())
+    np.testing.assert_allclose(offset, apart.mean(axis=0) / (1.0 + squares / (12 * 0.2**2)), rtol=1e-9)
 
 
 def test_without_drifts_the_usual_difference_is_assumed():
@@ -74,7 +83,12 @@ def test_the_ellipse_is_scaled_to_contain_what_it_should_have_contained(spread):
     """Squared distances of a Gaussian whose covariance is `spread` times the stated one."""
     distances = spread * np.random.default_rng(2).chisquare(2, 4000)
     assert ellipse_scale(distances) == pytest.approx(spread, rel=0.1)
-    assert ellipse_scale(distances[:10]) == pytest.approx(np.sqrt(spread), rel=0.5)
+    # Ten predictions have half the weight: the square root of the ratio of the 68 % quantiles.
+    ratio = np.quantile(distances[:10], 0.68) / (-2.0 * np.log(1.0 - 0.68))
+    assert ellipse_scale(distances[:10]) == pytest.approx(ratio**0.5, rel=1e-9)
+    assert ellipse_scale(distances[:30]) == pytest.approx(
+        (np.quantile(distances[:30], 0.68) / (-2.0 * np.log(1.0 - 0.68))) ** 0.75, rel=1e-9
+    )
     assert ellipse_scale([]) == 1.0
 
 

@@ -1,4 +1,4 @@
-"""Dives whose information on petrel-l's hull is drawn about a known course of its errors."""
+"""Dives whose information on a hull is drawn about known errors: petrel-l's, or any five unknowns."""
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from gliderhpc.tuning.mission_hull import DiveTerm
 PARAMETERS = hull_parameters(read_platform("petrel-l"))
 KEYS = [p.key for p in PARAMETERS]
 START = np.datetime64("2024-04-01T00:00:00", "ns")
+
+P = 5
+"""Number of unknowns of the dives whose information is drawn at random."""
 
 
 def dives(count, courses, seed=0, information=30.0):
@@ -22,3 +25,19 @@ def dives(count, courses, seed=0, information=30.0):
         time = START + np.timedelta64(6 * n, "h")
         terms.append(DiveTerm(n + 1, time, np.zeros(len(KEYS)), score, matrix))
     return tuple(terms)
+
+
+def information(rng, rank=P, size=30.0):
+    """Return a random information matrix, singular where the rank is less than P."""
+    root = rng.standard_normal((P, rank)) * np.sqrt(size)
+    return root @ root.T
+
+
+def dive(rng, truth, number, *, rank=P, size=30.0, hours=6.0, point=None, current=None):
+    """Return the term of a dive whose own likelihood is about a truth plus what its information leaves open."""
+    matrix = information(rng, rank, size)
+    point = 0.3 * rng.standard_normal(P) if point is None else point
+    values, vectors = np.linalg.eigh(matrix)
+    noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(P))
+    time = START + np.timedelta64(int(hours * 3600 * number), "s")
+    return DiveTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_mission_hull import P, dive, information
+from support.hull_dives import P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, solve_chain
 from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, _parts, find_changes, size_likelihood

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
+from support.hull_dives import START, P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, about, solve_chain
 from gliderhpc.tuning.mission_hull import (
@@ -15,25 +16,6 @@ from gliderhpc.tuning.mission_hull import (
     widen_by_disagreement,
 )
 from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
-
-P = 5
-START = np.datetime64("2024-04-01T00:00:00")
-
-
-def information(rng, rank=P, size=30.0):
-    """Return a random information matrix, singular where the rank is less than P."""
-    root = rng.standard_normal((P, rank)) * np.sqrt(size)
-    return root @ root.T
-
-
-def dive(rng, truth, number, *, rank=P, size=30.0, hours=6.0, point=None, current=None):
-    """Return the term of a dive whose own likelihood is about a truth plus what its information leaves open."""
-    matrix = information(rng, rank, size)
-    point = 0.3 * rng.standard_normal(P) if point is None else point
-    values, vectors = np.linalg.eigh(matrix)
-    noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(P))
-    time = START + np.timedelta64(int(hours * 3600 * number), "s")
-    return DiveTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)
 
 
 def test_chain_is_the_dense_posterior():

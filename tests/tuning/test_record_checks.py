@@ -325,11 +325,23 @@ def test_dives_without_climbs_leave_the_pitch_undetermined():
 
 def test_a_covariance_by_leaving_out_counts_a_prior_once():
     rng = np.random.default_rng(0)
-    design = np.column_stack([np.ones(200), np.zeros(200)])
-    profile, residuals = np.repeat(np.arange(20), 10), rng.standard_normal(200)
-    found = left_out_covariance(design, np.ones(200), residuals, profile, np.array([0.0, 0.25]))
-    assert found[0, 0] == pytest.approx(1.0 / 200.0, rel=0.5)
-    assert found[1, 1] == pytest.approx(4.0)
+    design = np.column_stack([np.ones(200), rng.standard_normal(200), np.zeros(200)])
+    profile, values = np.repeat(np.arange(20), 10), rng.standard_normal(200)
+    weights, prior = rng.uniform(0.5, 2.0, 200), np.array([0.0, 0.3, 0.25])
+
+    def estimate(used):
+        """Least squares with the prior as three observations more."""
+        root = np.sqrt(np.append(weights[used], prior))
+        rows, seen = np.vstack([design[used], np.eye(3)]), np.append(values[used], np.zeros(3))
+        return np.linalg.lstsq(root[:, None] * rows, root * seen)[0]
+
+    whole = estimate(np.full(200, True))
+    moves = np.array([estimate(profile != number) for number in range(20)]) - whole
+    normal = design.T @ (weights[:, None] * design) + np.diag(prior)
+    once = np.linalg.inv(normal) @ np.diag(prior) @ np.linalg.inv(normal)
+    found = left_out_covariance(design, weights, values - design @ whole, profile, prior)
+    np.testing.assert_allclose(found, 19.0 / 20.0 * moves.T @ moves + once, rtol=1e-9, atol=1e-15)
+    assert found[2, 2] == pytest.approx(4.0)
 
 
 # Whole twins

@@ -4,18 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_mission_hull import P, dive
+from scipy.stats import chi2
+from support.hull_dives import P, dive
 
 from gliderhpc.tuning import weighted_sum
 from gliderhpc.tuning.gaussian_chain import Gaussian, Information
 from gliderhpc.tuning.mission_hull import changes_of
-from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum, _excess, _weights
+from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
 
-def total(scatter):
-    """Return a sum of eight dives whose truths differ by a scatter."""
+def total(scatter, outlier=0.0):
+    """Return a sum of eight dives whose truths differ by a scatter, and the last one's by more."""
     rng = np.random.default_rng(2)
-    dives = [dive(rng, 0.4 + scatter * rng.standard_normal(P), number) for number in range(8)]
+    dives = [dive(rng, 0.4 + scatter * rng.standard_normal(P) + (number == 7) * outlier, number) for number in range(8)]
     problem = SumProblem(Gaussian(np.zeros(P), np.eye(P)), changes_of(dives, np.zeros(P)), [d.term for d in dives])
     return WeightedSum.plain(problem)
 
@@ -30,14 +31,31 @@ def chains(monkeypatch):
 
 
 def test_inflation_and_weights_are_those_of_four_rounds():
-    whole = total(1.0)
-    expected, weight = np.ones(()), np.ones(8)
+    """Against dense algebra: the hull does not change, so every dive measures the same five unknowns."""
+    whole = total(0.2, outlier=2.0)
+    own = [np.linalg.inv(term.matrix) for term in whole.problem.terms]
+    measured = [covariance @ term.vector for covariance, term in zip(own, whole.problem.terms, strict=True)]
+
+    def disagreements(inflation, weight):
+        """Squared distance of every dive's unknowns, with full weight, from those of prior and other dives."""
+        found = []
+        for n in range(8):
+            others = [(weight[i] / inflation, whole.problem.terms[i]) for i in range(8) if i != n]
+            rest = np.linalg.inv(np.eye(P) + sum(part * term.matrix for part, term in others))
+            apart = measured[n] - rest @ sum(part * term.vector for part, term in others)
+            found.append(apart @ np.linalg.solve(inflation * own[n] + rest, apart))
+        return np.array(found)
+
+    inflation, weight = 1.0, np.ones(8)
     for _ in range(4):
-        expected = np.maximum(1.0, expected * _excess(*WeightedSum(whole.problem, expected, weight).disagreements))
-        weight = _weights(*WeightedSum(whole.problem, expected, weight).disagreements)
+        excess = np.median(disagreements(inflation, weight)) / chi2.ppf(0.5, P)
+        inflation = max(1.0, inflation * excess)
+        weight = np.minimum(1.0, chi2.ppf(0.99, P) / disagreements(inflation, weight))
     found = whole.agreeing()
-    assert found.inflation == expected > 2.0
-    np.testing.assert_array_equal(found.weight, weight)
+    assert inflation > 2.0
+    assert weight.min() < 0.9
+    assert found.inflation == pytest.approx(inflation, rel=1e-9)
+    np.testing.assert_allclose(found.weight, weight, rtol=1e-9)
 
 
 def test_dives_that_agree_are_summed_once(chains):
