@@ -15,7 +15,7 @@ from gliderhpc.mission.settings import validated_settings
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 
-Hull = Platform | str | Path
+HullArgument = Platform | str | Path
 """A platform, the name of a shipped one, or the path of a platform file."""
 
 Profiles = int | str | Iterable[int] | None
@@ -24,7 +24,7 @@ Profiles = int | str | Iterable[int] | None
 SettingsModel = TypeVar("SettingsModel", bound=Settings)
 
 
-def platform_of(hull: Hull) -> Platform:
+def platform_of(hull: HullArgument) -> Platform:
     """Return the platform given as an argument, loading it by name or path if necessary.
 
     Raises

@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.api.arguments import (
-    Hull,
+    HullArgument,
     Profiles,
     assignments_of,
     platform_of,
@@ -60,7 +60,7 @@ HELD_OUT = 4
 @speaks_python
 def calibrate(
     records: Records,
-    hull: Hull,
+    hull: HullArgument,
     *,
     profiles: Profiles = None,
     hold_out: Profiles = None,
@@ -266,7 +266,12 @@ def split_segments(segments: SteadySegments, held_out: Sequence[int] | None) -> 
 
 @speaks_python
 def tune(
-    records: Records, hull: Hull, *, profiles: Profiles = None, settings: TuneSettings | None = None, **named: Any
+    records: Records,
+    hull: HullArgument,
+    *,
+    profiles: Profiles = None,
+    settings: TuneSettings | None = None,
+    **named: Any,
 ) -> TunedHull:
     """Estimate the disturbance prior of filter and smoother that maximises the likelihood of the records.
 

@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.api.arguments import Hull, Profiles, chosen_profile, platform_of, profiles_text, settings_of
+from gliderhpc.api.arguments import HullArgument, Profiles, chosen_profile, platform_of, profiles_text, settings_of
 from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive import mission as archived
 from gliderhpc.errors import InputError
@@ -35,7 +35,12 @@ CHECKED_PROFILES, LAG_PROFILES = 24, 4
 
 @speaks_python
 def invert(
-    records: Records, hull: Hull, profile: int | None = None, *, settings: MissionSettings | None = None, **named: Any
+    records: Records,
+    hull: HullArgument,
+    profile: int | None = None,
+    *,
+    settings: MissionSettings | None = None,
+    **named: Any,
 ) -> xr.DataTree:
     """Invert one profile: EKF prior, smoother, windowed adjoint inversion and depth-averaged current.
 
@@ -81,7 +86,7 @@ def invert(
 @speaks_python
 def run_mission(
     records: Records,
-    hull: Hull,
+    hull: HullArgument,
     store: Place,
     *,
     profiles: Profiles = None,

@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.api.arguments import Hull, Profiles, platform_of, profiles_text, settings_of
+from gliderhpc.api.arguments import HullArgument, Profiles, platform_of, profiles_text, settings_of
 from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
@@ -283,7 +283,12 @@ class InspectedRecords:
 
 @speaks_python
 def inspect(
-    records: Records, hull: Hull, *, profiles: Profiles = None, settings: MissionSettings | None = None, **named: Any
+    records: Records,
+    hull: HullArgument,
+    *,
+    profiles: Profiles = None,
+    settings: MissionSettings | None = None,
+    **named: Any,
 ) -> InspectedRecords:
     """Check records before they are inverted: lag of depth behind attitude, offset and scale of the pitch, compass.
 

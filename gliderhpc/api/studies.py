@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.api.arguments import (
-    Hull,
+    HullArgument,
     Profiles,
     assignments_of,
     chosen_profile,
@@ -141,7 +141,7 @@ def validate_archive(
     *,
     profiles: str | None = None,
     quick: bool = False,
-    report: Callable[[int], None] = lambda _: None,
+    on_profile: Callable[[int], None] = lambda _: None,
 ) -> Findings:
     """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
 
@@ -151,7 +151,9 @@ def validate_archive(
         The archive was made from other observations or on other axes, or has no such profile.
     """
     with restored_on_error(store, GROUP):
-        run_validation(observations, platform, settings, store, executor, profiles=profiles, quick=quick, report=report)
+        run_validation(
+            observations, platform, settings, store, executor, profiles=profiles, quick=quick, on_profile=on_profile
+        )
         return _findings(GROUP, store)
 
 
@@ -248,7 +250,7 @@ def analyze(
 @speaks_python
 def validate(
     records: Records,
-    hull: Hull,
+    hull: HullArgument,
     store: str | Path,
     *,
     profiles: Profiles = None,

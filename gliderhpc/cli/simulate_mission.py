@@ -83,14 +83,20 @@ def simulate(
     with logging_to(log_file), progress(scenario.profiles, "profiles") as advance:
         _note_ocean(platform, scenario)
 
-        def report(profile: ProfileSummary) -> None:
+        def on_profile(profile: ProfileSummary) -> None:
             minutes = profile.duration / 60.0
             log.info("profile %d: %.0f minutes to %.0f m simulated", profile.number, minutes, profile.max_depth)
             advance()
 
         with local_executor(count, warm_simulator) as executor:
             summary = simulate_mission(
-                platform, out, scenario=scenario, seed=seed, run=executor.run, report=report, overwrite=overwrite
+                platform,
+                out,
+                scenario=scenario,
+                seed=seed,
+                run=executor.run,
+                on_profile=on_profile,
+                overwrite=overwrite,
             )
     _print(summary, results())
     return DONE

@@ -124,7 +124,7 @@ def analyze(
             models=models,
             reference=reference,
             assignments=_check_study_names(assignments),
-            report=lambda _: advance(),
+            on_profile=lambda _: advance(),
         )
         for name in _names(study, request):
             folder = _folder(out, archive, name, estimate, alone=study != ALL)
@@ -221,7 +221,7 @@ def validate(
             executor_for(workers),
             profiles=profiles,
             quick=quick,
-            report=lambda _: advance(),
+            on_profile=lambda _: advance(),
         )
     return write_and_print(findings, GROUP, out)
 

@@ -159,7 +159,7 @@ def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress:
             most=inputs.rounds,
             turn_test=settings.turn_test,
             executor=opened,
-            report=advance,
+            on_dive=advance,
         ).run(inputs.start)
 
 

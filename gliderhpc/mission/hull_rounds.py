@@ -224,7 +224,7 @@ class DiveRounds:
         Largest number of rounds.
     executor : Executor
         Executor of the dives.
-    report : callable
+    on_dive : callable
         Function called after every dive.
 
     Notes
@@ -239,7 +239,7 @@ class DiveRounds:
     def __init__(
         self, observations: Observations, base: Platform, parameters: tuple[HullParameter, ...],
         fitted: Sequence[int], held_out: Sequence[int], *, estimation: EstimationSettings, settings: RoundSettings,
-        most: int, turn_test: TurnTestSettings, executor: Executor, report: Callable[[], None] = lambda: None,
+        most: int, turn_test: TurnTestSettings, executor: Executor, on_dive: Callable[[], None] = lambda: None,
     ) -> None:  # fmt: skip
         self._observations, self._base, self._parameters = observations, base, parameters
         self._fitted, self._held_out = list(fitted), list(held_out)
@@ -248,7 +248,7 @@ class DiveRounds:
             update={"step": step, "output_interval": step * round(_RECORD_INTERVAL / step)}
         )
         self._settings, self._most, self._turn_test = settings, most, turn_test
-        self._executor, self._report = executor, report
+        self._executor, self._on_dive = executor, on_dive
         self._prior = HullPrior.plausible(np.array([p.walk(base) for p in parameters]))
 
     def run(self, start: Platform) -> HullRounds:
@@ -319,7 +319,7 @@ class DiveRounds:
         dives = []
         for dive in self._executor.run(smoothed_dive, jobs):
             dives.append(dive)
-            self._report()
+            self._on_dive()
             if dive.information is None:
                 log.warning("profile %d is left out: %s", dive.number, dive.message)
         return sorted(dives, key=lambda each: each.number)

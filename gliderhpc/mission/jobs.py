@@ -78,7 +78,7 @@ class BatchJob:
     threads: int = 1
 
     @property
-    def estimated(self) -> int:
+    def estimated_count(self) -> int:
         """Number of profiles that are not amendable."""
         return sum(index not in self.amendable for _, index in self.profiles)
 
@@ -105,8 +105,8 @@ def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
 def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
     """Run a job as `batch_results` does, on observations that are open already."""
     # On vectors this short, threads of linear algebra cost far more than they gain.
-    with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated == 1 else 0) as threads:
-        batch = _Batch(job, observations)
+    with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated_count == 1 else 0) as threads:
+        batch = _BatchRunner(job, observations)
         for work, estimate in estimate_profiles(batch.tasks(), job.settings, with_hull=True, threads=threads):
             batch.finish(work, estimate)
             yield from batch.new_results()
@@ -114,7 +114,7 @@ def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResu
 
 
 @dataclass(frozen=True, eq=False)
-class _Work:
+class _PendingProfile:
     """A profile in progress: number, position, row so far, digests of its inputs, record, and computing time so far."""
 
     number: int
@@ -125,7 +125,7 @@ class _Work:
     seconds: float
 
 
-class _Batch:
+class _BatchRunner:
     """Reader of a job's records and writer of its estimates, profile by profile."""
 
     def __init__(self, job: BatchJob, observations: Observations) -> None:
@@ -139,7 +139,7 @@ class _Batch:
         while self._results:
             yield self._results.popleft()
 
-    def tasks(self) -> Iterator[tuple[_Work, PreparedProfile]]:
+    def tasks(self) -> Iterator[tuple[_PendingProfile, PreparedProfile]]:
         """Read each profile's record; unusable ones fail here, and those already committed are skipped."""
         settings, glider = self._job.settings, Glider(self._job.platform)
         common = common_digests(self._job.platform, settings)
@@ -162,10 +162,10 @@ class _Batch:
                 self._rows.begin(index)
                 self._commit(number, index, row | failed_row(str(error), record), inputs, time.perf_counter() - began)
             else:
-                work = _Work(number, index, row, inputs, record, time.perf_counter() - began)
+                work = _PendingProfile(number, index, row, inputs, record, time.perf_counter() - began)
                 yield work, prepare_profile(glider, series)
 
-    def finish(self, work: _Work, estimate: ProfileEstimate | ProfileError) -> None:
+    def finish(self, work: _PendingProfile, estimate: ProfileEstimate | ProfileError) -> None:
         """Write the outcome of a profile."""
         began, seconds = time.perf_counter(), work.seconds
         check_held(self._job.store, self._job.token)
@@ -234,7 +234,7 @@ def commit_profile(
 
 
 @dataclass(frozen=True)
-class MissionWork:
+class RunInputs:
     """Inputs and archive of a run."""
 
     observations: Observations
@@ -286,7 +286,7 @@ def batch_sizes(settings: MissionSettings, profiles: int, workers: int) -> list[
 
 
 def profile_results(
-    opened: Executor, work: MissionWork, token: str, profiles: Sequence[tuple[int, int]]
+    opened: Executor, work: RunInputs, token: str, profiles: Sequence[tuple[int, int]]
 ) -> Iterator[ProfileResult]:
     """Run batches of profiles, and retry the unfinished profiles of failed batches singly.
 
@@ -297,7 +297,7 @@ def profile_results(
     """
     left, sizes = iter(profiles), batch_sizes(work.settings, len(profiles), opened.workers)
     batches = [work.job(tuple(islice(left, size)), token) for size in sizes]
-    threads = opened.threads(sum(batch.estimated > 0 for batch in batches))
+    threads = opened.threads(sum(batch.estimated_count > 0 for batch in batches))
     batches = [replace(batch, threads=threads) for batch in batches]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
@@ -327,7 +327,7 @@ def _raise_if_permanent(error: Exception) -> None:
         raise error
 
 
-def _commit_failed(work: MissionWork, token: str, job: BatchJob, why: str) -> ProfileResult:
+def _commit_failed(work: RunInputs, token: str, job: BatchJob, why: str) -> ProfileResult:
     """Commit a profile as failed, on behalf of its worker."""
     ((number, index),) = job.profiles
     check_held(work.store, token)

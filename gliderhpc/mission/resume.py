@@ -8,7 +8,7 @@ from typing import Any
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.inputs import FIXES, differs_in_fixes_only
-from gliderhpc.mission.jobs import MissionWork
+from gliderhpc.mission.jobs import RunInputs
 from gliderhpc.mission.planning import MissionPlan
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.store_schema import (
@@ -132,13 +132,13 @@ def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | No
 
 
 def examine_archive(
-    work: MissionWork, plan: MissionPlan, append: bool, check_last: int | None = None
+    work: RunInputs, plan: MissionPlan, append: bool, check_last: int | None = None
 ) -> tuple[list[int], Validity]:
     """Determine the valid profiles of an archive; nothing is changed except damaged metadata, which are repaired.
 
     Parameters
     ----------
-    work : MissionWork
+    work : RunInputs
         Inputs and archive of the run.
     plan : MissionPlan
         Profiles and sizes of the run.
@@ -179,7 +179,7 @@ def examine_archive(
 
 
 def prepare_archive(
-    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool
+    work: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool
 ) -> None:
     """Prepare an archive for the run: add space for new profiles, clear the markers of outstanding ones, update tables.
 

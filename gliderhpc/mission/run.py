@@ -19,7 +19,7 @@ from gliderhpc.estimation.quality import SLOPE_BIAS, USUALLY_CONVERGED
 from gliderhpc.estimation.settings import smoother_passes
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.jobs import MissionWork, ProfileResult, profile_results, run_batch
+from gliderhpc.mission.jobs import ProfileResult, RunInputs, profile_results, run_batch
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.planning import MissionPlan, plan_mission
@@ -119,7 +119,7 @@ def run_mission(
     _warn_about_unused_settings(platform, settings)
     began = time.monotonic()
     attributes = archive_attributes(observations, platform, settings)
-    work = MissionWork(observations, platform, settings, absolute(store))
+    work = RunInputs(observations, platform, settings, absolute(store))
     with locked(store) as token:
         restore_set_aside(store)
         open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
@@ -226,7 +226,7 @@ def archive_attributes(observations: Observations, platform: Platform, settings:
 
 def _execute(
     opened: Executor,
-    work: MissionWork,
+    work: RunInputs,
     token: str,
     profiles: Sequence[tuple[int, int]],
     table: dict[int, Row],
@@ -249,7 +249,7 @@ def _execute(
 
 @contextmanager
 def _resume(
-    work: MissionWork, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
+    work: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
     """Prepare an existing archive, which remains in place even if the run fails."""
     prepare_archive(work, attributes, plan, validity, append)
@@ -320,7 +320,7 @@ def invert_profile(
     plan = plan_mission(observations, settings, (number,))
     with place_in_memory() as place:
         create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
-        work = MissionWork(observations, platform, settings, str(place))
+        work = RunInputs(observations, platform, settings, str(place))
         job = replace(work.job(((number, 0),), token=None), threads=default_workers())
         (result,) = run_batch(observations, job)
         if result.row["status"] != "done":

@@ -128,7 +128,7 @@ def simulate_mission(
     scenario: Scenario | None = None,
     seed: int = 0,
     run: RunJobs = one_by_one,
-    report: Callable[[ProfileSummary], None] | None = None,
+    on_profile: Callable[[ProfileSummary], None] | None = None,
     overwrite: bool = False,
 ) -> MissionSummary:
     """Simulate a mission and write it as observations, with the truth next to it.
@@ -146,7 +146,7 @@ def simulate_mission(
     run : callable, optional
         Function that runs the simulation of the profiles, such as ``Executor.run`` of ``gliderhpc.mission``; by default
         they run in this process. The bytes do not depend on it, and only a few profiles are in memory at a time.
-    report : callable, optional
+    on_profile : callable, optional
         Function that is called with the summary of each profile after it has been written.
     overwrite : bool
         Replace existing files.
@@ -169,8 +169,8 @@ def simulate_mission(
             observed.append(observation_columns(record))
             append_truth(true, truth)
             summaries.append(_summary(truth))
-            if report is not None:
-                report(summaries[-1])
+            if on_profile is not None:
+                on_profile(summaries[-1])
     elapsed = float((truth.surface_until - np.datetime64(scenario.start, "ns")) / SECOND)
     return MissionSummary(path, truth_path(path), tuple(summaries), elapsed)
 

@@ -314,7 +314,7 @@ def _run_batches(plan: Plan, planned: list[Realisation], mission: MissionSetting
             results += batch
             for profile in {null.profile for null, _, _ in batch} - seen:
                 seen.add(profile)
-                request.report(profile)
+                request.on_profile(profile)
     return sorted(results, key=lambda result: result[0].index)
 
 

@@ -105,7 +105,7 @@ def run_jobs(
             for result, written in studied:
                 results.append(result)
                 digests[result.index] = written
-                request.report(result.number)
+                request.on_profile(result.number)
     return sorted(results, key=lambda result: result.number), digests
 
 

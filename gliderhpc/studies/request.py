@@ -42,7 +42,7 @@ class Request:
         Settings of the study, as ``KEY=VALUE``.
     models : tuple of str
         Files, patterns of files and OPeNDAP addresses of ocean models.
-    report : callable
+    on_profile : callable
         Function called with the number of each finished profile.
     """
 
@@ -57,7 +57,7 @@ class Request:
     models: tuple[str, ...] = ()
     reference: Path | None = None
     assignments: tuple[str, ...] = ()
-    report: Callable[[int], None] = lambda _: None
+    on_profile: Callable[[int], None] = lambda _: None
 
     @property
     def path(self) -> str:

@@ -176,7 +176,7 @@ def validate(
     *,
     profiles: str | None = None,
     quick: bool = False,
-    report: Callable[[int], None] = lambda _: None,
+    on_profile: Callable[[int], None] = lambda _: None,
 ) -> None:
     """Simulate every chosen profile of an archive open loop, and write the comparison into its group ``validation``.
 
@@ -195,7 +195,7 @@ def validate(
         Profiles of the archive to simulate, such as ``18:20,68``.
     quick : bool
         True to simulate only the first few of these.
-    report : callable
+    on_profile : callable
         Function called with the number of each finished profile.
 
     Raises
@@ -211,7 +211,7 @@ def validate(
         _check_belongs(archive, observations, chosen, settings, store)
     jobs = [(number, index, observations.survey.only([number])) for number, index in chosen.items()]
     create_study(store, GROUP)
-    request = Request(Path(store), executor, report=report)
+    request = Request(Path(store), executor, on_profile=on_profile)
     inputs = (str(Path(observations.path).resolve()), platform, settings)
     results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
     write_table_rows(store, {result.index: result.table_row for result in results}, GROUP)

@@ -122,7 +122,7 @@ def tune_prior(
     platform: Platform,
     profiles: Sequence[PreparedProfile],
     settings: TuneSettings,
-    report: Callable[[float], None] = lambda _: None,
+    on_round: Callable[[float], None] = lambda _: None,
 ) -> TunedPrior:
     """Maximise the innovations' likelihood over the twelve numbers of the disturbance prior.
 
@@ -145,7 +145,7 @@ def tune_prior(
         Profiles of that hull.
     settings : TuneSettings
         Settings of the filter and of the tuning.
-    report : callable
+    on_round : callable
         Called with the log-likelihood of every round.
 
     Raises
@@ -156,7 +156,7 @@ def tune_prior(
     likelihood = PriorLikelihood(profiles, settings, recovery=settings.tuning.recovery)
     interval = float(np.median([profile.series.attitude_interval for profile in profiles]))
     before = default_prior(platform, interval)
-    search = _Search(likelihood, before, settings, report)
+    search = _Search(likelihood, before, settings, on_round)
     search.climb([_logarithms(prior) for prior in _starts(platform, interval)])
     untuned = with_yaw_of(smoother_prior(platform, before, interval), before)
     search.hold_too_tight(untuned, settings.tuning.least_noise)
@@ -210,10 +210,10 @@ class _Search:
         likelihood: PriorLikelihood,
         before: DisturbancePrior,
         settings: TuneSettings,
-        report: Callable[[float], None],
+        on_round: Callable[[float], None],
     ) -> None:
         self._function = _LogarithmicLikelihood(likelihood)
-        self.held, self._report = np.array(before.numbers), report
+        self.held, self._on_round = np.array(before.numbers), on_round
         self._max_rounds = settings.tuning.max_rounds
         self._worst_error = math.log(settings.tuning.error_factor)
         limits = np.log(np.repeat([DEVIATION_LIMITS, TIME_LIMITS], 6, axis=0))
@@ -305,7 +305,7 @@ class _Search:
             self._bounds,
             tolerance=tolerance,
             max_rounds=self._max_rounds,
-            report=self._report,
+            on_round=self._on_round,
         )
 
 

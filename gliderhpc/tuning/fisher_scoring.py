@@ -66,7 +66,7 @@ def maximise(
     *,
     tolerance: float,
     max_rounds: int,
-    report: Callable[[float], None] = lambda _: None,
+    on_round: Callable[[float], None] = lambda _: None,
 ) -> Maximum:
     """Maximise a log-likelihood by damped Fisher scoring.
 
@@ -87,13 +87,13 @@ def maximise(
         Gain of log-likelihood at or below which a round is the last; its step is not taken.
     max_rounds : int
         Largest number of steps.
-    report : callable
+    on_round : callable
         Called with the log-likelihood of every round.
     """
     point, rounds = start.copy(), 0
     while True:
         expansion = likelihood.expanded(point, free)
-        report(expansion.value)
+        on_round(expansion.value)
         if rounds == max_rounds:
             return Maximum(point, expansion, rounds, settled=False)
         trials = _trials(point, free, expansion, bounds)

@@ -424,7 +424,7 @@ def test_partial_files_of_a_killed_worker_are_removed_at_the_end_of_the_run(swif
 
 def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift, tmp_path, monkeypatch):
     """Profiles that were committed before the error are neither computed nor reported twice."""
-    finish, calls = jobs._Batch.finish, []
+    finish, calls = jobs._BatchRunner.finish, []
 
     def fails_once(self, work, estimate):
         calls.append(work.number)
@@ -432,7 +432,7 @@ def test_a_batch_that_ends_in_an_error_is_tried_again_but_for_what_is_done(swift
             raise RuntimeError("no luck")
         finish(self, work, estimate)
 
-    monkeypatch.setattr(jobs._Batch, "finish", fails_once)
+    monkeypatch.setattr(jobs._BatchRunner, "finish", fails_once)
     reported = []
     with open_observations(swift) as observations:
         result = run_mission(

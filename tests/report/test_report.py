@@ -29,7 +29,7 @@ from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.page import write_mission_page, write_profile_page
-from gliderhpc.report.page.content import Picture
+from gliderhpc.report.page.content import FigureBlock
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
@@ -221,7 +221,7 @@ def test_figures_draw_the_tables_numbers(studied):
     with open_for_reading(studied) as archive:
         section = overview_section(archive, describe(studied))
         table = archive.to_dataset().load()
-    pictures = {block.stem: block.figure for block in section.blocks if isinstance(block, Picture)}
+    pictures = {block.stem: block.figure for block in section.blocks if isinstance(block, FigureBlock)}
     depth, converged, *_ = pictures["profiles_over_time"].axes
     np.testing.assert_allclose(depth.lines[0].get_ydata(), table["max_depth"].values)
     np.testing.assert_allclose(converged.lines[0].get_ydata(), 100.0 * table["converged_fraction"].values)

@@ -419,7 +419,7 @@ def test_interrupted_mission_leaves_nothing(petrel, rough, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate_mission(petrel, tmp_path / "m.nc", scenario=rough, report=stop)
+        simulate_mission(petrel, tmp_path / "m.nc", scenario=rough, on_profile=stop)
     assert not any(tmp_path.iterdir())
 
 

@@ -35,7 +35,7 @@ def climb(likelihood, start, free=FREE, bounds=WIDE, tolerance=1e-9, max_rounds=
 
 def test_a_climb_ends_at_the_top_and_reports_every_round():
     values = []
-    found = climb(Parabola([1.5, -3.0], CURVATURE), [0.0, 0.0], report=values.append)
+    found = climb(Parabola([1.5, -3.0], CURVATURE), [0.0, 0.0], on_round=values.append)
     np.testing.assert_allclose(found.point, [1.5, -3.0], atol=1e-4)
     assert found.settled
     assert len(values) == found.rounds + 1

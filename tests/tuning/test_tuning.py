@@ -63,7 +63,7 @@ def test_fisher_scoring_respects_bounds_and_held_parameters():
 
 def test_fisher_scoring_is_not_settled_after_too_few_rounds():
     reported = []
-    found = climbed([0.0, 4.0, -4.0], max_rounds=1, report=reported.append)
+    found = climbed([0.0, 4.0, -4.0], max_rounds=1, on_round=reported.append)
     assert not found.settled
     assert found.rounds == 1
     assert reported[1] > reported[0]

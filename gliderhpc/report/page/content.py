@@ -20,10 +20,10 @@ Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Words:
+class Paragraph:
     """A paragraph."""
 
-    kind: ClassVar[str] = "words"
+    kind: ClassVar[str] = "paragraph"
     text: str
 
 
@@ -63,7 +63,7 @@ class Facts:
 
 
 @dataclass(frozen=True)
-class Grid:
+class Table:
     """A table.
 
     Attributes
@@ -78,7 +78,7 @@ class Grid:
         Number of columns on the page, None for all; the CSV file has all of them.
     """
 
-    kind: ClassVar[str] = "grid"
+    kind: ClassVar[str] = "table"
     stem: str
     caption: str
     rows: Sequence[Row]
@@ -86,7 +86,7 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class FigureBlock:
     """A figure.
 
     Attributes
@@ -101,7 +101,7 @@ class Picture:
         Figure to draw, its images, or a PNG file to copy.
     """
 
-    kind: ClassVar[str] = "picture"
+    kind: ClassVar[str] = "figure"
     stem: str
     caption: str
     alternative: str
@@ -117,8 +117,8 @@ class Index:
 
 
 @dataclass(frozen=True)
-class RosterEntry:
-    """Row of a roster.
+class LinkedTableEntry:
+    """Row of a linked table.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class RosterEntry:
 
 
 @dataclass(frozen=True)
-class Roster:
+class LinkedTable:
     """A table with links in its rows, which narrow screens show as a list.
 
     Attributes
@@ -149,21 +149,21 @@ class Roster:
         Stem of the CSV file's name, and caption.
     columns : tuple of str
         Headings; the first is that of the entries' titles, the others are those of the cells.
-    entries : tuple of RosterEntry
+    entries : tuple of LinkedTableEntry
         Rows on the page.
     rows : sequence of mapping
         Rows of the CSV file.
     """
 
-    kind: ClassVar[str] = "roster"
+    kind: ClassVar[str] = "linked_table"
     stem: str
     caption: str
     columns: tuple[str, ...]
-    entries: tuple[RosterEntry, ...]
+    entries: tuple[LinkedTableEntry, ...]
     rows: Sequence[Row]
 
 
-Block = Words | Notice | Remarks | Commands | Facts | Grid | Roster | Picture | Index
+Block = Paragraph | Notice | Remarks | Commands | Facts | Table | LinkedTable | FigureBlock | Index
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def drawn(section: Section) -> Section:
 
 
 def _drawn(block: Block) -> Block:
-    if not isinstance(block, Picture) or isinstance(block.figure, Images | Path):
+    if not isinstance(block, FigureBlock) or isinstance(block.figure, Images | Path):
         return block
     return replace(block, figure=images_of(block.figure))
 

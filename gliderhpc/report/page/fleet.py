@@ -14,7 +14,17 @@ from urllib.parse import quote
 from gliderhpc.errors import InputError
 from gliderhpc.report.next_surfacing import PROBABILITY
 from gliderhpc.report.page.anomalies import POORLY_CONVERGED
-from gliderhpc.report.page.content import Block, Commands, Notice, Page, Picture, Roster, RosterEntry, Row, Section
+from gliderhpc.report.page.content import (
+    Block,
+    Commands,
+    FigureBlock,
+    LinkedTable,
+    LinkedTableEntry,
+    Notice,
+    Page,
+    Row,
+    Section,
+)
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
@@ -54,15 +64,15 @@ class _Member:
         return self.folder if self.state is None else f"{self.folder}: {self.state.mission}"
 
     @property
-    def entry(self) -> RosterEntry:
+    def entry(self) -> LinkedTableEntry:
         title = f"{self.number}  {self.folder}"
         if self.state is None:
-            return RosterEntry(title, str(self.place), None, {}, self.fault)
+            return LinkedTableEntry(title, str(self.place), None, {}, self.fault)
         address = None if self.fault else f"{quote(os.fsencode(self.folder), safe='')}/{MISSION_PAGE}"
         cells = self.state.cells
         if self.fault:
             cells = {**cells, "anomalies": (f"no separate page: {self.fault}", *self.state.anomalies)}
-        return RosterEntry(title, self.state.mission, address, cells)
+        return LinkedTableEntry(title, self.state.mission, address, cells)
 
     @property
     def row(self) -> Row:
@@ -170,7 +180,7 @@ def _report_member(member: _Member, out: Path) -> _Member:
 
 
 def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
-    roster = Roster(
+    roster = LinkedTable(
         "fleet", _CAPTION, _COLUMNS, tuple(member.entry for member in members), [member.row for member in members]
     )
     command = shlex.join(["gliderhpc", "report", *(str(member.place) for member in members), "--out", str(out)])
@@ -202,4 +212,4 @@ def _map_block(members: Sequence[_Member]) -> Block:
     currents = sum(track.has_current for track in tracks)
     drawn = counted(len(tracks) - len(missing), "mission")
     alternative = f"Map of the tracks of {drawn}, with the last current of {currents} as arrows."
-    return Picture("fleet_map", caption, alternative, figure)
+    return FigureBlock("fleet_map", caption, alternative, figure)

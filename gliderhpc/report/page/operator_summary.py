@@ -10,7 +10,7 @@ from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
-from gliderhpc.report.page.content import Facts, Notice, Remarks, Section, Words
+from gliderhpc.report.page.content import Facts, Notice, Paragraph, Remarks, Section
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
@@ -43,10 +43,10 @@ def operator_section(archive: Archive, summary: Summary) -> Section:
     return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(anomalies)))
 
 
-def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Words]:
+def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
     if anomalies:
         return (Remarks(tuple(anomalies), "Anomalies in this mission"),)
-    return (Words("Every profile was estimated without remark."),)
+    return (Paragraph("Every profile was estimated without remark."),)
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:

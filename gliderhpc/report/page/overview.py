@@ -6,7 +6,7 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts, failure_text
-from gliderhpc.report.page.content import Block, Facts, Grid, Notice, Picture, Row, Section, limited_warnings
+from gliderhpc.report.page.content import Block, Facts, FigureBlock, Notice, Row, Section, Table, limited_warnings
 from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
 from gliderhpc.store_schema import STATUS
 from gliderhpc.studies.library.scores import finite_median
@@ -20,13 +20,13 @@ def overview_section(archive: Archive, summary: Summary) -> Section:
     blocks = (
         Facts(_facts(summary, table)),
         *limited_warnings(failed, "profiles failed; the table gives the reasons"),
-        Grid(
+        Table(
             "outcomes",
             "Outcomes of the profiles, and of the windows of the profiles that are done.",
             [*profile_outcomes(summary), *window_outcomes(archive)],
         ),
         *_pictures(table),
-        Grid("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN),
+        Table("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN),
     )
     return Section("overview", "Mission overview", blocks)
 
@@ -94,12 +94,12 @@ def _pictures(table: MissionTable) -> list[Block]:
     if track is None:
         pictures.append(Notice("no profile has a fix before and after it, so there is no map"))
     else:
-        pictures.append(Picture("map", _map_caption(table), _map_alternative(table), track))
+        pictures.append(FigureBlock("map", _map_caption(table), _map_alternative(table), track))
     pictures.append(
-        Picture("profiles_over_time", _PROFILES_CAPTION, _profiles_alternative(table), profiles_figure(table))
+        FigureBlock("profiles_over_time", _PROFILES_CAPTION, _profiles_alternative(table), profiles_figure(table))
     )
     pictures.append(
-        Picture(
+        FigureBlock(
             "timing",
             _timing_caption(table),
             "Computing time of every profile in seconds, and the dive's duration relative to it.",

@@ -13,7 +13,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts_of, instant, platform_name
-from gliderhpc.report.page.content import Block, Commands, Grid, Notice, Page, Picture, Section, Words, heading
+from gliderhpc.report.page.content import Block, Commands, FigureBlock, Notice, Page, Paragraph, Section, Table, heading
 from gliderhpc.report.page.profile_figures import (
     controls_figure,
     track_figure,
@@ -60,12 +60,12 @@ def profile_page(archive: Archive, number: int, place: Place, command: str, trut
 
 def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
     """Assemble the results, the message, the quality of the samples, and the row of the archive's table."""
-    blocks: list[Block] = [Words(line + ".") for line in facts_of(data, None)]
+    blocks: list[Block] = [Paragraph(line + ".") for line in facts_of(data, None)]
     message = str(data.table["message"])
     if message:
         blocks.append(Notice(message))
-    blocks.append(Grid(f"{stem}_quality", "Share of the samples with each quality flag.", _quality_rows(data)))
-    blocks.append(Grid(f"{stem}_row", "Row of the profile in the archive's table.", _row(archive, data.number)))
+    blocks.append(Table(f"{stem}_quality", "Share of the samples with each quality flag.", _quality_rows(data)))
+    blocks.append(Table(f"{stem}_row", "Row of the profile in the archive's table.", _row(archive, data.number)))
     return Section("profile", "The profile and its row in the archive", tuple(blocks))
 
 
@@ -109,8 +109,8 @@ def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...
     )
     shown = "Iterations, cost and optimality measure of every window over the time of the profile, marked by outcome."
     return (
-        Picture(f"{stem}_windows", caption, shown, windows_figure(data, windows)),
-        Grid(
+        FigureBlock(f"{stem}_windows", caption, shown, windows_figure(data, windows)),
+        Table(
             f"{stem}_windows", "The windows; times are counted from the profile's first sample.", window_rows(windows)
         ),
     )
@@ -132,8 +132,8 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
         "from the statistics of steady glide."
     )
     shown = "Battery position and rotation, ballast volume and rudder over time, with the vibration set shaded."
-    picture = Picture(f"{stem}_controls", caption, shown, controls_figure(data))
-    return (picture, Grid(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
+    picture = FigureBlock(f"{stem}_controls", caption, shown, controls_figure(data))
+    return (picture, Table(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
 def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
@@ -145,13 +145,13 @@ def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> t
         "through the water differ."
     )
     blocks: list[Block] = [
-        Grid(
+        Table(
             f"{stem}_currents",
             "Depth-averaged current by method, with one standard deviation where it is "
             "known; reports and exports adopt the smoother's wherever it is usable.",
             _current_rows(data),
         ),
-        Picture(
+        FigureBlock(
             f"{stem}_track",
             caption,
             f"Track of profile {data.number} from above, with fixes and current.",
@@ -196,7 +196,7 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
     number = representative_profile(archive)
     if number is None:
         return None
-    introduction = Words(
+    introduction = Paragraph(
         f"Profile {number}, of median depth among the estimated profiles, serves as an example (as in the "
         "publication's Figures 2 and 3)."
     )
@@ -205,10 +205,10 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
     return Section("representative", f"A representative profile: {number}", (introduction, figure, other))
 
 
-def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> Picture:
+def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> FigureBlock:
     """Draw a profile's motion and disturbances, with the truth if it is known."""
     known = None if truth is None else read_profile_truth(truth, number)
-    return Picture(
+    return FigureBlock(
         stem,
         f"Profile {number}. {_MOTION_CAPTION}{'' if truth is None else _WITH_TRUTH}",
         _alternative(number),
@@ -262,8 +262,8 @@ def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str
     )
     return (
         *doubt,
-        Picture(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, shown, figure),
-        Grid(f"{stem}_current_by_depth", "The depth bins that have a value.", _bin_rows(bins)),
+        FigureBlock(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, shown, figure),
+        Table(f"{stem}_current_by_depth", "The depth bins that have a value.", _bin_rows(bins)),
     )
 
 

@@ -19,7 +19,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import Images, images_of
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
-from gliderhpc.report.page.content import Grid, Page, Picture, Roster
+from gliderhpc.report.page.content import FigureBlock, LinkedTable, Page, Table
 from gliderhpc.store_schema.place import Place, absolute, is_address
 from gliderhpc.version import __version__
 
@@ -43,17 +43,17 @@ class Column:
     numeric: bool
 
 
-def columns_of(grid: Grid) -> list[Column]:
+def columns_of(grid: Table) -> list[Column]:
     """Return the columns that the page shows, in order of appearance."""
     return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
 
 
-def shown_rows(grid: Grid) -> Sequence[Any]:
+def shown_rows(grid: Table) -> Sequence[Any]:
     """Return the rows that the page shows."""
     return grid.rows[:MAX_TABLE_ROWS]
 
 
-def describe_omitted(grid: Grid) -> str:
+def describe_omitted(grid: Table) -> str:
     """Describe the rows and columns that the page does not show; empty if it shows all."""
     rows = max(0, len(grid.rows) - MAX_TABLE_ROWS)
     columns = 0 if grid.shown is None else max(0, len(_names(grid)) - grid.shown)
@@ -61,7 +61,7 @@ def describe_omitted(grid: Grid) -> str:
     return f"{' and '.join(parts)} are in {grid.stem}.csv." if parts else ""
 
 
-def _names(grid: Grid) -> list[str]:
+def _names(grid: Table) -> list[str]:
     return list(dict.fromkeys(name for row in grid.rows for name in row))
 
 
@@ -190,9 +190,13 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
     """
     blocks = [block for section in page.sections for block in section.blocks]
     with filled_aside(folder) as aside:
-        figures = {block.stem: embed(block.figure, aside, block.stem) for block in blocks if isinstance(block, Picture)}
+        figures = {
+            block.stem: embed(block.figure, aside, block.stem) for block in blocks if isinstance(block, FigureBlock)
+        }
         tables = [
-            write_csv(aside / f"{block.stem}.csv", block.rows) for block in blocks if isinstance(block, Grid | Roster)
+            write_csv(aside / f"{block.stem}.csv", block.rows)
+            for block in blocks
+            if isinstance(block, Table | LinkedTable)
         ]
         (aside / name).write_text(_html(page, figures, made), "utf-8", "replace")
     return Written(

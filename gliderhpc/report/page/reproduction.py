@@ -16,7 +16,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flatten_settings
-from gliderhpc.report.page.content import Block, Commands, Facts, Grid, Section
+from gliderhpc.report.page.content import Block, Commands, Facts, Section, Table
 from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import platform_or_none
@@ -123,12 +123,12 @@ def provenance_section(archive: Archive, place: Place, command: str) -> Section:
     blocks: list[Block] = [
         Facts(_versions(archive.attrs)),
         Commands(_describe_commands(archive), commands),
-        Grid("settings", "All settings of the run.", _rows(archive.attrs.get("settings"))),
-        Grid("platform", "The platform, in the units of its file.", _rows(archive.attrs.get("platform"))),
+        Table("settings", "All settings of the run.", _rows(archive.attrs.get("settings"))),
+        Table("platform", "The platform, in the units of its file.", _rows(archive.attrs.get("platform"))),
     ]
     made = list(_study_rows(archive, studies))
     if made:
-        blocks.append(Grid("study_settings", "Settings of the studies.", made))
+        blocks.append(Table("study_settings", "Settings of the studies.", made))
     return Section("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
 
 

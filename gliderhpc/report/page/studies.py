@@ -16,14 +16,14 @@ from gliderhpc.findings.findings import COLUMNS, Comparison, Findings, compariso
 from gliderhpc.report.page.content import (
     Block,
     Commands,
-    Grid,
+    FigureBlock,
     Index,
     Notice,
-    Picture,
+    Paragraph,
     Remarks,
     Row,
     Section,
-    Words,
+    Table,
     heading,
     limited_warnings,
 )
@@ -65,7 +65,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
     title, reference = study_title(name), f" ({published} of the publication)" if published else ""
-    introduction = Words(f"{title[0].upper()}{title[1:]}{reference}.")
+    introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
     return Section(name, heading_text, (introduction, *blocks))
 
 
@@ -111,16 +111,16 @@ def _headings(name: str, archive: Archive) -> dict[str, str]:
 def _study_blocks(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
     """Return figures, then the comparison, then tables."""
     blocks: list[Block] = [
-        Picture(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
+        FigureBlock(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
         for stem, figure in found.figures.items()
     ]
     blocks += [
-        comparison_grid(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
+        comparison_block(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
         for index, rows in enumerate(found.comparisons.values())
         if rows
     ]
     blocks += [
-        Grid(
+        Table(
             f"{name}_{stem}",
             found.captions.get(stem, ""),
             [{headings.get(column, column): value for column, value in row.items()} for row in rows],
@@ -145,9 +145,9 @@ def _alternative(name: str, stem: str, found: Findings) -> str:
     return f"{title}. Panels: {'; '.join(panels)}." if panels else f"{title}."
 
 
-def comparison_grid(stem: str, rows: Sequence[Comparison], title: str = "") -> Grid:
+def comparison_block(stem: str, rows: Sequence[Comparison], title: str = "") -> Table:
     """Return a table that compares the publication's values with ours."""
-    return Grid(stem, f"{title}{_COMPARISON_CAPTION}", [comparison_row(row) for row in rows])
+    return Table(stem, f"{title}{_COMPARISON_CAPTION}", [comparison_row(row) for row in rows])
 
 
 def comparison_row(row: Comparison) -> Row:
@@ -184,21 +184,21 @@ def windows_section(twins: Path | None, platform: str) -> Section:
     if twins is None:
         command = f"gliderhpc twin windows --platform {platform} --out twins"
         remedy = "They were not given with --twins. To run them, for `gliderhpc report ... --twins twins`:"
-        return Section(_WINDOWS, _WINDOWS_TITLE, (Words(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
+        return Section(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
     content, rows = _read_twins(twins)
-    blocks: list[Block] = [Words(_WINDOWS_INTRODUCTION)]
+    blocks: list[Block] = [Paragraph(_WINDOWS_INTRODUCTION)]
     if content.get("quick"):
         blocks.append(Notice("a quick study with few twins and settings: a preview, not a result"))
     hulls, seeds = ", ".join(content["platforms"]), len(content["seeds"])
     caption = f"{hulls}, {counted(seeds, 'twin')} per setting. {_WINDOWS_CAPTION}"
     shown = "Yaw moment by sliding and by separate windows with the truth, and scores over the windows' length."
-    blocks.append(Picture("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
+    blocks.append(FigureBlock("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
     blocks += [
-        comparison_grid(f"windows_comparison_{index}", [comparison_from_json(row) for row in table], f"{title}. ")
+        comparison_block(f"windows_comparison_{index}", [comparison_from_json(row) for row in table], f"{title}. ")
         for index, (title, table) in enumerate(content["comparisons"].items())
         if table
     ]
-    blocks.append(Grid("windows_runs", "All inverted twins.", rows, shown=12))
+    blocks.append(Table("windows_runs", "All inverted twins.", rows, shown=12))
     return Section(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
 
 
@@ -265,5 +265,5 @@ def published_section(archive: Archive, with_windows: bool) -> Section:
         {"name": name, "subject": subject, "anchor": study, "remark": "" if study in present else missing}
         for name, subject, study in PUBLISHED
     )
-    words = Words("The publication's figures and tables for this mission.")
+    words = Paragraph("The publication's figures and tables for this mission.")
     return Section("published", "Index of the publication's figures and tables", (words, Index(entries)))

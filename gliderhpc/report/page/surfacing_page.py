@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gliderhpc.report.facts import polar, signed, with_deviation
-from gliderhpc.report.page.content import Block, Facts, Notice, Page, Remarks, Section, Words
+from gliderhpc.report.page.content import Block, Facts, Notice, Page, Paragraph, Remarks, Section
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.recent_hull import IMPLAUSIBLE
 from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
@@ -110,19 +110,23 @@ def _inversion(message: SurfacingMessage) -> str:
 def _anomalies(message: SurfacingMessage) -> tuple[Block, ...]:
     changes = tuple(f"changed since revision {message.revision - 1}: {change}" for change in message.changes)
     remarks = (*message.odd, *changes)
-    return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Words("None."),)
+    return (Remarks(remarks, "Anomalies in this dive"),) if remarks else (Paragraph("None."),)
 
 
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.hull_changes:
-        return (Words("No change of the hull can be stated: this needs at least four dives with information on it."),)
+        return (
+            Paragraph("No change of the hull can be stated: this needs at least four dives with information on it."),
+        )
     rows = {
         change.meaning: f"changed with probability {change.probability:.2f}; if so, since dive {change.since} by "
         f"{change.size_text}"
         + (", and the next dive must confirm it" if change.is_shown_only_by(message.profile) else "")
         for change in message.hull_changes
     }
-    return Words(f"Changes of the hull over the last {counted(message.hull_changes[0].dives, 'dive')}."), Facts(rows)
+    return Paragraph(f"Changes of the hull over the last {counted(message.hull_changes[0].dives, 'dive')}."), Facts(
+        rows
+    )
 
 
 def _trim(message: SurfacingMessage) -> tuple[Block, ...]:
@@ -147,8 +151,8 @@ def _too_far(parameters: list[str]) -> str:
 def _hull_alone(message: SurfacingMessage) -> tuple[Block, ...]:
     known = [part for part in message.hull if part.error_std < _DETERMINED]
     if not known:
-        return (Words("Not determined from this dive alone."),)
+        return (Paragraph("Not determined from this dive alone."),)
     known.sort(key=lambda part: -abs(part.error) / part.error_std)
     rows = {part.parameter: f"{signed(part.error, '.2f')} ± {part.error_std:.2f}" for part in known[:_LISTED]}
     caption = "Errors of the platform file from this dive alone, in plausible deviations; the most significant first."
-    return Words(caption), Facts(rows)
+    return Paragraph(caption), Facts(rows)
