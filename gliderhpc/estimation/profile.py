@@ -26,7 +26,7 @@ from gliderhpc.estimation.smoother.glide_sensitivity import glide_sensitivity
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import smoothed_dive_information
 from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, with_hull_errors, with_velocity_errors
+from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, with_hull_errors, with_record_errors
 from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.series import ProfileSeries
@@ -164,8 +164,8 @@ def smooth_profile(
     information = smoothed_dive_information(profile, smoothed, last, settings)
     if not information.has_sensitivities:
         return on_records, None
-    if information.velocity is not None:
-        on_records = with_velocity_errors(on_records, information.velocity)
+    if information.record is not None:
+        on_records = with_record_errors(on_records, information.record)
     errors = stated_errors(profile.glider.platform, information.parameters)
     if information.narrows_errors:
         errors = after_dive(errors, information)

@@ -166,6 +166,11 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         lines.append(estimate.profile.velocity.refusal)
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
+    if estimate.hull is not None and estimate.hull.information.vertical_motion > 0.0:
+        lines.append(
+            "the depth rate varies as in water that moves vertically by about "
+            f"{100.0 * estimate.hull.information.vertical_motion:.1f} cm/s (RMS); the smoothed estimate allows for it"
+        )
     if estimate.smoothed is not None and estimate.smoothed.simplified:
         lines.append(f"the smoother found no estimate as set and was simplified: {estimate.smoothed.simplified}")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:

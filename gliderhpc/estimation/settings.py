@@ -123,6 +123,12 @@ class SmootherSettings(Settings):
     velocity_error: float = Field(
         0.003, gt=0, description="constant error of a measured relative velocity over a dive, in each component, m/s"
     )
+    vertical_motion: float | None = Field(
+        None,
+        ge=0,
+        description="standard deviation of the water's vertical velocity, m/s; default from the record of each dive, "
+        "zero where its depth rate shows no motion",
+    )
     hull: Literal["held", "corrected", "believed"] = Field(
         "held",
         description="hull errors in the intervals: held includes them, with the platform file's values; corrected "

@@ -134,7 +134,7 @@ def smoothed_dive(job: DiveJob) -> SmoothedDive:
     return SmoothedDive(
         job.number, time, found.score[chosen], found.information[np.ix_(chosen, chosen)],
         _noise(smoothed, smoothed.last_pass, ~profile.vibrating[:-1]),
-        _current(record, profile.series, displacement_with(smoothed, found.velocity), found.displacement[:, chosen]),
+        _current(record, profile.series, displacement_with(smoothed, found.record), found.displacement[:, chosen]),
     )  # fmt: skip
 
 

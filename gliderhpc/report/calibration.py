@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gliderhpc.estimation.steady_balance import QUANTITIES
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.flight.hull_parameters import TREND
 from gliderhpc.tuning.calibration import CalibratedParameter, Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.tuning.segment_errors import LATERAL
-from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.version import __version__
 from gliderhpc.wording import counted
 

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import CalibrationError
+from gliderhpc.estimation.steady_balance import QUANTITIES
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.calibration_search import FIRST_SCALES
 from gliderhpc.tuning.segment_errors import SegmentErrors
-from gliderhpc.tuning.steady_balance import QUANTITIES
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]

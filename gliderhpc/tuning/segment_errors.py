@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.preparation import is_unexpected_density, model_controls, surface_density
+from gliderhpc.estimation.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     ATTITUDE_PARAMETERS,
@@ -26,7 +27,6 @@ from gliderhpc.flight.hull_parameters import (
 )
 from gliderhpc.flight.steady_glide import best_angle_of_attack, least_glide_angle
 from gliderhpc.platform import CUBIC_CENTIMETRE, Platform, Sensors
-from gliderhpc.tuning.steady_balance import SteadyBalance, steady_balances
 from gliderhpc.tuning.steady_segments import SteadySegments
 from gliderhpc.wording import counted, most_frequent_reason
 

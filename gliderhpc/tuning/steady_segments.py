@@ -15,6 +15,7 @@ from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_ve
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.estimation.steady_balance import SteadyMotion
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
@@ -22,7 +23,6 @@ from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.observations.times import SECOND
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.steady_balance import SteadyMotion
 from gliderhpc.wording import counted, most_frequent_reason
 
 log = logging.getLogger("gliderhpc.calibrate")

@@ -13,12 +13,12 @@ from gliderhpc.estimation.relative_velocity import USUAL_STD, assess_velocity
 from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.smoother.estimate import filter_fallback
 from gliderhpc.estimation.smoother.information import (
+    RecordErrors,
     Sensitivity,
-    VelocityErrors,
     marginal_information,
     split_sensitivity,
 )
-from gliderhpc.estimation.smoother.posterior import with_velocity_errors
+from gliderhpc.estimation.smoother.posterior import with_record_errors
 from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.kernels.sensitivity_memory import Information
 from gliderhpc.observations import open_observations
@@ -177,12 +177,12 @@ def test_the_estimate_moves_to_the_mean_of_the_sensor_s_errors():
     """``x + V m`` with variance ``P + V C V'``, of states, disturbances and displacement (docs/smoother.md)."""
     rng = np.random.default_rng(5)
     root = rng.standard_normal((3, 3))
-    errors = VelocityErrors(rng.standard_normal(3), root @ root.T, _sensitivity(rng, 3))
+    errors = RecordErrors(rng.standard_normal(3), root @ root.T, _sensitivity(rng, 3))
     smoothed = replace(
         filter_fallback(SimpleNamespace(states=rng.standard_normal((5, 12)), disturbances=rng.standard_normal((5, 6)))),
         states_std=np.ones((5, 12)), disturbances_std=np.ones((4, 6)), displacement_covariance=np.eye(2),
     )  # fmt: skip
-    found = with_velocity_errors(smoothed, errors)
+    found = with_record_errors(smoothed, errors)
     V = errors.sensitivity
     np.testing.assert_allclose(found.states[3, 6], smoothed.states[3, 6] + V.states[3, 6] @ errors.mean)
     variance = 1.0 + V.disturbances[2, 4] @ errors.covariance @ V.disturbances[2, 4]

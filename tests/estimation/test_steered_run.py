@@ -25,6 +25,8 @@ pytestmark = pytest.mark.compiled
 
 HULL = read_platform("petrel-l")
 SETTINGS = EstimationSettings(step=0.25)
+STILL = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"vertical_motion": 0.0})})
+"""The same for water that does not move vertically, to which the slow forces below would otherwise be attributed."""
 
 
 def flown_dive(scenario, seed=3, depth=60.0):
@@ -101,7 +103,7 @@ def errors_about(path, profile, smoothed, monkeypatch):
     with monkeypatch.context() as patch:
         if path == "filter":
             patch.setattr(information, "information_path", lambda *given: given[-1]())
-        found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
+        found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, STILL)
     posterior = np.eye(len(found.score)) + found.information
     errors = np.linalg.solve(posterior, found.score) / np.sqrt(np.diag(np.linalg.inv(posterior)))
     return dict(zip(found.names, errors, strict=True))

@@ -10,7 +10,7 @@ from support.specimens import lopsided_platform, random_disturbances, random_sta
 
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.estimation.smoother.forcing import hull_forcing, with_velocity_offsets
+from gliderhpc.estimation.smoother.forcing import hull_forcing, velocity_offsets, with_sample_errors
 from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import Glider
@@ -88,7 +88,7 @@ def problem(case):
     parameters = [p for p in hull_parameters(PETREL.platform) if p.key != ACTUATOR_LAG]
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     if case[1]:
-        forcing = with_velocity_offsets(forcing, 0.003)
+        forcing = with_sample_errors(forcing, velocity_offsets(len(forcing.samples), 0.003))
     return dive, Trajectory(states, disturbances), forcing, parameters
 
 

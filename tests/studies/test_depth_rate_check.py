@@ -8,6 +8,7 @@ from support.hull_dives import KEYS, PARAMETERS, dives
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
+from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.platform import read_platform
 from gliderhpc.report import recent_hull
 from gliderhpc.report.page.surfacing_page import hull_blocks
@@ -24,7 +25,6 @@ from gliderhpc.studies.library.depth_rate_check import (
     read_glides,
 )
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
-from gliderhpc.tuning.steady_balance import MeasuredAttitude
 
 pytestmark = pytest.mark.compiled
 

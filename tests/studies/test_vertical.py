@@ -18,6 +18,8 @@ from support.shown import check_figure_follows, check_shown_as_left, shown_after
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balances
+from gliderhpc.estimation.still_water_glide import still_water_glide
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.hull_parameters import with_covariance, with_values
 from gliderhpc.flight.steady_glide import steady_glide
@@ -39,9 +41,7 @@ from gliderhpc.studies.library.vertical_velocity import (
 from gliderhpc.studies.vertical import LEVELS, difference_row, legs_row, truth_row
 from gliderhpc.tuning.calibration import CalibrateSettings, calibrate
 from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.steady_balance import MeasuredAttitude, SteadyMotion, steady_balances
 from gliderhpc.tuning.steady_segments import steady_segments
-from gliderhpc.tuning.still_water_glide import still_water_glide
 
 pytestmark = pytest.mark.compiled
 

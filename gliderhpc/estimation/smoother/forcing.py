@@ -92,24 +92,46 @@ def fed_sample_slopes(
     return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
 
 
-def with_velocity_offsets(forcing: Forcing, deviation: float) -> Forcing:
-    """Add three parameters, after all others: constant errors of the measured velocity relative to the water.
+def velocity_offsets(samples: int, deviation: float) -> Array:
+    """Differentiate samples ``(f, 7, 3)`` by constant errors of the measured velocity relative to the water.
+
+    Parameters
+    ----------
+    samples : int
+        Number of samples.
+    deviation : float
+        Plausible deviation of the velocity's error, m/s.
+    """
+    slopes = np.zeros((samples, 7, 3))
+    slopes[:, 4:] = -deviation * np.eye(3)
+    return slopes
+
+
+def vertical_motion_slopes(displacement: Array, channels: int) -> Array:
+    """Differentiate samples ``(f, channels, k)`` by the water's displacements ``(f, k)`` downwards, m."""
+    slopes = np.zeros((len(displacement), channels, displacement.shape[1]))
+    slopes[:, 3] = -displacement
+    return slopes
+
+
+def with_sample_errors(forcing: Forcing, slopes: Array) -> Forcing:
+    """Add parameters, after all others, that change nothing but the samples.
 
     Parameters
     ----------
     forcing : Forcing
-        Derivatives by ``p`` parameters, none of which changes the measured velocity.
-    deviation : float
-        Plausible deviation of the velocity's error, m/s.
+        Derivatives by ``p`` parameters.
+    slopes : (f, c, k)
+        Derivatives of the samples by the ``k`` further parameters, for at least as many channels as so far.
     """
-    fed, channels, reading = forcing.samples.shape
-    samples = np.zeros((fed, channels + 3, reading + 3))
+    (fed, channels, reading), (_, all_channels, added) = forcing.samples.shape, slopes.shape
+    samples = np.zeros((fed, all_channels, reading + added))
     samples[:, :channels, :reading] = forcing.samples
-    for component in range(3):
-        samples[:, channels + component, reading + component] = -deviation
-    added = len(forcing.start) + np.arange(3)
+    samples[:, :, reading:] = slopes
     return forcing._replace(
-        reading=np.append(forcing.reading, added), samples=samples, start=np.vstack([forcing.start, np.zeros((3, 16))])
+        reading=np.append(forcing.reading, len(forcing.start) + np.arange(added)),
+        samples=samples,
+        start=np.vstack([forcing.start, np.zeros((added, 16))]),
     )
 
 

@@ -8,6 +8,7 @@ Both use the smoother's final variances and noise.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,18 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
-from gliderhpc.estimation.smoother.forcing import fed_sample_slopes, hull_forcing, with_velocity_offsets
+from gliderhpc.estimation.smoother.forcing import (
+    fed_sample_slopes,
+    hull_forcing,
+    velocity_offsets,
+    vertical_motion_slopes,
+    with_sample_errors,
+)
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import information_path
+from gliderhpc.estimation.smoother.vertical_motion import displacement_basis, motion_deviation
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -68,14 +76,15 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityErrors:
-    """Constant errors of the measured velocity relative to the water after a dive.
+class RecordErrors:
+    """Errors of a dive's record that are not the hull's: of a measured velocity, and by vertical motion of the water.
 
     Attributes
     ----------
-    mean, covariance : (3,), (3, 3)
-        Mean of the errors of forward, lateral and normal velocity, in plausible deviations, and their covariance
-        marginalised over the hull's errors (`split_sensitivity`).
+    mean, covariance : (k,), (k, k)
+        Mean of the errors after the dive, in plausible deviations, and their covariance marginalised over the hull's
+        errors (`split_sensitivity`). First those of the forward, lateral and normal velocity if they were measured,
+        then those of the water's vertical motion if there is any (`gliderhpc.estimation.smoother.vertical_motion`).
     sensitivity : Sensitivity
         Change of the smoothed estimate with these errors.
     """
@@ -104,10 +113,12 @@ class DiveInformation:
         Change of the smoothed displacement to the north and the east, m.
     states, disturbances : (m, 12, p), (k, 6, p)
         Change of the smoothed states (SI and rad) and disturbances (N, N m) at the records.
-    velocity : VelocityErrors, optional
-        Constant errors of a measured velocity relative to the water, if there is one. Score and information are
-        marginalised over these errors, and the sensitivities those of the estimate that is moved to their mean
-        (`gliderhpc.estimation.smoother.posterior.with_velocity_errors`).
+    record : RecordErrors, optional
+        Errors of a measured velocity relative to the water, and of the depth by the water's vertical motion, if there
+        are any. Score and information are marginalised over these errors, and the sensitivities those of the estimate
+        that is moved to their mean (`gliderhpc.estimation.smoother.posterior.with_record_errors`).
+    vertical_motion : float
+        Standard deviation of the water's vertical velocity among these errors, m/s; zero without motion.
     """
 
     parameters: tuple[HullParameter, ...]
@@ -119,7 +130,8 @@ class DiveInformation:
     displacement: Array
     states: Array
     disturbances: Array
-    velocity: VelocityErrors | None = None
+    record: RecordErrors | None = None
+    vertical_motion: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -144,7 +156,7 @@ class DiveInformation:
 
     def without_records(self) -> "DiveInformation":
         """Return the same without the sensitivities at the records, which take most of the memory."""
-        return replace(self, states=self.states[:0].copy(), disturbances=self.disturbances[:0].copy(), velocity=None)
+        return replace(self, states=self.states[:0].copy(), disturbances=self.disturbances[:0].copy(), record=None)
 
     @property
     def has_sensitivities(self) -> bool:
@@ -171,13 +183,19 @@ def smoothed_dive_information(
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
     return dive_information(
         profile, last, settings.records, path, every=settings.steps_per_record,
-        velocity_error=settings.smoother.velocity_error,
+        velocity_error=settings.smoother.velocity_error, vertical_motion=_vertical_motion(profile, settings),
     )  # fmt: skip
+
+
+def _vertical_motion(profile: PreparedProfile, settings: EstimationSettings) -> float:
+    """Standard deviation of the water's vertical velocity: the setting, by default from the record, m/s."""
+    given = settings.smoother.vertical_motion
+    return motion_deviation(profile) if given is None else given
 
 
 def dive_information(
     profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int,
-    velocity_error: float,
+    velocity_error: float, vertical_motion: float = 0.0,
 ) -> DiveInformation:  # fmt: skip
     """Compute the information of a smoothed dive on its hull.
 
@@ -193,6 +211,8 @@ def dive_information(
         Number of steps from record to record.
     velocity_error : float
         Plausible deviation of a constant error of the measured velocity relative to the water, m/s.
+    vertical_motion : float
+        Standard deviation of the water's vertical velocity, m/s; zero for water without vertical motion.
 
     Notes
     -----
@@ -208,9 +228,16 @@ def dive_information(
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
 
+    fed, channels = np.flatnonzero(dive.fed), dive.measured.shape[1]
+    further: list[Array] = []
+    if channels > len(MEASURED):
+        further.append(velocity_offsets(len(fed), velocity_error))
+    displacement = vertical_motion * displacement_basis(profile.series.time) if vertical_motion > 0.0 else None
+    if displacement is not None:
+        further.append(vertical_motion_slopes(displacement[fed], channels))
+
     def with_all_errors(forcing: Forcing) -> Forcing:
-        measures_velocity = dive.measured.shape[1] > len(MEASURED)
-        return with_velocity_offsets(forcing, velocity_error) if measures_velocity else forcing
+        return reduce(with_sample_errors, further, forcing)
 
     between = segment_rows(dive, rows.tolist())
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
@@ -226,10 +253,13 @@ def dive_information(
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
-    by_hull, velocity = by_all, None
+    if displacement is not None:
+        # The glider is as much deeper than in water at rest as the water has moved.
+        by_all.states[:, MEASURED[3], -displacement.shape[1] :] += displacement[rows]
+    by_hull, record = by_all, None
     if len(found[0].score) > len(parameters):
         stated = stated_errors(platform, parameters).covariance
-        by_hull, velocity = split_sensitivity(by_all, found[0], stated)
+        by_hull, record = split_sensitivity(by_all, found[0], stated)
     return DiveInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
@@ -240,7 +270,8 @@ def dive_information(
         displacement=by_hull.displacement,
         states=by_hull.states,
         disturbances=by_hull.disturbances,
-        velocity=velocity,
+        record=record,
+        vertical_motion=vertical_motion,
     )
 
 
@@ -267,7 +298,7 @@ def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sen
 
 def split_sensitivity(
     by_all: Sensitivity, found: Information, hull_covariance: Array
-) -> tuple[Sensitivity, VelocityErrors]:
+) -> tuple[Sensitivity, RecordErrors]:
     """Sensitivities to the hull of the estimate that is moved to the mean of the other errors, and these errors.
 
     Parameters
@@ -297,7 +328,7 @@ def split_sensitivity(
     columns = (by_all.displacement, by_all.states, by_all.disturbances)
     by_others = Sensitivity(*(np.ascontiguousarray(each[..., others]) for each in columns))
     by_hull = Sensitivity(*(each[..., hull] - each[..., others] @ follows for each in columns))
-    return by_hull, VelocityErrors(after.mean[others], 0.5 * (left + left.T), by_others)
+    return by_hull, RecordErrors(after.mean[others], 0.5 * (left + left.T), by_others)
 
 
 def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:

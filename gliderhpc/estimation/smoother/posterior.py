@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.glide_sensitivity import GlideSensitivity
 from gliderhpc.estimation.smoother.hull_errors import HullErrors
-from gliderhpc.estimation.smoother.information import DiveInformation, VelocityErrors
+from gliderhpc.estimation.smoother.information import DiveInformation, RecordErrors
 from gliderhpc.estimation.windows import DiveSolution
 
 Array = NDArray[np.float64]
@@ -110,14 +110,14 @@ def with_hull_errors(
     return result, HullShare(of_displacement, np.concatenate(shares))
 
 
-def with_velocity_errors(smoothed: SmoothedEstimate, velocity: VelocityErrors) -> SmoothedEstimate:
-    """Move an estimate at the records to the mean of the measured velocity's errors, and add their uncertainty.
+def with_record_errors(smoothed: SmoothedEstimate, record: RecordErrors) -> SmoothedEstimate:
+    """Move an estimate at the records to the mean of the record's errors, and add their uncertainty.
 
     Parameters
     ----------
     smoothed : SmoothedEstimate
-        Estimate at the records (`SmoothedEstimate.thinned`), for a velocity without constant errors.
-    velocity : VelocityErrors
+        Estimate at the records (`SmoothedEstimate.thinned`), for a record without these errors.
+    record : RecordErrors
         These errors after the dive, with sensitivities at the same records.
 
     Returns
@@ -125,8 +125,8 @@ def with_velocity_errors(smoothed: SmoothedEstimate, velocity: VelocityErrors) -
     SmoothedEstimate
         The estimate ``x + V m`` with the variance ``P + V C V'``.
     """
-    by, mean, covariance = velocity.sensitivity, velocity.mean, velocity.covariance
-    displacement, displacement_covariance = displacement_with(smoothed, velocity)
+    by, mean, covariance = record.sensitivity, record.mean, record.covariance
+    displacement, displacement_covariance = displacement_with(smoothed, record)
     return replace(
         smoothed,
         states=smoothed.states + by.states @ mean,
@@ -138,12 +138,12 @@ def with_velocity_errors(smoothed: SmoothedEstimate, velocity: VelocityErrors) -
     )
 
 
-def displacement_with(smoothed: SmoothedEstimate, velocity: VelocityErrors | None) -> tuple[Array, Array]:
-    """Displacement ``(2,)``, m, and its covariance, m2, with the errors of a measured velocity if there is one."""
-    if velocity is None:
+def displacement_with(smoothed: SmoothedEstimate, record: RecordErrors | None) -> tuple[Array, Array]:
+    """Displacement ``(2,)``, m, and its covariance, m2, with the errors of the record if there are any."""
+    if record is None:
         return smoothed.displacement, smoothed.displacement_covariance
-    V = velocity.sensitivity.displacement
-    return smoothed.displacement + V @ velocity.mean, smoothed.displacement_covariance + V @ velocity.covariance @ V.T
+    V = record.sensitivity.displacement
+    return smoothed.displacement + V @ record.mean, smoothed.displacement_covariance + V @ record.covariance @ V.T
 
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:

@@ -17,6 +17,8 @@ from gliderhpc.archive.profile import RecordedProfile, read_recorded_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.steady_balance import MeasuredAttitude
+from gliderhpc.estimation.still_water_glide import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
 from gliderhpc.platform import Platform
@@ -29,8 +31,6 @@ from gliderhpc.studies.library.vertical_velocity import (
 )
 from gliderhpc.tuning.gaussian_chain import Gaussian
 from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, MissionHull, solve_mission
-from gliderhpc.tuning.steady_balance import MeasuredAttitude
-from gliderhpc.tuning.still_water_glide import StillWaterGlide, still_water_glide
 
 Array = NDArray[np.float64]
 

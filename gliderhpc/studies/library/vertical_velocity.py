@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import RecordedProfile
 from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.steady_balance import MeasuredAttitude
+from gliderhpc.estimation.still_water_glide import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
     ATTITUDE_PARAMETERS,
@@ -36,8 +38,6 @@ from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
-from gliderhpc.tuning.steady_balance import MeasuredAttitude
-from gliderhpc.tuning.still_water_glide import StillWaterGlide, still_water_glide
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

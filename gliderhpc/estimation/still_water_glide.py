@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.self_motion import angle_of_attack
+from gliderhpc.estimation.steady_balance import VELOCITY, MeasuredAttitude, SteadyFlight, SteadyMotion
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.steady_glide import drag_and_lift
-from gliderhpc.tuning.steady_balance import VELOCITY, MeasuredAttitude, SteadyFlight, SteadyMotion
 
 Array = NDArray[np.float64]
 

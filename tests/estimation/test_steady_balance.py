@@ -6,11 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gliderhpc.flight.glider import NET_WEIGHT, Glider
-from gliderhpc.flight.hull_parameters import with_values
-from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.platform import read_platform, shipped_platforms
-from gliderhpc.tuning.steady_balance import (
+from gliderhpc.estimation.steady_balance import (
     LATERAL,
     PITCHING,
     MeasuredAttitude,
@@ -19,6 +15,10 @@ from gliderhpc.tuning.steady_balance import (
     _frame_of,
     steady_balances,
 )
+from gliderhpc.flight.glider import NET_WEIGHT, Glider
+from gliderhpc.flight.hull_parameters import with_values
+from gliderhpc.flight.steady_glide import steady_glide
+from gliderhpc.platform import read_platform, shipped_platforms
 
 pytestmark = pytest.mark.compiled
 
