@@ -24,6 +24,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.kernels import filter as kernel
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.filter_memory import ENDED, IDLE, Records, allocate, load_profile
+from gliderhpc.observations.dive_phases import describe_rest
 from gliderhpc.platform import DisturbancePrior
 
 Array = NDArray[np.float64]
@@ -129,11 +130,12 @@ def run_filters(
         Estimate of each profile, or the error with the reason of its refusal.
     """
     found: dict[int, FilterEstimate | ProfileError] = {}
-    doubts: dict[int, str | None] = {}
+    doubts: dict[int, tuple[str, str]] = {}
 
     def tasks() -> Iterator[_Task]:
         for i, profile in enumerate(profiles):
-            doubts[i] = describe_unexpected_density(profile.glider.platform, profile.series)
+            series = profile.series
+            doubts[i] = describe_rest(series), describe_unexpected_density(profile.glider.platform, series) or ""
             try:
                 yield _Task(
                     i,
@@ -144,7 +146,7 @@ def run_filters(
                 found[i] = error
 
     for i, estimate in _side_by_side(tasks(), settings):
-        found[i] = refusal(estimate, settings, doubts[i]) if _is_refused(estimate, settings) else estimate
+        found[i] = refusal(estimate, settings, *doubts[i]) if _is_refused(estimate, settings) else estimate
     return [found[i] for i in range(len(found))]
 
 
@@ -200,9 +202,12 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
     return estimate.rejected_fraction > settings.filter.max_rejected_fraction
 
 
-def refusal(estimate: FilterEstimate, settings: EstimationSettings, doubt: str | None = None) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of samples, with a doubt of the water if any."""
-    remedy = _IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM
+def refusal(estimate: FilterEstimate, settings: EstimationSettings, rest: str = "", doubt: str = "") -> ProfileError:
+    """Error for an estimate that rejected more than the allowed share of samples.
+
+    The reason is a `rest` at one depth if there is one; a `doubt` about the water is added.
+    """
+    remedy = rest or (_IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM)
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
         f"follow this record; {remedy}, or raise filter.max_rejected_fraction" + (f"; {doubt}" if doubt else "")

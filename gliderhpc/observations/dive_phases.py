@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import scipy.ndimage
 
 from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
 from gliderhpc.observations.records import FloatArray
@@ -55,6 +56,27 @@ def is_stationary(time: FloatArray, depth: FloatArray) -> Mask:
 def stationary_points(series: ProfileSeries) -> Mask:
     """Mask ``(n + 1,)`` of the stationary points of a series; none in gaps of the record, which are interpolated."""
     return is_stationary(series.time, np.where(series.weights > 0.0, series.measurements[:, 3], np.nan))
+
+
+MIN_REST, REST_RANGE = 60.0, 0.3
+"""Duration (s) of a rest at one depth that is reported where the model does not follow a record, and its largest range
+of depths (m): on the bottom or under ice the depth does not vary."""
+
+
+def describe_rest(series: ProfileSeries) -> str:
+    """Describe the longest rest at one depth under water; empty if there is none of a minute or more."""
+    depth, known = series.measurements[:, 3], (series.weights > 0.0) & np.isfinite(series.measurements[:, 3])
+    steps = round(MIN_REST / series.step)
+    high = scipy.ndimage.maximum_filter1d(np.where(known, depth, np.inf), steps + 1, mode="constant", cval=np.inf)
+    low = scipy.ndimage.minimum_filter1d(np.where(known, depth, -np.inf), steps + 1, mode="constant", cval=-np.inf)
+    rests = stretches((high - low <= REST_RANGE) & (low > MIN_DEPTH))
+    if not rests:
+        return ""
+    begin, end = max(rests, key=lambda rest: rest[1] - rest[0])
+    return (
+        f"the glider was at one depth, {depth[begin]:.0f} m, for {(end - begin + steps) * series.step:.0f} s, as on "
+        "the bottom, where it does not glide; end the profile before, and begin another one after that"
+    )
 
 
 def _stationary_times(time: FloatArray, depth: FloatArray) -> list[tuple[float, float]]:

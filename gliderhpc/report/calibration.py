@@ -27,8 +27,8 @@ UNEXPLAINED = 2.0 * np.array(FIRST_SCALES)
 """Errors (SI) that a calibrated hull should not exceed."""
 
 WRONG_VEHICLE_ERROR = 45.0
-"""Error of the pitch before the calibration, degree, beyond which the platform is probably that of another vehicle; the
-shipped hulls miss the pitch of real missions by 18 to 34 degrees."""
+"""Error of the pitch before the calibration, degree, beyond which the platform's name is to be checked; the shipped
+hulls miss the pitch of real missions by 18 to 34 degrees, and platforms with all plausible errors by up to 110."""
 
 BY_DENSITY = (
     "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's density at "
@@ -129,8 +129,9 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
     missed = np.degrees(fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:
         lines.append(
-            f"WARNING: the given platform misses the pitch by {missed:.0f} degree, as that of another vehicle does; "
-            "check its name, since quantities that the glides do not determine are still those of the given platform"
+            f"WARNING: before the fit the given platform misses the pitch by {missed:.0f} degree: its battery zero or "
+            "trim is far off, or it is another vehicle's; check its name, since quantities that the glides do not "
+            "determine are still those of the given platform"
         )
     if not held_out.segments:
         lines.append("no profile was held out, so the errors after calibration are those of the fit itself")

@@ -1,7 +1,7 @@
 """Hull over the latest dives: its changes since the first of them, and its trim in pilots' units."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
@@ -44,7 +44,8 @@ class RecentHull:
     changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
         Change of each parameter that may change, by its position.
     warning : str
-        Reason to doubt the values, if the depth rate of the steady glides gives one; otherwise empty.
+        Reasons to doubt the values: the depth rate of the steady glides, and values too far from the platform file;
+        empty if there are none.
     """
 
     mission: MissionDives
@@ -60,7 +61,28 @@ def recent_hull(archive: Archive, number: int) -> RecentHull | None:
         return None
     settings = HullSettings()
     mission, check = agreeing_dives(archive, mission, robust=settings.robust)
-    return RecentHull(mission, *combine_dives(mission, settings), "" if check is None else check.warning)
+    found, changes = combine_dives(mission, settings)
+    last = dict(zip((p.key for p in mission.parameters), found.smoothed[-1].mean.tolist(), strict=True))
+    warnings = ("" if check is None else check.warning, implausible_warning(last))
+    return RecentHull(mission, found, changes, "; ".join(filter(None, warnings)))
+
+
+def implausible_warning(steps: Mapping[str, float]) -> str:
+    """Warn of values too far from the platform file to be errors of the hull; empty if there are none.
+
+    Parameters
+    ----------
+    steps : mapping of str to float
+        Differences from the platform file, in plausible deviations, by parameter.
+    """
+    far = ", ".join(f"{key} by {value:+.1f}" for key, value in steps.items() if abs(value) > IMPLAUSIBLE)
+    if not far:
+        return ""
+    return (
+        f"WARNING: too far from the platform file to be values of the hull, in plausible deviations: {far}; something "
+        "else has the same effect in every dive, so do not ballast or trim by these values; changes during the mission "
+        "remain valid"
+    )
 
 
 def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from gliderhpc.observations.dive_phases import distance_to_surface, dive_notes, is_stationary
+from gliderhpc.observations.dive_phases import describe_rest, distance_to_surface, dive_notes, is_stationary
+from gliderhpc.observations.series import ProfileSeries
 
 PITCH = np.radians(25.0)
 SPEED = 0.15
@@ -34,6 +35,28 @@ def test_the_sensor_may_be_noisy():
 @pytest.mark.parametrize(("still", "deepest"), [(0.0, 100.0), (200.0, 100.0), (0.0, 12.0)])
 def test_a_dive_without_a_long_pause_is_not_stationary(still, deepest):
     assert not is_stationary(*dive(deepest, still)).any()
+
+
+def series_of(time, depth, weights=None):
+    points = len(time)
+    return ProfileSeries(
+        1, np.datetime64("2024-01-01", "ns"), 1.0, time, np.column_stack([np.zeros((points, 3)), depth]),
+        np.ones(points) if weights is None else weights, np.zeros((points - 1, 4)), 1.0, 0.0, np.arange(points),
+    )  # fmt: skip
+
+
+def test_a_rest_on_the_bottom_is_described():
+    found = describe_rest(series_of(*dive(still=180.0)))
+    assert found.startswith("the glider was at one depth, 100 m, for 18")
+
+
+def test_the_turn_of_a_dive_is_no_rest():
+    assert describe_rest(series_of(*dive(still=20.0))) == ""
+
+
+def test_a_gap_is_no_rest():
+    time, depth = dive(still=180.0)
+    assert describe_rest(series_of(time, depth, (np.abs(depth - 100.0) > 1e-9).astype(float))) == ""
 
 
 def test_a_gap_is_no_pause():

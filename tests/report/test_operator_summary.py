@@ -15,7 +15,7 @@ from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
-from gliderhpc.report.recent_hull import recent_hull, trim_of
+from gliderhpc.report.recent_hull import implausible_warning, recent_hull, trim_of
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import MissionDives
@@ -57,6 +57,13 @@ def test_a_trend_and_its_error_are_those_of_a_straight_line():
     assert np.sqrt(np.mean(stated**2)) == pytest.approx(found.std(), rel=0.1)
 
 
+def test_a_value_that_no_pilot_sets_warns_too():
+    warning = implausible_warning({"viscous.K_L": -4.2, "buoyancy.neutral_volume": 1.0})
+    assert "viscous.K_L by -4.2" in warning
+    assert "neutral_volume" not in warning
+    assert implausible_warning({"viscous.K_L": 2.9}) == ""
+
+
 @pytest.fixture
 def heavier(swift_store, monkeypatch):
     """Archive whose dives' information is that of a hull with 60 cm3 more of neutral volume and a wrong pitch."""
@@ -93,7 +100,7 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
     (warning,) = (block for block in hull_blocks(message) if isinstance(block, Notice))
     assert "sensors.pitch_offset" in warning.text
     assert "do not ballast" in warning.text
-    near = message.model_copy(update={"trim": tuple(one for one in message.trim if abs(one.steps) < 3.0)})
+    near = message.model_copy(update={"hull_warning": ""})
     assert not [block for block in hull_blocks(near) if isinstance(block, Notice)]
     (one, *_) = near.trim
     assert _facts(hull_blocks(near))[one.quantity] == (

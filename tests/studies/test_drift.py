@@ -13,13 +13,15 @@ from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from benchmarks import drift as benchmark
 from benchmarks import drift_series
-from gliderhpc.archive.mission import open_mission
+from gliderhpc.archive.mission import describe, open_for_reading, open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import read_platform
-from gliderhpc.report.studies.drift import comparisons, table_5, table_5_text
+from gliderhpc.report.page.content import Remarks
+from gliderhpc.report.page.operator_summary import operator_section
+from gliderhpc.report.studies.drift import comparisons, drift_sentences, table_5, table_5_text
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.simulator.hull import true_hull
 from gliderhpc.store_schema import check_archive
@@ -627,6 +629,17 @@ def test_the_study_is_shown_from_the_archive_alone(fouled, answer, tmp_path):
     assert now["floor"] > was["floor"]
     assert after.tables["table_6"][0]["slope_segments"] == 2.0 * before.tables["table_6"][0]["slope_segments"]
     check_figure_follows(before, after, "figure_9")
+
+
+@pytest.mark.compiled
+@pytest.mark.usefixtures("answer")
+def test_the_mission_page_begins_with_the_drift_that_the_study_found(fouled):
+    with open_for_reading(fouled) as archive:
+        sentences = drift_sentences(archive)
+        section = operator_section(archive, describe(fouled))
+    remarks = [line for block in section.blocks if isinstance(block, Remarks) for line in block.texts]
+    assert any("compatible with fouling" in sentence for sentence in sentences)
+    assert {f"study drift: {sentence}" for sentence in sentences} <= set(remarks)
 
 
 @pytest.mark.compiled

@@ -8,14 +8,18 @@ from numpy.typing import NDArray
 from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
+from gliderhpc.errors import InputError
 from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, Paragraph, Remarks, Section
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
+from gliderhpc.report.studies import studies_in
+from gliderhpc.report.studies.drift import drift_sentences
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
+from gliderhpc.studies.drift import NAME as DRIFT
 from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.tuning.hull_changes import PROBABLE
 from gliderhpc.wording import counted
@@ -34,7 +38,7 @@ def operator_section(archive: Archive, summary: Summary) -> Section:
     if not done:
         return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(anomalies)))
     message = surfacing_message(archive, int(done[-1]))
-    anomalies = [*_changed_hull(message), *anomalies]
+    anomalies = [*_changed_hull(message), *_drift(archive), *anomalies]
     last = {f"{name} (dive {message.profile})": text for name, text in dive_facts(message).items()}
     number, current = last_current(table)
     if message.current is None and current is not None:
@@ -55,6 +59,17 @@ def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
         if change.probability >= PROBABLE:
             since = f"changed since profile {change.since}, by {change.size_text}"
             yield f"{change.meaning}: {since} (probability {change.probability:.2f})"
+
+
+def _drift(archive: Archive) -> Iterator[str]:
+    """Yield the findings of the study of drift, which unlike those of a dive's message include episodes."""
+    if DRIFT not in studies_in(archive):
+        return
+    try:
+        sentences = drift_sentences(archive)
+    except InputError:
+        return  # The study's own section shows the reason.
+    yield from (f"study {DRIFT}: {sentence}" for sentence in sentences)
 
 
 def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:

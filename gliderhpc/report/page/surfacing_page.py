@@ -5,7 +5,6 @@ from pathlib import Path
 from gliderhpc.report.facts import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, Paragraph, Remarks, Section
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.recent_hull import IMPLAUSIBLE
 from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
 from gliderhpc.wording import counted
 
@@ -136,16 +135,7 @@ def _trim(message: SurfacingMessage) -> tuple[Block, ...]:
         quantity.quantity: f"{with_deviation(quantity.difference, quantity.difference_std)} {quantity.unit}"
         for quantity in message.trim
     }
-    far = sorted({quantity.parameter for quantity in message.trim if abs(quantity.steps) > IMPLAUSIBLE})
-    return (*((Notice(_too_far(far), "warning"),) if far else ()), Facts(rows))
-
-
-def _too_far(parameters: list[str]) -> str:
-    return (
-        f"More than {IMPLAUSIBLE:.0f} plausible deviations from the platform file: {', '.join(parameters)}. Something "
-        "else has the same effect in every dive, so do not ballast or trim by these values; check the platform file, "
-        "or calibrate the hull (gliderhpc calibrate)"
-    )
+    return (Facts(rows),)
 
 
 def _hull_alone(message: SurfacingMessage) -> tuple[Block, ...]:

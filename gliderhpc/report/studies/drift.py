@@ -268,9 +268,8 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
-    changes, moments = read_changes(archive), read_moment_changes(archive)
-    counted = counted_estimates(windows_start(archive))
-    found = find_drift(table, platform_of(archive), settings, slopes, changes, counted, moments)
+    found = _found(archive, table, slopes, settings)
+    changes, moments = found.verdict.changes, found.verdict.moments
     increase = settings.drag_increase
     rows_5 = table_5(found.trends)
     rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
@@ -311,6 +310,23 @@ def show(archive: Archive) -> Findings:
         captions=captions(made, table, found, settings, band, segments),
         documents=documents,
     )
+
+
+def _found(
+    archive: Archive, table: pd.DataFrame, slopes: Sequence[CoefficientSlopes], settings: DriftSettings
+) -> DriftFindings:
+    """Compute trends, drag and verdict from what the study has stored."""
+    changes, moments = read_changes(archive), read_moment_changes(archive)
+    counted = counted_estimates(windows_start(archive))
+    return find_drift(table, platform_of(archive), settings, slopes, changes, counted, moments)
+
+
+def drift_sentences(archive: Archive) -> tuple[str, ...]:
+    """Return sentences on the drift, steps and episodes that the study found; empty if it found none."""
+    settings = DriftSettings.model_validate(provenance_of(archive, NAME).settings)
+    verdict = _found(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
+    changes = change_lines(verdict.changes, verdict.drags[0].reference) if verdict.changes.found else ()
+    return (*((verdict.meaning,) if verdict.cause != "none" else ()), *changes)
 
 
 def _inputs(found: DriftFindings) -> tuple[str, ...]:

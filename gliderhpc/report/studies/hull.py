@@ -18,7 +18,7 @@ from gliderhpc.findings.findings import Comparison, Findings, archive_findings, 
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
 from gliderhpc.report.facts import with_deviation
-from gliderhpc.report.recent_hull import IMPLAUSIBLE, UNDETERMINED, PilotUnit, pilot_units
+from gliderhpc.report.recent_hull import UNDETERMINED, PilotUnit, implausible_warning, pilot_units
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import (
@@ -127,15 +127,8 @@ def parameter_table(history: HullHistory) -> pd.DataFrame:
 
 def implausible_lines(parameters: pd.DataFrame) -> tuple[str, ...]:
     """Warn of values too far from the platform file to be errors of the hull."""
-    far = parameters[parameters["steps"].abs() > IMPLAUSIBLE]
-    if far.empty:
-        return ()
-    named = ", ".join(f"{row.parameter} by {row.steps:+.1f}" for row in far.itertuples())
-    return (
-        f"WARNING: too far from the platform file to be values of the hull, in plausible deviations: {named}; "
-        "something else has the same effect in every dive, so do not ballast or trim by these values; changes during "
-        "the mission remain valid",
-    )
+    warning = implausible_warning(dict(zip(parameters["parameter"], parameters["steps"], strict=True)))
+    return (warning,) if warning else ()
 
 
 def change_table(history: HullHistory) -> pd.DataFrame:
@@ -177,7 +170,8 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
     return (
         f"{p.meaning}: changed {form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by "
-        f"{_size(history, p, change)} (probability {probability:.3f})"
+        f"{_size(history, p, change)} (probability {probability:.3f}); the currents are those of one hull for all "
+        "profiles, so calibrate those before and after the change separately"
     )
 
 
