@@ -1,4 +1,4 @@
-"""The archive of a whole mission: what it costs to write, how large it is, and how long users' queries take.
+"""Archive of a whole mission: cost of writing, size, and time of users' queries.
 
 Usage: ``python -m benchmarks.archive RUN.zarr [--profiles 565] [--work FOLDER] [--quick]``. RUN is the archive of some of
 a mission's profiles. They are written row by row into an archive of the whole mission's size, in turn, so that sizes

@@ -1,4 +1,4 @@
-"""Calibration against known truth and on real missions; writes ``docs/calibration.md``.
+"""Calibration compared with known truth and on real missions; writes ``docs/calibration.md``.
 
 Usage: ``python -m benchmarks.calibration [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
 """

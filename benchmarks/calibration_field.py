@@ -1,4 +1,4 @@
-"""Calibration by the documented commands, on real missions and on hulls far off; a section of ``docs/calibration.md``.
+"""Calibration with the documented commands, on real missions and very wrong hulls; a section of ``docs/calibration.md``.
 
 Usage: ``python -m benchmarks.calibration_field WORK_FOLDER [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are
 imported records. What lies in WORK_FOLDER already is taken as it is.

@@ -1,4 +1,4 @@
-"""Dask clusters of real processes on loopback, to run on and to kill."""
+"""Dask clusters of real processes on loopback, for runs and for fault tests."""
 
 import multiprocessing
 import os

@@ -244,7 +244,7 @@ def page(rows: Sequence[Row]) -> str:
         f"{errors.heading_error:g} degrees of the course, nothing relative to the current; in addition fixes, surface drift and the",
         "estimate's own terms. The errors given with the shares are binomial, with each hull counted once.", "",
         markdown(HEADS, [coverage_row(rows, name, CurrentSettings()) for name in ESTIMATES]), "",
-        "With the publication's terms, which are meant for hulls that were never calibrated, the same twins give:", "",
+        "With the paper's terms, which are meant for hulls that were never calibrated, the same twins give:", "",
         markdown(HEADS, [coverage_row(rows, name, PUBLISHED) for name in ESTIMATES]), "",
         "The spread of compass offsets determines the error across the track: a compass with a larger offset needs",
         "`current.heading_error`, and `gliderhpc inspect` finds offsets where a mission turns.",

@@ -1,4 +1,4 @@
-"""The drift study tested on truth, real missions and the clock; writes the measured parts of ``docs/drift.md``.
+"""Drift study: accuracy on known truth, real missions, and cost; writes the measured parts of ``docs/drift.md``.
 
 Usage: ``python -m benchmarks.drift FOLDER PART ...`` with the parts
 

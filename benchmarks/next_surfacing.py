@@ -1,4 +1,4 @@
-"""Next surfacings predicted on synthetic missions, compared with where the glider came up.
+"""Next surfacings predicted on synthetic missions, compared with the true surfacings.
 
 Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``, or
 ``--archives A.zarr ...`` for real missions, each surfacing predicted from the dives before it.

@@ -1,4 +1,4 @@
-"""Recipes made into files and commands: every kind lays out a folder, runs its commands and judges what is left."""
+"""Recipes as files and commands: every kind prepares a folder, runs its commands and checks the outcome."""
 
 from __future__ import annotations
 

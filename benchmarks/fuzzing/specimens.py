@@ -1,4 +1,4 @@
-"""Sound inputs to edit: records of every instrument, a mission and its archive, all made here, none of them real."""
+"""Valid inputs to edit: synthetic records of every instrument, a mission and its archive."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def run_filters(
     Parameters
     ----------
     profiles : iterable of PreparedProfile
-        Any number of profiles. The result of one is identical to the bit, whatever the others.
+        Any number of profiles. The result of one is identical bit for bit, whatever the others.
     settings : EstimationSettings
         Settings, of which ``step`` and ``filter`` are used.
 
@@ -185,7 +185,7 @@ class FilterTrials:
     def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
         """Filter every profile with every prior, side by side; yield each when complete, with both indices.
 
-        The results are identical to those of `filter_with_priors`, to the bit.
+        The results are identical to those of `filter_with_priors`, bit for bit.
         """
         tasks = (
             _Task(len(priors) * i + k, profile, (("given", prior),))

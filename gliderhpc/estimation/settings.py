@@ -233,7 +233,7 @@ def smoother_passes(platform: Platform, settings: SmootherSettings, interval: fl
     """Largest number of passes of the smoother for the interval of a record's attitude, s (docs/smoother.md).
 
     Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There one pass about
-    the filter's path is sound. With more passes the errors of the hull's coefficients would determine the speed.
+    the filter's path is valid. With more passes the errors of the hull's coefficients would determine the speed.
     """
     if settings.max_passes is not None:
         return settings.max_passes

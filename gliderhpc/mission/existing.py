@@ -7,7 +7,7 @@ from gliderhpc.errors import InputError
 
 
 class Existing(Enum):
-    """What a run does with an existing archive; a run without one makes a new archive in every case."""
+    """Treatment of an existing archive; without one, a new archive is always created."""
 
     REFUSE = "refuse"
     """Refuse to run."""

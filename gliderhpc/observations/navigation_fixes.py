@@ -85,7 +85,7 @@ def _with_rounding(found: SurfacePositions) -> SurfacePositions:
 
 
 def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePositions | None:
-    """Fixes of the GPS variables; None if these hold no position. Remarks on those out of range are added."""
+    """Fixes of the GPS variables; None if these contain no position. Remarks on those out of range are added."""
     latitude, longitude = _pair(columns, "fix_")
     name = columns.find("fix_time") or columns.find("time")
     time = columns.times(name)

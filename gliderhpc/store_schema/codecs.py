@@ -75,7 +75,7 @@ def check_text_count(content: bytes) -> None:
 
 
 _DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
-"""Whether this version of zarr can decode without another thread."""
+"""True if this version of zarr can decode without another thread."""
 
 
 class InlineBloscCodec(_OneByOne, BloscCodec):

@@ -61,7 +61,7 @@ def as_lines(faults: Iterable[Fault]) -> list[str]:
 
 
 def damaged_chunks(place: Place) -> list[str]:
-    """List the damaged chunks of an archive of sound structure, with their remedies.
+    """List the damaged chunks of an archive of valid structure, with their remedies.
 
     Parameters
     ----------

@@ -178,7 +178,7 @@ def write_profile(place: Place, profile_index: int, group: str, values: Mapping[
 
 
 def clear_marker(place: Place, profile_index: int) -> None:
-    """Clear a profile's commit marker before the profile is computed again."""
+    """Clear a profile's commit marker before the profile is recomputed."""
     ArchiveRows(place).begin(profile_index)
 
 

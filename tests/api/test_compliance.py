@@ -1,4 +1,4 @@
-"""Files for other people: discovery attributes, and the IOOS compliance checker where it is installed.
+"""Files for other users: discovery attributes, and the IOOS compliance checker where it is installed.
 
 The part of the OG1 checker that asks the vocabulary server is answered from the list of terms in the package.
 """

@@ -1,4 +1,4 @@
-"""`gliderhpc.currents` on records with flagged values, clocks set back, a compass that failed, or another layout."""
+"""`gliderhpc.currents` on records with flagged values, clocks set back, a failed compass, or another layout."""
 
 import re
 

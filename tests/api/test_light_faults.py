@@ -1,4 +1,4 @@
-"""`gliderhpc.currents` on records with faults: units, dropouts, clocks, declinations, and fixes that are left out."""
+"""`gliderhpc.currents` on faulty records: units, dropouts, clocks, declinations, and rejected fixes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Damaged archives under every command that reads them: one line, whatever the damage."""
+"""Damaged archives with every command that reads them: one line, whatever the damage."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Opening an archive and saying what is in it."""
+"""Opening and describing an archive."""
 
 import math
 import re

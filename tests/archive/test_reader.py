@@ -1,4 +1,4 @@
-"""The reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
+"""Reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The program: its exit statuses, and one clear line for every bad input that a user can bring."""
+"""Exit statuses of the program, and one clear line for every invalid input."""
 
 import errno
 import io

@@ -1,4 +1,4 @@
-"""Other users of the machine and files of others can run nothing, write nothing and steer no terminal."""
+"""Security: other users and foreign files can run nothing, write nothing and control no terminal."""
 
 import io
 import json

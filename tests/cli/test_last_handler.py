@@ -1,4 +1,4 @@
-"""Errors that nobody foresaw, streams that are closed, and files that the system does not give out."""
+"""Unexpected errors, closed streams, and unreadable files."""
 
 import errno
 import os

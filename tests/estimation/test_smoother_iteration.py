@@ -1,4 +1,4 @@
-"""When the smoother's iteration ends: on a problem that has no step down without damping, and small ones with it."""
+"""Termination of the smoother's iteration, on problems with and without a descent step without damping."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The smoother's model of record and noise: repeated rounding, lagging actuators, and a dive's own intensity."""
+"""Smoother's model of record and noise: repeated rounded values, lagging actuators, and intensity of a dive's noise."""
 
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -110,7 +110,7 @@ def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
 
 @pytest.mark.compiled
 def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
-    """The estimate is the same to the bit as with a sweep for each; only the number of sweeps differs."""
+    """The estimate is the same bit for bit as with a sweep for each; only the number of sweeps differs."""
     flown, found, sweeps = fly(41, 6000), [], []
     forward = problem.Sweeps.forward
     monkeypatch.setattr(problem.Sweeps, "forward", lambda *args: (sweeps.append(len(found)), forward(*args))[1])

@@ -1,4 +1,4 @@
-"""A run of the model along a path: linearisation without the sensors' noise, and the biases that it removes."""
+"""Run of the model along a path: linearisation without sensor noise, and the biases that this removes."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A heading or a depth that stopped is refused; steady glides, coarse sensors and the surface are not."""
+"""Headings or depths that are stuck are refused; steady glides, coarse sensors and the surface are not."""
 
 from dataclasses import replace
 

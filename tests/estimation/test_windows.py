@@ -1,4 +1,4 @@
-"""Windows: their lengths, their handover (eq. 38, Algorithm 1), and their solution by the engine."""
+"""Windows: lengths, handover (eq. 38, Algorithm 1), and solution by the engine."""
 
 import itertools
 from dataclasses import replace

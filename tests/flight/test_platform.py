@@ -1,4 +1,4 @@
-"""Platform files: what is read, what is refused, and by what name."""
+"""Platform files: accepted content, refused content, and the names in messages."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A mission from end to end: content of the archive, inputs that determine it, resuming and repeating."""
+"""Mission from end to end: content of the archive, inputs that determine it, resuming and repeating."""
 
 import re
 import shutil
@@ -612,7 +612,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert program("compare", store, swift_store).status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
-        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profile was computed again or added"
+        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profile was recomputed or added"
         assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
     assert "made before 1 profile" in " ".join(program("info", store).out.split())

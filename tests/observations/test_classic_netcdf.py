@@ -1,4 +1,4 @@
-"""Classic netCDF files whose end is missing, which the library reads as zeros, are refused."""
+"""Truncated classic netCDF files, which the library reads as zeros, are refused."""
 
 import netCDF4
 import numpy as np

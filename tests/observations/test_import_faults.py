@@ -1,4 +1,4 @@
-"""Records that are damaged, or made by a clock that was set: each costs what it concerns, with a line that says why."""
+"""Damaged records and clock faults: only the affected part is lost, with a line that gives the reason."""
 
 import gzip
 import os

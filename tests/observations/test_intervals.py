@@ -1,4 +1,4 @@
-"""Sample intervals by time: a rate that changes with depth, gaps, bursts, and records that are sampled evenly."""
+"""Sample intervals by time: rates that change with depth, gaps, bursts, and evenly sampled records."""
 
 import numpy as np
 import pytest

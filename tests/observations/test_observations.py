@@ -1,4 +1,4 @@
-"""The observation format: what is written is read back, and every bad input gets one clear line."""
+"""Observation format: round trip of records, and one clear line for every invalid input."""
 
 import gzip
 import pickle

@@ -1,4 +1,4 @@
-"""Rows of a file that are not in the order of time, or given twice."""
+"""Rows of a file that are out of time order, or repeated."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Files as other programs write them: unusual types, attributes, spellings and orders."""
+"""Files of other programs: unusual types, attributes, spellings and orders."""
 
 import gzip
 

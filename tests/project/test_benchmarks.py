@@ -1,4 +1,4 @@
-"""The benchmarks' own arithmetic, and that every timed contender solves the stated problem."""
+"""Arithmetic of the benchmarks, and verification that every timed contender solves the stated problem."""
 
 import math
 import os
@@ -380,7 +380,7 @@ def pictured():
 def test_the_caption_is_of_the_archive(pictured):
     text = " ".join(front_picture.caption(pictured).split())
     assert "currents of 2 dives, 0.10 to 0.22 m/s, with a median standard deviation of 0.015 m/s" in text
-    assert "found this episode by itself: on climbs the drag rose by up to 50%" in text
+    assert "study detected this episode automatically: on climbs the drag rose by up to 50%" in text
 
 
 def test_the_picture_shows_currents_ellipses_and_changes(pictured):

@@ -1,4 +1,4 @@
-"""The page that compares speeds and vertical velocities with the established methods: its arithmetic, and the peers."""
+"""Arithmetic of the comparison of speeds and vertical velocities with established methods, and the peers."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The examples for SLURM, as far as they can be tried without it."""
+"""Examples for SLURM, as far as they can be tested without it."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""The deployment file of `gliderhpc export og1`: attributes from it, and what is refused."""
+"""Deployment file of `gliderhpc export og1`: its attributes, and refused content."""
 
 import netCDF4
 import pytest

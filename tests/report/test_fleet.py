@@ -1,4 +1,4 @@
-"""Report of a fleet: a page for each mission, a row for each, a map of all, and faults that cost one archive alone."""
+"""Report of a fleet: a page and a row for each mission, a map of all, and faults confined to one archive."""
 
 import csv
 import shlex

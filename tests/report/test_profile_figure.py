@@ -1,4 +1,4 @@
-"""The page a profile: it shows the archive's numbers, all of them the archive's."""
+"""Profile page: the numbers on it are those of the archive."""
 
 from contextlib import contextmanager
 
@@ -252,7 +252,7 @@ def test_axis_limits():
 
 
 def test_the_title_names_the_profile_and_its_accuracy(tmp_path, truth):
-    content = Content(1, table={"message": "12 s of gaps in the record have no weight"})
+    content = Content(1, table={"message": "gaps totalling 12 s were ignored"})
     figure = drawn(tmp_path, content, truth)
     for part in (
         "cost $1 and $2 · petrel-l · profile 1", "preset recommended", "20 windows, 95.0% converged",

@@ -1,4 +1,4 @@
-"""The report: every section is there, everything on it is the archive's, and a browser shows it whole."""
+"""Report: every section is present, all content comes from the archive, and a browser displays it fully."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""The commit protocol: what says that a profile is complete, what of an archive is trusted, and what is mended."""
+"""Commit protocol: completeness, verification and repair."""
 
 import json
 import os
@@ -171,7 +171,7 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     flip(own_copy / "state" / "u" / "c.1.0")
     answer = resume(swift, own_copy)
     assert "1 profile is valid; to be computed: 1 missing, 1 damaged" in answer.err
-    assert "profile 2, state/u: the chunk is damaged; it is computed again" in answer.err
+    assert "profile 2, state/u: the chunk is damaged; it will be recomputed" in answer.err
     assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
 
 
@@ -229,7 +229,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     "place", ["series/B_cu", "series", "profile", "status", "commits/marker", "windows/start", "series/sample", ""]
 )
 def test_damaged_metadata_is_named_and_mended(own_copy, swift, swift_store, place):
-    """All chunks are sound, and the schema is known: nothing is computed again."""
+    """All chunks are intact, and the schema is known: nothing is recomputed."""
     metadata = own_copy / place / "zarr.json"
     metadata.write_bytes(metadata.read_bytes()[:-20])
     answer = program("check", own_copy)

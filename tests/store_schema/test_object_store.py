@@ -1,4 +1,4 @@
-"""An archive in an object store, over the S3 protocol of a server process on loopback."""
+"""Archive in an object store, over the S3 protocol of a server process on loopback."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""The archive: created whole, written by rows, opened by xarray alone, held against its schema."""
+"""Archive: created whole, written by rows, opened with xarray alone, checked against its schema."""
 
 import errno
 import json

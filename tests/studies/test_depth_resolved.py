@@ -1,4 +1,4 @@
-"""The study ``currents``: equation 41, its filters, bins, draws and ellipses, and the study over an archive."""
+"""Study ``currents``: equation 41, its filters, bins, draws and ellipses, and the study over an archive."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The drift study: its statistics against others' and known answers, and a mission that fouls."""
+"""Study ``drift``: its statistics compared with independent and known results, and a mission with fouling."""
 
 import shutil
 

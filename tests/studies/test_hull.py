@@ -1,4 +1,4 @@
-"""Study `hull`: its sum, its columns in the mission's group, its verdict, and what stays when it fails."""
+"""Study `hull`: sum, columns in the mission's group, verdict, and state of the archive after a failure."""
 
 import math
 import shutil

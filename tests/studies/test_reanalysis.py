@@ -1,4 +1,4 @@
-"""Study `reanalysis`: models' files as they are, exact sampling of known fields, nothing outside them, and the verb."""
+"""Study `reanalysis`: model files in their own layouts, exact sampling of known fields, and the command."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Study `reconstruction`: known residuals, lags and impulses come out of it; and the verb from archive to files."""
+"""Study `reconstruction`: known residuals, lags and impulses are recovered; the command from archive to files."""
 
 import json
 import shutil

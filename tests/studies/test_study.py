@@ -1,4 +1,4 @@
-"""The common form of a study: the table, the files, the registry, the trend; and studies' groups in an archive."""
+"""Common form of a study: table, files, registry and trend; groups of studies in an archive."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The statistics of turbulence on plain arrays: each known series gives what theory says of it."""
+"""Statistics of turbulence on plain arrays: each known series gives its theoretical values."""
 
 from dataclasses import astuple
 
@@ -385,7 +385,7 @@ def test_the_conclusion_is_three_sentences(flatness, settles):
     verdict = judged(nulls=nulls, profiles=2 if flatness is not None and len(flatness) == 1 else 4)
     found, sure, settle = conclusion(verdict)
     assert found.startswith("Found: ")
-    assert "of the publication's 3 features" in found
+    assert "of the paper's 3 features" in found
     assert settles in settle
     if flatness is None:
         assert "no nulls of these settings" in sure

@@ -1,4 +1,4 @@
-"""The studies spectra, intermittency, nulls and events over an archive, and what the nulls are flown from."""
+"""Studies spectra, intermittency, nulls and events over an archive, and the simulations of the nulls."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The forward model against the records: what it finds on known flights, and the verb from file to archive."""
+"""Forward model compared with the records: results on known flights, and the command from file to archive."""
 
 import json
 import shutil

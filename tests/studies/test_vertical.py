@@ -1,4 +1,4 @@
-"""Study `vertical`: its filter, the glide in still water, rising water found again on a twin, its errors, the verb."""
+"""Study `vertical`: filter, glide in still water, rising water recovered on a twin, errors, and the command."""
 
 import json
 import math

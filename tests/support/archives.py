@@ -1,4 +1,4 @@
-"""Archives and truth files of known content, written without estimating anything."""
+"""Archives and truth files of known content, written without any estimation."""
 
 import hashlib
 import os

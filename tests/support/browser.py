@@ -1,4 +1,4 @@
-"""A headless Chromium, driven by its DevTools protocol: opens a page, reports what it finds, takes pictures."""
+"""Headless Chromium, driven by its DevTools protocol: opens a page, inspects it, and takes screenshots."""
 
 import base64
 import itertools

@@ -1,4 +1,4 @@
-"""Damages of an archive, one after the other: what disks, copies and people do to the files of a Zarr store."""
+"""Damages of an archive, one after the other, as disks, copying and users cause them in a Zarr store."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Content of a kernel's machine code: its arithmetic on doubles, by the width of the registers it works on."""
+"""Machine code of a kernel: its arithmetic on doubles, by register width."""
 
 import re
 from collections import Counter

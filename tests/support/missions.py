@@ -1,4 +1,4 @@
-"""Missions for the tests of the spine: simulated, put through the library or the program, changed, and compared."""
+"""Missions for end-to-end tests: simulated, processed by the library or the program, changed, and compared."""
 
 import contextlib
 import io

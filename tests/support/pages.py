@@ -1,4 +1,4 @@
-"""The documentation's pages as programs: their blocks of code, in order, run in a folder of their own."""
+"""Documentation pages as programs: their code blocks, in order, run in a separate folder."""
 
 import contextlib
 import os

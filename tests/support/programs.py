@@ -1,4 +1,4 @@
-"""Programs in a process of their own."""
+"""Programs in a separate process."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Small files in the layouts of Seaglider's basestation and of OceanGliders OG1, with what went into them."""
+"""Small files in the layouts of Seaglider's basestation and of OceanGliders OG1, with their true values."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Findings that an archive shows of its studies, compared with the files of a run and after a changed value."""
+"""Findings shown from an archive, compared with the files of a run and after a changed value."""
 
 import shutil
 from collections.abc import Callable

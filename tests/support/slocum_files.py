@@ -1,4 +1,4 @@
-"""Slocum files made by the tests: a mission flown on paper, as netCDF of native sensors and as binary records."""
+"""Slocum files made by the tests: a synthetic mission as netCDF of native sensors and as binary records."""
 
 import struct
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Short dives for the smoother's tests: flown, measured, posed as a MAP problem."""
+"""Short simulated dives for the smoother's tests, as MAP problems."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Calibration: what a fit determines, steady segments of a record, hulls found again on twins, and the verb."""
+"""Calibration: parameters that a fit determines, steady segments, hulls recovered on twins, and the command."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A compass's errors by the currents of legs (restricted likelihood), against dense algebra."""
+"""Compass errors from the currents of legs (restricted likelihood), compared with dense algebra."""
 
 import re
 

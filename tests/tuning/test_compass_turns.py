@@ -1,4 +1,4 @@
-"""A compass's errors by turns: stretches cut, and their information against least squares with a profile left out."""
+"""Compass errors from turns: selected stretches, and their information compared with leave-one-out least squares."""
 
 import numpy as np
 import pytest

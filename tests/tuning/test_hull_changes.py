@@ -1,4 +1,4 @@
-"""Changes of the hull during a mission: evidence against the augmented chain, onset, size, and false alarms."""
+"""Changes of the hull during a mission: evidence compared with the augmented chain, onset, size, and false alarms."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Likelihood of a prior by the innovations: the likelihood against a dense Gaussian's, and what rejected data cost."""
+"""Likelihood of a prior from the innovations: compared with a dense Gaussian, and the cost of rejected data."""
 
 import dataclasses
 import logging

@@ -1,4 +1,4 @@
-"""The mission's sum against dense algebra, and its behaviour on dives that agree, walk, scatter or do not fit."""
+"""Sum over the mission compared with dense algebra, on dives that agree, drift, scatter or do not fit."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Checks of the records: errors put in are found within the errors stated, clean records raise no alarm."""
+"""Checks of records: planted errors are found within their stated errors, and clean records raise no alarm."""
 
 import json
 import logging

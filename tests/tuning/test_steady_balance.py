@@ -1,4 +1,4 @@
-"""The balance of steady flight, straight and turning, held against the model's own steady glides and turns."""
+"""Balance of steady flight, straight and turning, compared with the model's own steady glides and turns."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Whiteness of the filter's innovations: the level of the test, and its statistic by loops."""
+"""Whiteness of the filter's innovations: level of the test, and its statistic computed with loops."""
 
 import numpy as np
 import pytest

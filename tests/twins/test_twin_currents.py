@@ -1,4 +1,4 @@
-"""``twin currents``: coverage, transfer functions and the passband on plain arrays, and the study at its smallest."""
+"""``twin currents``: coverage, transfer functions and the passband on plain arrays, and a minimal study."""
 
 import json
 

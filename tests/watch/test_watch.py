@@ -1,4 +1,4 @@
-"""A watch reports each dive once, whatever happens to the files and to itself, and its archive is a fresh run's."""
+"""Watch: each dive is reported once, whatever happens to files or process, and the archive equals that of a new run."""
 
 import functools
 import json

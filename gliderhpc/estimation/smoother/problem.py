@@ -79,7 +79,7 @@ class Gusts(NamedTuple):
     """Gusts that roll the glider."""
 
     with_bursts: bool
-    """Whether yaw moments also turn it, in bursts with quiet stretches between."""
+    """True if yaw moments also turn it, in bursts with quiet stretches between."""
 
 
 def pose_dive(
