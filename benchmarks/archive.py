@@ -141,7 +141,7 @@ def kibibytes(what):
 
 
 def ask(query: Query, archive: Path) -> tuple[float, float, float, str]:
-    """Seconds, processor seconds and added MiB of a query in a process of its own, imports left out; what it prints."""
+    """Seconds, processor seconds and added MiB of a query in a separate process, without imports; its output."""
     code = (
         f"{_MEMORY}import time\nimport dask.array\nimport numpy as np\nimport xarray as xr\nimport zarr\n"
         f"archive = {str(archive)!r}\nbefore = kibibytes('VmRSS')\nopen('/proc/self/clear_refs', 'w').write('5')\n"
@@ -229,7 +229,7 @@ def rounding(run: Path) -> list[tuple[str, float, float]]:
 
 
 def write_share(run: Path, work: Path) -> tuple[float, float]:
-    """Processor seconds of writing a profile of a run again, and the part of them in what a profile takes in all."""
+    """Processor seconds of writing a profile of a run again, and their fraction of a profile's total."""
     seconds = rewrite(run, work / "again.zarr")["seconds"]
     with xr.open_datatree(run, engine="zarr") as tree:
         steps = float(np.median(tree["duration"].values)) / float(tree.attrs["step"])

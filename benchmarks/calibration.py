@@ -43,7 +43,7 @@ UNFLOWN = "viscous.K_delta"
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A hull drawn about the platform's, and what its calibration found."""
+    """Hull drawn about the platform's, and the result of its calibration."""
 
     truth: Platform
     found: Calibration

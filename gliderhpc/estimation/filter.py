@@ -201,7 +201,7 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings, doubt: str | None = None) -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of samples, with a doubt of the water if any."""
+    """Error for an estimate that rejected too large a share of samples, with a warning about the water if any."""
     remedy = _IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "

@@ -26,7 +26,7 @@ Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
 
 
 class Settings(BaseModel):
-    """Base of every settings object: frozen, closed to unknown keys, finite numbers only."""
+    """Base of every settings object: frozen, without unknown keys, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -150,7 +150,7 @@ def add_defects(lanes, s):
 
 @inner_kernel
 def save_products(lanes, group, s):
-    """Save what the products are at the end of step ``s``, for the noise and for the backward sweep.
+    """Save the products at the end of step ``s``, for the noise and for the backward sweep.
 
     The noise of the last step acts on nothing but its disturbance.
     """

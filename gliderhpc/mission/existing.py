@@ -34,5 +34,5 @@ class Existing(Enum):
 
     @property
     def continues(self) -> bool:
-        """Return whether results of the archive are kept."""
+        """Return whether results of the archive are retained."""
         return self in (Existing.RESUME, Existing.APPEND)

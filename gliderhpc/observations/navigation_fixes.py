@@ -159,7 +159,7 @@ NEIGHBOURS, MIN_DOUBTS, DOUBTED = 5, 2, 0.25
 
 
 def with_neighbours(doubts: Mapping[int, str], numbers: Sequence[int]) -> dict[int, str]:
-    """Extend the doubts about fixes to the profiles among many doubted ones.
+    """Extend the warnings about fixes to the profiles among many doubtful ones.
 
     With a wrong clock, some fixes lie under water by their times, and others at another surfacing than their own, where
     they look right.

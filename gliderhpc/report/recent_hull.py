@@ -44,7 +44,7 @@ class RecentHull:
     changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
         Change of each parameter that may change, by its position.
     warning : str
-        Reason to doubt the values, if the depth rate of the steady glides gives one; otherwise empty.
+        Warning about the values, if the depth rate of the steady glides contradicts them; otherwise empty.
     """
 
     mission: MissionDives

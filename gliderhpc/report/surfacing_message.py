@@ -163,7 +163,7 @@ class SurfacingMessage(_Part):
     trim: tuple[Trim, ...] = Field(
         (), description="ballast, battery and offsets, where the dives so far determine them"
     )
-    hull_warning: str = Field("", description="reason to doubt trim and changes of the hull, from its steady glides")
+    hull_warning: str = Field("", description="warning on trim and changes of the hull, from its steady glides")
 
     @property
     def only_current_changed(self) -> bool:

@@ -1,4 +1,4 @@
-"""Zarr's codecs of texts and of compressed chunks, as used to read and write archives.
+"""Zarr's codecs of strings and of compressed chunks, as used to read and write archives.
 
 Importing this module registers them. Every store of an archive is opened by `gliderhpc.store_schema.place`, which
 imports it.

@@ -37,7 +37,7 @@ _MAX_NAMED_CHUNKS = 3
 
 @dataclass(frozen=True)
 class Fault:
-    """A deviation from what was written: profile, variable, description and remedy."""
+    """Deviation from the written data: profile, variable, description and remedy."""
 
     profile: str
     variable: str

@@ -78,7 +78,7 @@ class SteadyMotion(MeasuredAttitude):
     depth_rate: Array
 
     def repeated(self, times: int) -> "SteadyMotion":
-        """Return all stretches several times, one after the other."""
+        """Repeat all stretches several times, in sequence."""
         return SteadyMotion(**{field.name: np.tile(getattr(self, field.name), times) for field in fields(self)})
 
 

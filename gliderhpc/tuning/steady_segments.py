@@ -201,7 +201,7 @@ _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
 
 
 def join_segments(parts: Sequence[SteadySegments]) -> SteadySegments:
-    """Put segments one after the other."""
+    """Concatenate segments."""
     names = [field.name for field in fields(SteadySegments)]
     return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 

@@ -227,9 +227,9 @@ def describe_verdict(line: Row) -> str:
         f"{line['hull']}, {line['preset']}: 30 s is {'as good as any length' if right else 'not the best length'}. "
         f"Best length over all channels: {line['best_length_overall']:g} s (as good: "
         f"{', '.join(f'{value:g}' for value in good)} s); for yaw alone: {line['best_length_yaw']:g} s (at 30 s the "
-        f"yaw error is {number(line.get('yaw_over_best'))} times that). Non-overlapping windows multiply the yaw error "
-        f"by {number(yaw)} and the seam ratio by {number(seam)}. The iteration limit is {limit}. A tau_c from 0.05 to 3.2 "
-        f"changes the yaw error by at most {line['tau_c_change']:.1%}. Best tolerance over all channels: "
+        f"yaw error is {number(line.get('yaw_over_best'))} times that). Non-overlapping windows multiply the yaw "
+        f"error by {number(yaw)} and the seam ratio by {number(seam)}. The iteration limit is {limit}. A tau_c from "
+        f"0.05 to 3.2 changes the yaw error by at most {line['tau_c_change']:.1%}. Best tolerance over all channels: "
         f"{line['best_tolerance']:g}, for yaw alone: {line['best_tolerance_yaw']:g}."
     )
 

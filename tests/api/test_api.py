@@ -47,7 +47,7 @@ TIMED = ("run_seconds",)
 
 @pytest.fixture(scope="module")
 def records(swift):
-    """The swift mission in memory, with nothing that tells of its file."""
+    """The swift mission in memory, without any reference to its file."""
     loaded = gh.open_records(swift).load().copy(deep=True)
     loaded.encoding.clear()
     return loaded

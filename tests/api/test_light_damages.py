@@ -38,7 +38,7 @@ def _messages(found: xr.Dataset) -> list[str]:
 
 
 def test_fixes_flagged_bad_are_not_used():
-    """The second surfacing is off by 10 km, which had given currents wrong by metres per second."""
+    """The second surfacing is off by 10 km, which gave currents wrong by metres per second."""
     records = mission(GLIDE)
     records["fix_latitude"][2:4] += 0.1
     flags = np.ones(records.sizes["fix"], dtype=np.int8)

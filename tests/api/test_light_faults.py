@@ -150,7 +150,7 @@ def test_dropouts_and_spikes_of_the_depth_do_not_change_the_current(share, offse
 
 
 def test_a_noisy_depth_does_not_make_the_glider_faster():
-    """At 1 Hz, noise of 2 m had added its magnitude to the vertical speed."""
+    """At 1 Hz, noise of 2 m used to add its magnitude to the vertical speed."""
     glide = Glide(dives=1, depth=200.0, interval=1.0)
     records = mission(glide)
     clean = currents(records)

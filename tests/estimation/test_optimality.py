@@ -61,7 +61,7 @@ class Archive:
         return np.array(prior.deviation) * np.sqrt(share)
 
     def windows(self, number):
-        """Return the stored windows of a profile whose own solution was kept from end to end."""
+        """Return the stored windows of a profile whose own solution is used from end to end."""
         windows = self.tree["windows"].ds.sel(profile=number)
         count = int(self.tree.to_dataset()["window_count"].sel(profile=number))
         assert np.isnan(windows["start"].values[count:]).all()

@@ -43,7 +43,7 @@ class NoWayDown:
 
 
 def test_the_same_passes_are_not_made_again(monkeypatch):
-    """Released, the damping is needed again, and nothing has moved: the iteration has stalled, long before its cap."""
+    """Released, the damping is needed again, and nothing has moved: the iteration has stalled, far from its limit."""
     monkeypatch.setattr("gliderhpc.estimation.smoother.iterate.Sweeps", NoWayDown)
     dive = SimpleNamespace(
         variance=np.ones((ROWS + 1, 4)), noise=np.ones((ROWS, 6)), fed=np.ones(ROWS + 1, bool),

@@ -63,7 +63,7 @@ def test_noise_factors_are_the_ratio_of_squared_to_resolved_noise():
 
 
 def test_standardised_noise_is_over_its_own_deviation():
-    """Harvey and Koopman (1992): the smoothed noise has the variance of the noise less what is left of it."""
+    """Harvey and Koopman (1992): smoothed noise has the variance of the noise less its posterior variance."""
     linear = allocate_backward(3, 3)
     linear.noise_mean[:] = [[3.0] * 6, [0.5] * 6, [0.0] * 6]
     linear.noise_resolved[:] = [[0.25] * 6, [1.0] * 6, [0.0] * 6]

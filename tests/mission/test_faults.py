@@ -55,7 +55,7 @@ def undisturbed(dips):
 
 
 def assert_whole(store, undisturbed):
-    """Assert that the archive equals the undisturbed one, to the byte, with every profile once."""
+    """Assert that the archive equals the undisturbed one byte for byte, with every profile once."""
     assert archive_bytes(store) == archive_bytes(undisturbed)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["profile"].values) == list(range(1, COUNT + 1))
@@ -66,7 +66,7 @@ def assert_whole(store, undisturbed):
 
 
 def committed(store):
-    """Return the number of committed profiles by the names of their markers, which takes no time to look at."""
+    """Count committed profiles from the names of their markers, which is fast."""
     return sum(path.suffix != ".partial" for path in (store / "commits" / "marker").glob("c.*"))
 
 

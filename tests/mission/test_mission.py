@@ -383,7 +383,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
 
 
 def test_the_truth_is_never_read(swift, swift_store, tmp_path):
-    """The file without its truth gives the same archive to the byte, except for durations."""
+    """The file without its truth gives the same archive byte for byte, except for durations."""
     alone = tmp_path / swift.name
     shutil.copy(swift, alone)
     assert truth_path(swift).exists()

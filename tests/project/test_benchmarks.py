@@ -343,7 +343,7 @@ def test_the_readme_says_what_was_measured():
 
 
 def test_the_readmes_picture_is_small():
-    """Drawn by `benchmarks.front_picture`; whoever opens the README loads it."""
+    """Drawn by `benchmarks.front_picture`; every reader of the README loads it."""
     assert 20_000 < front_picture.PICTURE.stat().st_size < 200_000
     assert "docs/assets/mission.png" in README.read_text("utf-8")
     assert "the study `drift` found" in " ".join(section_of(README.read_text("utf-8"), front_picture.SECTION).split())
@@ -351,7 +351,7 @@ def test_the_readmes_picture_is_small():
 
 @pytest.fixture
 def pictured():
-    """An archive made by hand: three profiles, the last without a current, and an episode on the second."""
+    """A synthetic archive: three profiles, the last without a current, and an episode on the second."""
     profile = {"profile": [1, 2, 3]}
     table = xr.Dataset(
         {

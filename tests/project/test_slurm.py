@@ -30,7 +30,7 @@ wait
 
 @pytest.fixture
 def slurm(tmp_path):
-    """Environment in which `srun` starts two processes here and `scontrol` says what it was asked."""
+    """Environment in which `srun` starts two processes here and `scontrol` prints its arguments."""
     tools = tmp_path / "tools"
     tools.mkdir()
     python = "-c 'import sys; from gliderhpc.cli import main; main(sys.argv[1:])'"

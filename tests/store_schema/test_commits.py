@@ -106,7 +106,7 @@ SPOT = {
 @pytest.mark.long
 @pytest.mark.parametrize("damage", [truncate, empty, flip, delete])
 def test_check_names_damaged_chunks_and_resume_restores_them(swift, swift_store, own_copy, damage):
-    """Each chunk alone is named; all at once are mended, to the byte of what was written."""
+    """Each damaged chunk is named; all together are restored, byte for byte as written."""
     for chunk, fragment in SPOT.items():
         damage(own_copy / chunk)
         answer = program("check", own_copy, "--deep")
@@ -194,7 +194,7 @@ def test_resume_removes_nothing_else(swift, own_copy):
 
 
 def test_the_table_is_true_of_what_is_pending(own_copy, swift):
-    """A run that goes on and is stopped at once leaves no row of a profile that is to be recomputed."""
+    """A resumed run that is stopped at once leaves no row of a profile that is to be recomputed."""
     ArchiveRows(own_copy).begin(1)
 
     @contextmanager
@@ -293,7 +293,7 @@ def test_a_chunk_from_elsewhere_is_damage(own_copy):
 
 
 def test_the_table_is_what_was_committed(own_copy, swift_store):
-    """After SIGKILL the table lags behind, and a chunk of it may be lost; readers see what is committed."""
+    """After SIGKILL the table is behind, and a chunk of it may be lost; readers see the committed profiles."""
     for name in ("status", "dac_north", "start_time"):
         (own_copy / name / "c.0").unlink()
     with xr.open_datatree(own_copy, engine="zarr") as plain:

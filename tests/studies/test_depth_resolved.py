@@ -141,7 +141,7 @@ def test_bins_average_what_lies_in_them():
 
 @pytest.mark.compiled
 def test_draws_scale_the_solution_as_solving_again_does(motion):
-    """To first order: held against equation 41 with the drawn coefficients themselves."""
+    """To first order: compared with equation 41 with the drawn coefficients themselves."""
     straight = straight_flight(motion)
     moment = np.full(200, 2e-4)
     scales = scale_draws(PETREL.platform, np.arctan2(straight[:, 2], straight[:, 0]), 0.05, 4, seed=11)

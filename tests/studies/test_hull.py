@@ -171,7 +171,7 @@ def test_lost_metadata_of_the_study_are_mended(empty):
 
 @pytest.fixture(scope="module")
 def studied(brief_store, tmp_path_factory):
-    """Copy of the brief mission's archive after the study, and the program's answer."""
+    """Copy of the brief mission's archive after the study, and the program's output."""
     store = tmp_path_factory.mktemp("hull") / "mission.zarr"
     shutil.copytree(brief_store, store)
     return store, program("analyze", store, "hull", "--workers", 0)

@@ -184,7 +184,7 @@ def test_a_global_file_closes_on_itself_and_is_read_at_both_ends_only(tmp_path, 
 
 
 class _Recorder:
-    """A file that says what was read of it."""
+    """A file that records which parts of it were read."""
 
     def __init__(self, file, boxes):
         self._file, self._boxes = file, boxes

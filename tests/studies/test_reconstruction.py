@@ -249,7 +249,7 @@ def without_fix(data):
 
 @pytest.fixture(scope="module")
 def studied(brief, brief_store, tmp_path_factory):
-    """A copy of the brief mission's archive, what the verb answered, and the folder of its files."""
+    """Copy of the brief mission's archive, output of the command, and folder of its files."""
     folder = tmp_path_factory.mktemp("studied")
     store = folder / "brief.zarr"
     shutil.copytree(brief_store, store)

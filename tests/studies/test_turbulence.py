@@ -160,7 +160,7 @@ def test_a_surrogate_keeps_the_values_and_nearly_the_spectrum():
 
 
 def test_the_cascade_passes_the_rank_test_and_a_shot_train_may():
-    """A train of pulses is no turbulence: what the test excludes is Gaussian and linear, and no more."""
+    """A train of pulses is not turbulence: the test rules out only Gaussian linear processes."""
     rng = np.random.default_rng(7)
     assert ranked(cascade(COUNT // 2, rng), rng)[0] == pytest.approx(0.05)
     assert ranked(shot_train(COUNT // 2, 200.0, 6.0, rng), rng, lag=4)[0] < 0.25
@@ -300,7 +300,7 @@ NULL = {
 
 
 def judged(measured=(), nulls=None, profiles=4):
-    """Verdict over profiles that pass everything but for what is changed in the first, and eleven nulls."""
+    """Verdict over profiles that pass every test except for the changes in the first, and eleven nulls."""
     rows = [dict(MEASURED) for _ in range(profiles)]
     rows[0] |= dict(measured)
     artefacts = pd.DataFrame([NULL | {"zeta_ratio": 1.0 + 0.1 * i} for i in range(11)]) if nulls is None else nulls

@@ -67,7 +67,7 @@ def _rewriting(name: Path, change: Callable[[bytes], bytes]) -> Damage:
 
 
 def _put(path: Path, content: bytes) -> None:
-    """Replace a file, which may be a link of a sound archive's."""
+    """Replace a file, which may be a link to a file of an intact archive."""
     path.unlink()
     path.write_bytes(content)
 

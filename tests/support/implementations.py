@@ -143,7 +143,7 @@ class Numba:
 
 
 class Fortran:
-    """The library's. What it does in lanes alone is asked of all lanes, and each must give the same bits."""
+    """The library's. Functions for lanes only are run in all lanes, and each must give the same bits."""
 
     name = "fortran"
 

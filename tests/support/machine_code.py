@@ -30,7 +30,7 @@ def arithmetic_of(code: str) -> Counter[int]:
 
 
 def compiled_kernels() -> dict[str, Any]:
-    """Kernels that run over lanes, compiled afresh: what comes from the cache shows no machine code."""
+    """Kernels that run over lanes, compiled afresh: those from the cache show no machine code."""
     p, d, progress = allocate(8, 3)
     arguments = {
         window.forward: (p.hull, p.bodies, p.state0, p.trial, p.durations, p.states, p.tape),

@@ -85,7 +85,7 @@ def numbers(prior):
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
-    """Mission of two short dives whose disturbance is drawn from a prior of its own."""
+    """Mission of two short dives whose disturbance is drawn from a known prior."""
     scenario = read_scenario(
         {
             "name": "drawn", "profiles": 2, "depth": 60.0, "sensors": {"attitude": "white"},
@@ -187,7 +187,7 @@ BRIEFLY = (
 
 @pytest.fixture(scope="module")
 def written(drawn):
-    """The program's answer, and the file it wrote."""
+    """Output of the program, and the file that it wrote."""
     out = drawn.with_name("tuned.yaml")
     return program("tune", drawn, "--platform", "petrel-l", "--out", out, *BRIEFLY), out
 
