@@ -132,10 +132,8 @@ _REFERENCE_TABLE = (
     Variable("reference_current_north", PROFILE, "m s-1", "depth-averaged current to the north, from the source"),
     Variable("reference_current_east", PROFILE, "m s-1", "depth-averaged current to the east, from the source"),
     Variable("reference_current_error", PROFILE, "m s-1", "error of the depth-averaged current, from the source"),
-    Variable(
-        "reference_flight_north", PROFILE, "m s-1", "mean velocity through the water to the north, from the source"
-    ),
-    Variable("reference_flight_east", PROFILE, "m s-1", "mean velocity through the water to the east, from the source"),
+    Variable("reference_flight_north", PROFILE, "m s-1", "mean velocity through the water, north, from the source"),
+    Variable("reference_flight_east", PROFILE, "m s-1", "mean velocity through the water, east, from the source"),
     Variable("reference_lift", PROFILE, "degree-1", "lift coefficient hd_a of the source's flight model"),
     Variable("reference_drag", PROFILE, "1", "drag coefficient hd_b of the source's flight model"),
     Variable("reference_induced_drag", PROFILE, "degree-2", "induced drag coefficient hd_c of the source's model"),
@@ -152,7 +150,7 @@ _REFERENCE_TABLE = (
     Variable("reference_horizontal_speed", SAMPLE, "m s-1", "horizontal part of reference_speed"),
     Variable("reference_vertical_speed", SAMPLE, "m s-1", "vertical part of reference_speed, upward"),
     Variable("reference_depth_rate", SAMPLE, "m s-1", "vertical velocity of the vehicle from its depth, upward"),
-    Variable("reference_vertical_current", SAMPLE, "m s-1", "vertical velocity of the water by the source, upward"),
+    Variable("reference_vertical_current", SAMPLE, "m s-1", "vertical velocity of the water from the source, upward"),
     Variable(
         "reference_slope_speed", SAMPLE, "m s-1", "speed from the source's lift and drag and the measured depth rate"
     ),

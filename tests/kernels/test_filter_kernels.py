@@ -133,7 +133,7 @@ def test_a_step_of_no_length_moves_nothing(implementation):
 
 
 def test_a_step_of_no_length_changes_nothing():
-    """It changes nothing bit for bit; lanes with a shorter block than their neighbours depend on this."""
+    """It leaves every bit unchanged; lanes with a shorter block than their neighbours depend on this."""
     bodies, _, x = random_case(1)
     durations = np.array([0.0])
     path, partials = flown_path(bodies, x, durations)

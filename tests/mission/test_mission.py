@@ -368,7 +368,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
     with xr.open_datatree(store, engine="zarr") as tree:
         table = tree.to_dataset().load()
         assert list(table["status"].values) == ["done"] * 3
-        assert "81 s of gaps" in str(table["message"].sel(profile=2).values)
+        assert "gaps totalling 81 s" in str(table["message"].sel(profile=2).values)
         assert str(table["message"].sel(profile=1).values) == ""
         series = tree["series"].ds.sel(profile=2).load()
         n = np.isfinite(series["depth"].values).sum()

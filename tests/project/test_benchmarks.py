@@ -346,7 +346,8 @@ def test_the_readmes_picture_is_small():
     """Drawn by `benchmarks.front_picture`; every reader of the README loads it."""
     assert 20_000 < front_picture.PICTURE.stat().st_size < 200_000
     assert "docs/assets/mission.png" in README.read_text("utf-8")
-    assert "the study `drift` found" in " ".join(section_of(README.read_text("utf-8"), front_picture.SECTION).split())
+    section = section_of(README.read_text("utf-8"), front_picture.SECTION)
+    assert "the `drift` study detected" in " ".join(section.split())
 
 
 @pytest.fixture

@@ -129,7 +129,7 @@ def test_overview_is_the_archives(report, studied):
     np.testing.assert_allclose(written, table["dac_north"].values, rtol=1e-7)
     taken = [(float(row["current_east, m s-1"]), row["current_by"]) for row in rows]
     assert taken == [(pytest.approx(value, rel=1e-7), "smoothed") for value in table["dac_east_smoothed"].values]
-    assert "by the smoother" in text
+    assert "from the smoother" in text
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -191,7 +191,7 @@ def arrows(archive):
     with open_for_reading(archive) as opened:
         figure = map_figure(MissionTable.of(opened))
     return next(
-        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, by the smoother"
+        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, from the smoother"
     )
 
 

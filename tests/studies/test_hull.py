@@ -246,7 +246,7 @@ def test_the_study_is_shown_from_the_archive_alone(studied, tmp_path):
 
 @pytest.mark.compiled
 def test_a_study_that_was_not_run_is_not_shown(brief_store):
-    with pytest.raises(InputError, match="does not hold the study hull"):
+    with pytest.raises(InputError, match="does not contain the study hull"):
         shown(brief_store, NAME)
 
 

@@ -220,7 +220,7 @@ def test_an_archive_lists_its_studies_and_outdated_ones(archive):
     create_study(archive, "validation")
     with open_for_reading(archive) as opened:
         assert studies_in(opened) == []
-        with pytest.raises(InputError, match="does not hold the study validation"):
+        with pytest.raises(InputError, match="does not contain the study validation"):
             show_study("validation", opened)
         with pytest.raises(InputError, match="not a study"):
             show_study("nothing", opened)

@@ -644,7 +644,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
 
 @pytest.mark.parametrize("better", [True, False])
 def test_a_fit_that_knows_less_than_the_platform_is_repeated_with_the_lateral_terms_held(monkeypatch, better):
-    """If less is then in doubt, and the turns fit about as well."""
+    """If fewer parameters remain undetermined, and the turns fit about as well."""
     monkeypatch.setattr(calibration, "reason_to_hold", lambda *_, **__: CalibrationVerdict.CONFOUNDED)
     monkeypatch.setattr(calibration, "is_better_held", lambda *_: better)
     segments = glides(TRUTH, PETREL)

@@ -71,7 +71,7 @@ def mission_page(
     truth: Path | None,
     executor: Executor,
 ) -> Page:
-    """Assemble the mission's page: operator's summary, overview, representative profile, every study, and reproduction."""
+    """Assemble the mission's page: operator's summary, overview, representative profile, studies, and reproduction."""
     example = f"{_command(place, out, None, truth)} --profile N"
     # First, since a wrong folder of twins should not be refused only after everything is drawn.
     windows = windows_section(twins, platform_option(archive))
