@@ -243,7 +243,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, metavar="RUN.zarr")
     parser.add_argument("--profiles", type=int, default=565, help="number of profiles in the archive; default 565")
     parser.add_argument(
-        "--work", type=Path, help="folder in which the archive is made and kept; default a temporary folder"
+        "--work", type=Path, help="folder in which the archive is made and retained; default a temporary folder"
     )
     parser.add_argument("--reuse", action="store_true", help="use the archive that is already in --work")
     parser.add_argument("--quick", action="store_true", help="only a few profiles; publishes nothing")

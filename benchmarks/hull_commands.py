@@ -146,7 +146,7 @@ def run_commands(
 
 @dataclass(frozen=True)
 class DiveErrors:
-    """Errors of one dive and what is stated of them.
+    """Errors of one dive and their stated deviations.
 
     Attributes
     ----------

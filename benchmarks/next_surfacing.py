@@ -99,7 +99,7 @@ def current(rng: np.random.Generator, count: int, tidal: bool = True) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Table of a synthetic mission's dives, as an archive holds it; `predict_from` takes its first rows."""
+    """Table of a synthetic mission's dives, as in an archive; `predict_from` takes its first rows."""
 
     table: xr.Dataset
 

@@ -52,7 +52,7 @@ class Heave:
 
     @property
     def common(self) -> float:
-        """Part that dive and climb share, for which buoyancy, the same way up in both, can account."""
+        """Part common to dive and climb, which buoyancy, of the same sign in both, can explain."""
         return float(self.median.mean())
 
 
