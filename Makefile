@@ -66,7 +66,7 @@ test-lowest:  ## run the quick tests with the lowest versions allowed, in a sepa
 		-W 'ignore:numpy.ndarray size changed' -W ignore::DeprecationWarning
 
 # A longer run, another seed, another tree: make fuzz SECONDS=3600 SEED=7 TREE=../release-0.1.0
-fuzz: $(VENV)/dev  ## feed odd inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)
+fuzz: $(VENV)/dev  ## feed unusual inputs to every parser and command, and kill the long ones (SECONDS=600, SEED=0, TREE=.)
 	$(BIN)/python -m benchmarks.fuzz --seconds $(or $(SECONDS),600) --seed $(or $(SEED),0) $(if $(TREE),--tree $(TREE))
 
 # The types, which one process checks in most of a minute, are checked while the kernels' tests run.

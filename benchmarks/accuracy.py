@@ -1,4 +1,4 @@
-"""Both presets and the filter against the truth of a synthetic mission; writes ``docs/accuracy.md``.
+"""Both presets and the filter compared with the truth of a synthetic mission; writes ``docs/accuracy.md``.
 
 Usage: ``python -m benchmarks.accuracy [PROFILES]``. The simulator integrates at half the estimator's step, its actuators
 lag the commands that are recorded, and the estimator never sees the truth file.

@@ -1,4 +1,4 @@
-"""The archive of a whole mission: what it costs to write, how large it is, and how long users' queries take.
+"""Archive of a whole mission: cost of writing, size, and time of users' queries.
 
 Usage: ``python -m benchmarks.archive RUN.zarr [--profiles 565] [--work FOLDER] [--quick]``. RUN is the archive of some of
 a mission's profiles. They are written row by row into an archive of the whole mission's size, in turn, so that sizes
@@ -141,7 +141,7 @@ def kibibytes(what):
 
 
 def ask(query: Query, archive: Path) -> tuple[float, float, float, str]:
-    """Seconds, processor seconds and added MiB of a query in a process of its own, imports left out; what it prints."""
+    """Seconds, processor seconds and added MiB of a query in a separate process, without imports; its output."""
     code = (
         f"{_MEMORY}import time\nimport dask.array\nimport numpy as np\nimport xarray as xr\nimport zarr\n"
         f"archive = {str(archive)!r}\nbefore = kibibytes('VmRSS')\nopen('/proc/self/clear_refs', 'w').write('5')\n"
@@ -229,7 +229,7 @@ def rounding(run: Path) -> list[tuple[str, float, float]]:
 
 
 def write_share(run: Path, work: Path) -> tuple[float, float]:
-    """Processor seconds of writing a profile of a run again, and the part of them in what a profile takes in all."""
+    """Processor seconds of writing a profile of a run again, and their fraction of a profile's total."""
     seconds = rewrite(run, work / "again.zarr")["seconds"]
     with xr.open_datatree(run, engine="zarr") as tree:
         steps = float(np.median(tree["duration"].values)) / float(tree.attrs["step"])
@@ -243,7 +243,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, metavar="RUN.zarr")
     parser.add_argument("--profiles", type=int, default=565, help="number of profiles in the archive; default 565")
     parser.add_argument(
-        "--work", type=Path, help="folder in which the archive is made and kept; default a temporary folder"
+        "--work", type=Path, help="folder in which the archive is made and retained; default a temporary folder"
     )
     parser.add_argument("--reuse", action="store_true", help="use the archive that is already in --work")
     parser.add_argument("--quick", action="store_true", help="only a few profiles; publishes nothing")

@@ -1,4 +1,4 @@
-"""The queries that users put to a mission's archive, by xarray alone; ``archive`` is its path."""
+"""Queries of a mission's archive with xarray alone; ``archive`` is its path."""
 
 from dataclasses import dataclass
 

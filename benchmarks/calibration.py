@@ -1,4 +1,4 @@
-"""Calibration against known truth and on real missions; writes ``docs/calibration.md``.
+"""Calibration compared with known truth and on real missions; writes ``docs/calibration.md``.
 
 Usage: ``python -m benchmarks.calibration [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
 """
@@ -43,7 +43,7 @@ UNFLOWN = "viscous.K_delta"
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A hull drawn about the platform's, and what its calibration found."""
+    """Hull drawn about the platform's, and the result of its calibration."""
 
     truth: Platform
     found: Calibration

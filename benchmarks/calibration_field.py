@@ -1,4 +1,4 @@
-"""Calibration by the documented commands, on real missions and on hulls far off; a section of ``docs/calibration.md``.
+"""Calibration with the documented commands, on real missions and very wrong hulls; a section of ``docs/calibration.md``.
 
 Usage: ``python -m benchmarks.calibration_field WORK_FOLDER [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are
 imported records. What lies in WORK_FOLDER already is taken as it is.
@@ -131,7 +131,7 @@ def inverted(observations: Path, platform: Path, store: Path, numbers: Sequence[
 
 
 def real(label: str, work: Path) -> tuple[str, str, Answer]:
-    """Name, hull and answer of one mission, given as ``NAME=OBSERVATIONS:PLATFORM``."""
+    """Name, hull and result of one mission, given as ``NAME=OBSERVATIONS:PLATFORM``."""
     name, _, rest = label.partition("=")
     path, _, hull = rest.rpartition(":")
     out = work / f"{name}.yaml"
@@ -153,7 +153,7 @@ def far_hull(platform: Platform, key: str, sign: float, rng: np.random.Generator
 
 
 def twin(seed: int, work: Path) -> tuple[str, str, Answer]:
-    """Name of what is off, hull and answer of one simulated mission."""
+    """Name of the error, hull and result of one simulated mission."""
     number = seed - FIRST_SEED
     key, name = FAR[number % len(FAR)], HULLS[number % len(HULLS)]
     sign = 1.0 if number % 2 else -1.0
@@ -193,7 +193,7 @@ def change(found: Answer, quantity: str) -> str:
 
 
 def twin_table(rows: Sequence[tuple[str, str, Answer]]) -> str:
-    """Markdown of the twins by what is off."""
+    """Markdown of the twins by type of error."""
     lines = []
     for off in sorted({name for name, _, _ in rows}):
         own = [found for name, _, found in rows if name == off]

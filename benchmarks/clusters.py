@@ -1,4 +1,4 @@
-"""Dask clusters of real processes on loopback, to run on and to kill."""
+"""Dask clusters of real processes on loopback, for runs and for fault tests."""
 
 import multiprocessing
 import os
@@ -59,7 +59,7 @@ class Cluster:
         self.workers[place] = self.start_worker()
 
     def close(self) -> None:
-        """Kill what is left."""
+        """Kill the remaining processes."""
         for process in (*self.workers, self.scheduler):
             process.kill()
         for process in (*self.workers, self.scheduler):
@@ -121,7 +121,7 @@ def killing_workers(cluster: Cluster, seed: int, kills: int, between: tuple[floa
 
 
 def start_program(*arguments: object) -> subprocess.Popen:
-    """Start the program in a session of its own, so that a signal to its group reaches its workers too."""
+    """Start the program in a separate session, so that a signal to its group reaches its workers too."""
     # A shell's background job ignores Ctrl-C, and so would what it starts.
     code = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "

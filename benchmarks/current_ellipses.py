@@ -124,7 +124,7 @@ def dives(
 
 
 def inverted(twins: Sequence[Twin]) -> Iterator[Row]:
-    """A row a dive and estimate: the current, the truth, and what its ellipse is made from."""
+    """One row per dive and estimate: current, truth, and inputs of its ellipse."""
     # The adjoint is the second opinion in a covariance only where it does not start from the smoothed path.
     settings = EstimationSettings(start="prior")
     tasks = [
@@ -194,7 +194,7 @@ def along_and_across(row: Row) -> np.ndarray:
 
 
 def coverage_row(rows: Sequence[Row], estimate: str, settings: CurrentSettings) -> list[str]:
-    """One line of the table: shares inside with the binomial error of hulls, and what errors and ellipses are like."""
+    """One line of the table: shares inside, with the binomial error of hulls, and sizes of errors and ellipses."""
     own = [row for row in rows if row["estimate"] == estimate]
     errors, apart = settings.errors(CALIBRATED), disagreements(rows)
     stated = [current_uncertainty(drift_of(row, apart[row["seed"], row["dive"]]), errors) for row in own]
@@ -244,7 +244,7 @@ def page(rows: Sequence[Row]) -> str:
         f"{errors.heading_error:g} degrees of the course, nothing relative to the current; in addition fixes, surface drift and the",
         "estimate's own terms. The errors given with the shares are binomial, with each hull counted once.", "",
         markdown(HEADS, [coverage_row(rows, name, CurrentSettings()) for name in ESTIMATES]), "",
-        "With the publication's terms, which are meant for hulls that were never calibrated, the same twins give:", "",
+        "With the paper's terms, which are meant for hulls that were never calibrated, the same twins give:", "",
         markdown(HEADS, [coverage_row(rows, name, PUBLISHED) for name in ESTIMATES]), "",
         "The spread of compass offsets determines the error across the track: a compass with a larger offset needs",
         "`current.heading_error`, and `gliderhpc inspect` finds offsets where a mission turns.",

@@ -1,4 +1,4 @@
-"""The drift study tested on truth, real missions and the clock; writes the measured parts of ``docs/drift.md``.
+"""Drift study: accuracy on known truth, real missions, and cost; writes the measured parts of ``docs/drift.md``.
 
 Usage: ``python -m benchmarks.drift FOLDER PART ...`` with the parts
 
@@ -60,7 +60,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A kind of synthetic mission: what is planted in it, and the cause that the study should name.
+    """A kind of synthetic mission: its planted changes, and the cause that the study should name.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ EPISODES = (
 
 
 def twin_archive(folder: Path, twin: Twin, seed: int) -> Path:
-    """Simulate and run a mission, unless it is there."""
+    """Simulate and run a mission, unless it exists."""
     observations, store = (folder / f"{twin.name}-{seed}{suffix}" for suffix in (".nc", ".zarr"))
     done = folder / f"{twin.name}-{seed}.done"
     if done.exists():
@@ -134,7 +134,7 @@ def studied(store: Path, settings: DriftSettings, workers: int = 0) -> MissionDr
 
 
 def twin_row(folder: Path, twin: Twin, seed: int) -> dict[str, Any]:
-    """Study a mission, unless its row lies in the folder; what the page needs of it, as plain values."""
+    """Study a mission, unless its row is in the folder; the values needed for the page."""
     path = folder / f"{twin.name}-{seed}.json"
     if not path.exists():
         write_json(path, _row_of(studied(twin_archive(folder, twin, seed), TWIN_SETTINGS)))
@@ -190,7 +190,7 @@ def _changes_cell(changes: Sequence[dict[str, Any]]) -> str:
 
 
 def twins_text(folder: Path, missions: int, others: int) -> str:
-    """Lay out what the study makes of missions whose drift is known."""
+    """Format the study's results on missions whose drift is known."""
     fouled = [twin_row(folder, FOULED, seed) for seed in range(1, missions + 1)]
     kinds = {twin: [twin_row(folder, twin, seed) for seed in range(1, others + 1)] for twin in OTHERS}
     return "\n\n".join([_recovered(fouled), _causes({FOULED: fouled, **kinds})])
@@ -294,7 +294,7 @@ def _slope_cell(one: CoefficientSlopes) -> str:
 
 
 def real_text(name: str, store: Path, settings: DriftSettings, workers: int, basestation: Path | None) -> str:
-    """Lay out the verdict on a finished mission, and what its files say of the drag."""
+    """Format the verdict on a finished mission, and the drag from its files."""
     one = studied(store, settings, workers)
     primary = [own for own in one.found.trends if own.estimate in PRIMARY]
     lines = [*([one.mission.band.remark] if one.mission.band.remark else [])]
@@ -337,7 +337,7 @@ def write_part(name: str, text: str, page: Path = PAGE) -> None:
 
 
 def parts_of(options: argparse.Namespace) -> Iterable[tuple[str, Callable[[], str]]]:
-    """Every part with what makes it, in the order of the page."""
+    """Every part with its function, in the order of the page."""
     drawn = DriftSettings(coefficients=CoefficientSettings(draws=options.draws))
     known: dict[str, Callable[[], str]] = {
         "rates": rates_text,

@@ -1,4 +1,4 @@
-"""Rates at which the drift study's tests find a trend or a change: none, or one planted, in series that are drawn."""
+"""Detection rates of the drift study's tests in random series, with and without a planted one."""
 
 from collections.abc import Sequence
 

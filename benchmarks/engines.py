@@ -1,4 +1,4 @@
-"""The project's engines, one entry each: a new engine is one function and one line of `ENGINES`."""
+"""Engines of the project, one entry each: a new engine is one function and one line of `ENGINES`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

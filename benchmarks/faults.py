@@ -1,4 +1,4 @@
-"""A mission with everything that can go wrong, many times: the archive must come out the same to the byte.
+"""Mission with every kind of fault, repeated: the archive must be identical byte for byte.
 
 Usage: ``python -m benchmarks.faults [--profiles 32] [--seeds 10] [--depth 15]``. Per seed the mission is run four times on
 real processes: with workers killed at random, with the scheduler killed and the run resumed, interrupted at random

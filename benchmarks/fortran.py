@@ -1,4 +1,4 @@
-"""Hold Numba's lanes against Fortran's on one machine and write the section of ``docs/fortran.md``.
+"""Compare Numba's lanes with Fortran's on one machine and write the section of ``docs/fortran.md``.
 
 Usage: ``python -m benchmarks.fortran [--quick]`` (part of ``make bench``), the library by ``make fortran``. Gradients, windows,
 profiles and a small mission are taken in turns; cold starts are processes of their own whose cache of compiled kernels is

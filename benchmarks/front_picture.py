@@ -154,8 +154,8 @@ def caption(archive: xr.DataTree) -> str:
         f"{float(table['elapsed_days'].max()):.0f} days of a Slocum glider in the Gulf of Mexico, July 2015, from attitude, "
         f"depth, ballast and GPS fixes alone. (a), (b): depth-averaged currents of {current.known.sum()} dives, "
         f"{speed.min():.2f} to {speed.max():.2f} m/s, with a median standard deviation of {np.median(deviation):.3f} m/s. "
-        f"(c): change of the drag coefficient. From day {first:.1f} to day {last:.1f} something slowed the glider; the study "
-        f"`drift` found this {drift['change_kind'].item(0)} by itself: on {drift['change_phases'].item(0)}s the drag rose by "
+        f"(c): change of the drag coefficient. From day {first:.1f} to day {last:.1f} something slowed the glider; the `drift` "
+        f"study detected this {drift['change_kind'].item(0)} automatically: on {drift['change_phases'].item(0)}s the drag rose by "
         f"up to {largest / drag:.0%}. The records do not show the cause."
     )
     return textwrap.fill(text, 120, break_on_hyphens=False)

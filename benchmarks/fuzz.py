@@ -1,4 +1,4 @@
-"""Fuzz every parser and command, and kill every long command: what must hold whatever happens, by trial.
+"""Fuzz every parser and command, kill long commands, and check invariants after each trial.
 
 Usage: ``python -m benchmarks.fuzz [--seconds 600] [--seed 0] [--tree PATH] [--kinds archive,yaml] [--out DIR]`` (``make
 fuzz``); ``python -m benchmarks.fuzz --replay FILE`` runs one case again. Inputs are drawn by hypothesis from a seed, and

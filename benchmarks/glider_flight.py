@@ -39,7 +39,7 @@ class EstablishedSolution:
 
 
 def with_our_weight(platform: Platform, found: VerticalVelocity) -> EstablishedSolution:
-    """Its balance under our coefficients and net weight: what is left are roll, turning and its table."""
+    """Its balance with our coefficients and net weight: the remaining differences are roll, turning and its table."""
     density = platform.buoyancy.water_density
     model = _model(platform, density)
     model.define(Vg=platform.mass.total / density, mg=platform.mass.total, epsilon=0.0)

@@ -1,4 +1,4 @@
-"""Missions of a hull that nobody has measured, by the documented commands: how far the stated intervals hold.
+"""Missions of an unknown hull with the documented commands: coverage of the stated intervals.
 
 Usage: ``python -m benchmarks.hull_commands --work DIR [--kinds impulses,calm] [--seeds 1:2] [--rounds 0,8] [--reuse]``
 
@@ -53,7 +53,7 @@ WAVES = {
     "gusts": {"kind": "gaussian", "rms": 0.01},
     "vertical": {"rms": 0.01},
 }
-"""What the kind adds to the scenario ``stratified``: vertical motion that no estimator models, shear and weak gusts."""
+"""Additions of the kind to the scenario ``stratified``: vertical motion that no estimator models, shear and weak gusts."""
 WAYS = {0: "steady glides", USUAL_ROUNDS: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"
@@ -146,7 +146,7 @@ def run_commands(
 
 @dataclass(frozen=True)
 class DiveErrors:
-    """Errors of one dive and what is stated of them.
+    """Errors of one dive and their stated deviations.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Intervals of the smoother on hulls that are not what the platform file says: twins, by every way of `smoother.hull`.
+"""Intervals of the smoother on hulls other than the platform file's: twins, for every value of `smoother.hull`.
 
 Usage: ``python -m benchmarks.hull_errors [--twins N]`` writes ``docs/hull-errors.md``.
 """

@@ -1,4 +1,4 @@
-"""What the dives of a mission say of a hull that is the platform file's: errors over stated deviations.
+"""Hull errors estimated from missions flown with the platform file's hull.
 
 Part of ``docs/hull-errors.md``, which `benchmarks.hull_errors` writes.
 """

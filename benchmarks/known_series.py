@@ -1,4 +1,4 @@
-"""Series whose statistics theory gives: the statistics of this package are tested on them.
+"""Series with known statistics, on which the statistics of this package are tested.
 
 The intermittent series and its Gaussian twin are the simulator's own gust fields; the others are the ways in which a
 series that is no turbulence may look like it.

@@ -1,4 +1,4 @@
-"""Ellipses of the light path's currents, on simulated missions whose hull, compass, pitch and fixes are off.
+"""Ellipses of the light path's currents, on simulated missions with errors of hull, compass, pitch and fixes.
 
 Usage: ``python -m benchmarks.light_ellipses --work DIR [--missions 100] [--dives 2] [--seed 6000]``
 

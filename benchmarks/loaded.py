@@ -1,4 +1,4 @@
-"""Import of this module loads what a mission's worker on a cluster needs: for a server that forks workers."""
+"""Import of this module loads the modules of a cluster worker: for a server that forks workers."""
 
 from benchmarks.preload import preload
 

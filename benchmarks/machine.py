@@ -1,4 +1,4 @@
-"""On what the figures were taken."""
+"""Description of the machine on which the figures were measured."""
 
 import datetime
 import os

@@ -1,4 +1,4 @@
-"""Gradients, windows and whole profiles, every contender on the same ones and in turn."""
+"""Gradients, windows and whole profiles: every contender on the same ones, in turn."""
 
 import statistics
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The most memory that the workers of a run hold."""
+"""Peak memory of the workers of a run."""
 
 import threading
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Run a whole mission by its command and add what it cost to ``benchmarks/results.json`` and the README.
+"""Run a whole mission with its command and add its cost to ``benchmarks/results.json`` and the README.
 
 Usage: ``python -m benchmarks.mission OBS.nc --platform petrel-l --workers 2 [--engine scipy] [--preset paper]``. The
 archive goes to a temporary folder, or to ``--store``, and remains there.

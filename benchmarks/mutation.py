@@ -1,4 +1,4 @@
-"""Mutation testing of what carries numbers: the small changes of the code that no test notices.
+"""Mutation testing of numerical code: small changes that no test notices.
 
 Usage: ``python -m benchmarks.mutation [MODULE ...] [--sample 60] [--seed 0] [--timeout 120] [--out FILE.json]``. Every
 mutant is one change of one module: a comparison turned, an operator swapped, a constant changed, ``and`` for ``or``, a

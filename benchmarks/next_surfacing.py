@@ -1,4 +1,4 @@
-"""Next surfacings predicted on synthetic missions, compared with where the glider came up.
+"""Next surfacings predicted on synthetic missions, compared with the true surfacings.
 
 Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.next_surfacing [--missions N]``, or
 ``--archives A.zarr ...`` for real missions, each surfacing predicted from the dives before it.
@@ -99,7 +99,7 @@ def current(rng: np.random.Generator, count: int, tidal: bool = True) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Table of a synthetic mission's dives, as an archive holds it; `predict_from` takes its first rows."""
+    """Table of a synthetic mission's dives, as in an archive; `predict_from` takes its first rows."""
 
     table: xr.Dataset
 

@@ -1,4 +1,4 @@
-"""Count of floating-point operations in one step of the gradient: the kernels run once on numbers that count.
+"""Count of floating-point operations in one step of the gradient: the kernels run once on counting numbers.
 
 ``NUMBA_DISABLE_JIT=1 python -m benchmarks.operations`` prints the count; `operations_a_step` runs that.
 """

@@ -1,4 +1,4 @@
-"""Multiplications and additions a second of one core: the bound of an engine's arithmetic."""
+"""Multiplications and additions per second of one core: an upper bound of an engine's arithmetic."""
 
 import re
 import time

@@ -1,4 +1,4 @@
-"""Pins: digests of everything that the program leaves, to test a change of its structure.
+"""Pins: digests of all output of the program, to test a change of its structure.
 
 Usage: ``python -m benchmarks.pins take PINS.json [--tree TREE] [--data FOLDER] [--only NAME ...]`` runs the commands of
 TREE (default: this one) on a synthetic mission and on real ones, and writes a digest of every variable and attribute of
@@ -37,10 +37,10 @@ PASSING = {
     "run_seconds", "marker", "manifest", "observations", "observations_digest", "history", "date_created",
     "date_modified", "software_version", "source", "platform_digest", "digests", "seconds", "id", "uuid",
 }  # fmt: skip
-"""Variables, attributes and columns that tell when, where or by which version something was made."""
+"""Variables, attributes and columns that depend on the time, place or version of a run."""
 
 _DURATION = re.compile(r".*_seconds(/c\.0)?|time a (window|dive)(, filter)?")
-"""Names of what tells how fast."""
+"""Names of variables and columns with run times."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Measure what `run-mission --dry-run` reckons with: seconds and bytes a step, engine by engine.
+"""Measure the constants of `run-mission --dry-run`: seconds and bytes per step, for each engine.
 
 Usage: ``python -m benchmarks.planning [--depth 700] [--profiles 12]``. Each run is a process of its own on one core; what
 it takes to start (imports, compiled kernels) is measured apart and taken off. Seconds are those of the processor, so

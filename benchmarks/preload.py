@@ -1,4 +1,4 @@
-"""Loading at once what commands load when they need it: for processes that are forked for every command."""
+"""Preload all modules of the commands, for processes that are forked for every command."""
 
 LIBRARIES = (
     "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure", "pymannkendall",

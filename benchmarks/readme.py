@@ -1,4 +1,4 @@
-"""The README's section on performance, rendered from the results so that none of its figures is typed."""
+"""Section of the README on performance, rendered from the results so that no figure is typed by hand."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

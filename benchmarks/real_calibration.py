@@ -1,4 +1,4 @@
-"""Effect of a calibration on a part of a real mission's profiles on the others."""
+"""Effect of a calibration on some profiles of a real mission on the others."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Import, calibrate and invert the real missions at hand; writes ``docs/real-missions.md`` from the archives.
+"""Import, calibrate and invert the available real missions; writes ``docs/real-missions.md`` from the archives.
 
 Usage: ``python -m benchmarks.real_missions DATA_FOLDER [WORK_FOLDER]``, where DATA_FOLDER holds the folders named in
 `MISSIONS`. An archive that is in WORK_FOLDER already is taken as it is.
@@ -207,7 +207,7 @@ def inverted_rows(tree: xr.DataTree) -> Rows:
         ("share of steady glide with an angle of attack within 10 degrees", f"{np.mean(np.abs(attack) <= 10.0):.1%}"),
         ("profiles whose message calls the self-motion implausible", numbered(implausible)),
         ("depth-averaged current, m/s", f"{spread(size)}, {np.isfinite(size).sum()} profiles"),
-        ("the same by the glide angle, m/s", spread(conventional)),
+        ("the same from the glide angle, m/s", spread(conventional)),
         ("difference of the two (vector), m/s", spread(difference)),
         ("surface drift where fixes allow, m/s", spread(
             np.hypot(chosen.surface_drift_north, chosen.surface_drift_east).to_numpy())),

@@ -1,4 +1,4 @@
-"""Checks of records on twins with known errors in them, and on real missions; writes ``docs/record-checks.md``.
+"""Checks of records on twins with known errors and on real missions; writes ``docs/record-checks.md``.
 
 Usage: ``python -m benchmarks.record_checks [NAME=OBSERVATIONS:PLATFORM ...]``, where OBSERVATIONS are imported records.
 """

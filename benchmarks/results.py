@@ -1,4 +1,4 @@
-"""The file of results, and the table that the terminal shows of it."""
+"""File of results, and its table on the terminal."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Time the engines with their peers and their bounds: a table, ``benchmarks/results.json``, the README's section.
+"""Time the engines with their peers and bounds: a table, ``benchmarks/results.json``, the README's section.
 
 Usage: ``python -m benchmarks.run [--quick]`` (``make bench``), the peers by ``pip install '.[bench]'``. Whoever is
 compared takes turns on the same windows of one synthetic dive; ratios are taken within the run, because machines differ

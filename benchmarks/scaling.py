@@ -1,4 +1,4 @@
-"""Growth of the cost with a profile's duration, speed-up by the number of workers, and memory of a worker."""
+"""Growth of the cost with the profile's duration, speed-up with the number of workers, and memory of a worker."""
 
 import tempfile
 import time

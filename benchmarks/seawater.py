@@ -1,4 +1,4 @@
-"""Buoyancy by measured density compared with the depth slope: twins in a stratified ocean, and real missions.
+"""Buoyancy from measured density compared with the depth slope: twins in a stratified ocean, and real missions.
 
 Usage: ``python -m benchmarks.seawater [--mission NAME OBSERVATIONS DENSITY.yaml SLOPE.yaml PROFILES] ...`` writes
 ``docs/seawater.md``. The two hulls of a mission are what ``gliderhpc calibrate`` made with ``--set seawater=density`` and
@@ -52,7 +52,7 @@ class Heave:
 
     @property
     def common(self) -> float:
-        """Part that dive and climb share, for which buoyancy, the same way up in both, can account."""
+        """Part common to dive and climb, which buoyancy, of the same sign in both, can explain."""
         return float(self.median.mean())
 
 

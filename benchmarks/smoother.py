@@ -1,4 +1,4 @@
-"""A pass of the smoother beside a dense one in NumPy and dynamax's on JAX, over the same linearised dive."""
+"""One pass of the smoother compared with a dense one in NumPy and dynamax's on JAX, over the same linearised dive."""
 
 from collections.abc import Callable
 from typing import Any

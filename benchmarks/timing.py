@@ -1,4 +1,4 @@
-"""Medians, quartiles, and turns: whoever is compared takes turns, so that a loaded or throttled machine hits all."""
+"""Medians and quartiles of interleaved runs, so that load or throttling affects all contenders alike."""
 
 import os
 import time

@@ -273,7 +273,7 @@ def real_text(figures: Figures) -> str:
 
 
 def _below(text: str) -> str:
-    """Text whose headings stand below the page's own."""
+    """Text with headings one level below the page's own."""
     return text.replace("\n## ", "\n### ").replace("# Intermittency and nulls\n\n", "")
 
 

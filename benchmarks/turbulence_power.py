@@ -1,4 +1,4 @@
-"""How well one profile distinguishes an intermittent gust from a Gaussian one: by hull, logger, strength and number of profiles.
+"""Power of one profile to distinguish an intermittent gust from a Gaussian one, by hull, logger, strength and count.
 
 Every twin is simulated, filtered, smoothed and inverted with the default settings, and tested by the score of its
 standardised noise (`gliderhpc.studies.library.turbulence.gaussianity`).
@@ -108,7 +108,7 @@ def power(workers: int) -> Figures:
 
 
 class Cell(NamedTuple):
-    """What the twins of a logger and strength show.
+    """Results of the twins of a logger and strength.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Statistics of turbulence on known series: what they give there, and how often series pass the rank test."""
+"""Statistics of turbulence on known series: their values, and the rate at which series pass the rank test."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -32,7 +32,7 @@ Row = dict[str, Any]
 
 WINDOW_SCORES = {
     "rmse_B_cr": "yaw, N m", "rmse_B_cu": "surge, N", "rmse_B_cq": "pitch, N m", "overall": "all, relative",
-    "cost_per_30s": "cost per 30 s", "iterations": "iterations", "capped": "at the cap", "seam_ratio": "seam ratio",
+    "cost_per_30s": "cost per 30 s", "iterations": "iterations", "capped": "at the iteration limit", "seam_ratio": "seam ratio",
     "jump_ratio": "jump ratio",
 }  # fmt: skip
 TRANSFER_SCORES = {
@@ -41,7 +41,10 @@ TRANSFER_SCORES = {
     "phase": "phase, degree",
     "coherence": "coherence",
 }
-SWEEPS = ("sliding", "not sliding", "margin", "tau_c", "tolerance", "scale of yaw", "scale of the others")
+SWEEPS = {
+    "sliding": "overlapping", "not sliding": "non-overlapping", "margin": "margin", "tau_c": "tau_c",
+    "tolerance": "tolerance", "scale of yaw": "scale of yaw", "scale of the others": "scale of the others",
+}  # fmt: skip
 
 
 def read(folder: Path, study: str) -> Row:
@@ -73,8 +76,8 @@ def comparisons(content: Row) -> list[tuple[str, str]]:
 def sweep_table(content: Row, hull: str, preset: str) -> str:
     """Medians of every setting of one hull and preset."""
     rows = [
-        [f"{line['sweep']} {line['value']:g}", *(number(line[name]) for name in WINDOW_SCORES)]
-        for sweep in SWEEPS
+        [f"{label} {line['value']:g}", *(number(line[name]) for name in WINDOW_SCORES)]
+        for sweep, label in SWEEPS.items()
         for line in content["summary"]
         if line["hull"] == hull and line["preset"] == preset and line["sweep"] == sweep
     ]

@@ -1,4 +1,4 @@
-"""Alerts on changes of the hull, on synthetic missions without any and with a sudden growth of drag.
+"""Alerts on changes of the hull, on synthetic missions without change and with a sudden growth of drag.
 
 Prints the table of ``docs/how-to/watch.md``. Usage: ``python -m benchmarks.watch_alarms --work DIR [--missions 5]``.
 

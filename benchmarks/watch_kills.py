@@ -1,4 +1,4 @@
-"""A watch that is killed at random, and whose files arrive truncated and twice: what is lost, what is reported twice.
+"""Watch killed at random, with truncated and repeated files: lost and repeated reports are counted.
 
 Usage: ``python -m benchmarks.watch_kills [--kills 30] [--dives 8] [--seed 0]``; prints a table.
 

@@ -1,4 +1,4 @@
-"""The windows that every engine and peer solves: those of one synthetic dive, as the pipeline met them."""
+"""Windows that every engine and peer solves: those of one synthetic dive, as in the pipeline."""
 
 from dataclasses import dataclass
 

@@ -188,7 +188,7 @@ def settings_page() -> str:
     ]
     for heading, (prefix, path) in SETTINGS.items():
         rows = list(_rows(_model(path), prefix))
-        parts += [f"## {heading}", "", markdown(("key", "default", "what it is"), rows), ""]
+        parts += [f"## {heading}", "", markdown(("key", "default", "meaning"), rows), ""]
     return "\n".join(parts)
 
 

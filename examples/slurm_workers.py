@@ -1,4 +1,4 @@
-"""A verb of gliderhpc on workers that SLURM starts as its queue allows, by dask-jobqueue (``gliderhpc[slurm]``).
+"""Run a gliderhpc command on workers that SLURM starts as its queue allows, with dask-jobqueue (``gliderhpc[slurm]``).
 
 Usage, on a node from which jobs can be submitted: ``python examples/slurm_workers.py --jobs 8 --queue short --
 run-mission mission.nc --platform petrel-l --store mission.zarr --resume``. Every job is one node's worth of one-thread

@@ -400,7 +400,7 @@ hull has 12 kg m2 in pitch if it has 0.6 in roll and 11 in yaw."""
 
 
 def check_together(platform: Platform) -> None:
-    """Refuse numbers that are valid one by one, but that no hull has together.
+    """Refuse numbers that are valid individually but impossible in combination.
 
     Raises
     ------

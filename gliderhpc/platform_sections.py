@@ -112,7 +112,7 @@ class Uncertainty(Section):
     )
 
     def __hash__(self) -> int:
-        """Return a hash of the contents, whose dictionaries have none; studies keep what they compute for a hull."""
+        """Return a hash of the contents, since dictionaries have none and studies cache their results by hull."""
         return hash((frozenset(self.deviation.items()), self.covariance, frozenset(self.walk.items())))
 
     @property

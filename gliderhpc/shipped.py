@@ -66,7 +66,7 @@ class ShippedFiles:
         Raises
         ------
         InputError
-            The file does not exist, is not YAML, repeats a key, or holds no keys and values.
+            The file does not exist, is not YAML, repeats a key, or contains no keys and values.
         """
         label, text = self.text(name_or_path)
         content = parse_yaml(text, label)

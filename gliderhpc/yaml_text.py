@@ -238,7 +238,7 @@ def first_fault(error: ValidationError) -> Mapping[str, Any]:
 
 
 def number_rule(fault: Mapping[str, Any]) -> str:
-    """Return what a number must be that pydantic refuses for `fault`; empty for a fault of another kind."""
+    """Return the condition that a number refused by pydantic for `fault` must meet; empty for other faults."""
     kind = fault["type"]
     if kind in _BOUNDS:
         name, words = _BOUNDS[kind]

@@ -126,7 +126,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Search the modules and the collected tests, which live to the end, for garbage once and never again."""
+    """Collect garbage once, then exclude the modules and collected tests, which live to the end."""
     gc.collect()
     gc.freeze()
 
@@ -293,7 +293,7 @@ def brief(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def brief_run(brief, tmp_path_factory):
-    """Answer of the program when it was asked to estimate the brief mission into ``brief.zarr`` in its folder."""
+    """Result of the run that inverts the brief mission into ``brief.zarr`` in its folder."""
 
     def make(folder):
         store = brief.with_name("brief.zarr")
@@ -347,7 +347,7 @@ def rough_store(rough, tmp_path_factory):
 
 
 def _estimated_once(factory: pytest.TempPathFactory, observations: Path, preset: str) -> Path:
-    """Archive of a mission by a preset, made once for all workers of the run and held against the schema."""
+    """Archive of a mission with a preset, made once for all workers of the run and checked against the schema."""
 
     def make(folder):
         estimate(observations, folder / "mission.zarr", preset)

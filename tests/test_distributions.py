@@ -1,4 +1,4 @@
-"""Quantiles and tails are those of `scipy.stats`, in the centre and far out."""
+"""Quantiles and tails equal those of `scipy.stats`, in the centre and far out."""
 
 import numpy as np
 import pytest

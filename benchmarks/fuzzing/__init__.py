@@ -1,4 +1,4 @@
-"""Fuzzing of the program: odd inputs, damaged archives, kills, and the invariants that must hold whatever happens.
+"""Fuzzing of the program: unusual inputs, damaged archives, kills, and invariants.
 
 A case is a *recipe*: a small JSON value that says which specimen is edited in which way and which command reads it.
 `strategies` draws recipes, `kinds` turns one into files and commands, `program` runs the commands as forks of one loaded

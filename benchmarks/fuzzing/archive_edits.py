@@ -1,4 +1,4 @@
-"""Random damage of an archive: bytes, whole files, the JSON of its metadata, and what others leave in it."""
+"""Random damage of an archive: bytes, whole files, JSON metadata, and foreign files."""
 
 from __future__ import annotations
 

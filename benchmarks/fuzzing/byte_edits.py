@@ -1,4 +1,4 @@
-"""Edits of any file as bytes, as lines of text, or of what the file system holds in its place."""
+"""Edits of any file: as bytes, as lines of text, or by replacing it in the file system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long commands killed at random moments: what was there stays, and the documented remedy gives equal values."""
+"""Long commands killed at random moments: earlier results remain, and the documented remedy gives equal values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipes made into files and commands: every kind lays out a folder, runs its commands and judges what is left."""
+"""Recipes as files and commands: every kind prepares a folder, runs its commands and checks the outcome."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ LIES = [
     ["scale", "ballast_volume", 1e-6], ["scale", "pitch", 0.0174533], ["scale", "heading", 0.0174533],
     ["shift", "fix_latitude", 27.0], ["shift", "fix_longitude", 27.0],
 ]  # fmt: skip
-"""Edits of a sound record that must not pass without a message."""
+"""Edits of a valid record that must not pass without a message."""
 
 
 def _spoil_netcdf(path: Path, recipe: Recipe) -> bool:
@@ -296,7 +296,7 @@ def _edit_yaml(path: Path, edit: list[Any]) -> None:
 
 
 def run_command_line(case: Case, recipe: Recipe) -> None:
-    """Run a command with an odd number, range or setting."""
+    """Run a command with an unusual number, range or setting."""
     word, setting, template = recipe["word"], recipe["setting"], recipe["template"]
     try:
         os.fsencode(word)
@@ -386,7 +386,7 @@ READING: dict[str, tuple[tuple[object, ...], tuple[str, ...]]] = {
     "append": (run_mission("swift.nc", "mission.zarr", "--append"), ("mission.zarr",)),
     "overwrite": (run_mission("swift.nc", "mission.zarr", "--overwrite"), ("mission.zarr",)),
 }  # fmt: skip
-"""Commands on an archive, and what they may write."""
+"""Commands on an archive, and the files that they may write."""
 
 
 def run_archive(case: Case, recipe: Recipe) -> None:
@@ -412,7 +412,7 @@ def run_archive(case: Case, recipe: Recipe) -> None:
 
 
 def _expect_equal(case: Case, sound: Path, command: str) -> None:
-    """Hold a mended archive against its digests and against the sound one."""
+    """Compare a repaired archive with its digests and with the intact one."""
     case.copy(sound, "sound.zarr")
     for check in (("check", "mission.zarr", "--deep"), ("compare", "mission.zarr", "sound.zarr")):
         ended = case.program.run(Call(check, case.folder))
@@ -434,7 +434,7 @@ def _plain(text: str) -> str:
 
 
 def _expect_same_export(case: Case, command: str) -> None:
-    """Hold what was exported from a damaged archive against the export of the sound one."""
+    """Compare the export of a damaged archive with that of the intact one."""
     folder = case.specimens.folder / f"exported-{command}"
     if not (folder / "out.nc").is_file():
         folder.mkdir(exist_ok=True)
@@ -554,7 +554,7 @@ def run_places(case: Case, recipe: Recipe) -> None:
 
 
 def run_full_disk(case: Case, recipe: Recipe) -> None:
-    """Run a command on a disk with little room."""
+    """Run a command on a nearly full disk."""
     with _small_disk(case.folder / "disk") as disk:
         inside = Case(case.program, case.specimens, disk)
         arguments, _, output = _prepare(inside, recipe["command"])

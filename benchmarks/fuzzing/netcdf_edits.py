@@ -1,4 +1,4 @@
-"""A netCDF file as plain arrays that edits change, variable by variable, and that is written again."""
+"""NetCDF file as plain arrays, edited variable by variable and written again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program under test as forks of one process that has imported it and loaded its kernels.
+"""Program under test as forks of one process that has imported it and loaded its kernels.
 
 A start of the program costs seconds on imports; a fork costs tens of milliseconds. Every call has a time limit, a limit
 of memory, its own session and its own streams, and may be killed after a while. Run as a script, this file is the server:

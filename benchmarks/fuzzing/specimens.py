@@ -1,4 +1,4 @@
-"""Sound inputs to edit: records of every instrument, a mission and its archive, all made here, none of them real."""
+"""Valid inputs to edit: synthetic records of every instrument, a mission and its archive."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PAYLOAD = "PLD_REALTIMECLOCK;NAV_DEPTH;GPCTD_CONDUCTIVITY;GPCTD_TEMPERATURE;GPCT
 
 
 class Specimens:
-    """Sound inputs below one folder; those that the program itself has to make are made on first use."""
+    """Valid inputs below one folder; those that the program itself has to make are made on first use."""
 
     def __init__(self, folder: Path, program: Program) -> None:
         self.folder, self._program = folder, program

@@ -1,4 +1,4 @@
-"""Hypothesis strategies that draw recipes: JSON values that define a change of a valid input and the command that reads it."""
+"""Hypothesis strategies of recipes: JSON values that define a change of a valid input and the command that reads it."""
 
 from __future__ import annotations
 

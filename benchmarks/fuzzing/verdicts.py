@@ -1,4 +1,4 @@
-"""Invariants that hold whatever the input: what a call may end with, what it may change, what cannot be believed."""
+"""Invariants for any input: permitted exit statuses, permitted changes, and impossible values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contenders, their verification before they are timed, and the judgement of their answers.
+"""Contenders, their verification before they are timed, and the check of their results.
 
 Engines of this project and peers written with other tools are entries of one kind, so that one loop measures all.
 """

@@ -53,7 +53,7 @@ history make an iteration cheaper by more than the iterations that they add. His
 
 
 def stopping_rule(settings: EstimationSettings) -> dict[str, Any]:
-    """Stop where the project's engines stop: ``max |dJ/dx| <= tolerance h``, or at the preset's cap.
+    """Stop where the project's engines stop: ``max |dJ/dx| <= tolerance h``, or at the preset's iteration limit.
 
     Left at its own tolerance of 1e-8, IPOPT goes on to its own cap of 3,000 iterations: the problem is
     under-determined, and where to stop is part of it.

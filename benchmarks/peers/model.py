@@ -1,4 +1,4 @@
-"""The right-hand side written once for every peer, from the equations and not from the kernels.
+"""Right-hand side for every peer, written from the equations, independently of the kernels.
 
 A peer gives its own sine, cosine, arctangent and square root; numbers, CasADi symbols and JAX tracers all pass. The
 hull's constants are plain numbers, so that a compiler folds them. A hull at rest (eq. 13 is singular there) is left to

@@ -53,12 +53,12 @@ def profiles_text(profiles: Profiles) -> str | None:
     if profiles is None or isinstance(profiles, str):
         return profiles
     if not isinstance(profiles, Iterable | int | np.integer):
-        raise InputError(f"profiles={profiles!r}: give numbers, or a text such as '18:20,68'")
+        raise InputError(f"profiles={profiles!r}: give numbers, or a string such as '18:20,68'")
     numbers = np.atleast_1d(np.asarray(profiles)).tolist() if hasattr(profiles, "dtype") else profiles
     numbers = [numbers] if isinstance(numbers, int) else list(numbers)
     odd = [number for number in numbers if isinstance(number, bool) or not isinstance(number, int | np.integer)]
     if odd or not numbers:
-        raise InputError(f"profiles={profiles!r}: give numbers, or a text such as '18:20,68'")
+        raise InputError(f"profiles={profiles!r}: give numbers, or a string such as '18:20,68'")
     return ",".join(map(str, numbers))
 
 

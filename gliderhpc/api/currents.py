@@ -140,8 +140,8 @@ def _track(record: ProfileRecord, faults: Mapping[int, str], polar: GlidePolar, 
 
 _SUMMARY = (
     "Currents averaged over the dives of an underwater glider, from GPS fixes and the displacement through the water "
-    "computed from pitch, heading and depth by the glide angle, with standard deviations and covariance; corrected "
-    "positions, speed through the water and angle of attack at every sample"
+    "computed from pitch, heading and depth with the glide-angle method, with standard deviations and covariance; "
+    "corrected positions, speed through the water and angle of attack at every sample"
 )
 
 
@@ -288,11 +288,11 @@ _SERIES: dict[str, dict[str, str]] = {
     "depth": {"standard_name": "depth", "long_name": "depth below the surface", "units": "m", "positive": "down"},
     "latitude": {
         "standard_name": "latitude", "units": "degrees_north",
-        "long_name": "latitude under water, by the glide angle and the depth-averaged current",
+        "long_name": "dead-reckoned latitude, from glide angle and depth-averaged current",
     },
     "longitude": {
         "standard_name": "longitude", "units": "degrees_east",
-        "long_name": "longitude under water, by the glide angle and the depth-averaged current",
+        "long_name": "dead-reckoned longitude, from glide angle and depth-averaged current",
     },
     "speed_through_water": {
         "standard_name": "platform_speed_wrt_sea_water", "units": "m s-1",

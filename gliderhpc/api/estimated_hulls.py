@@ -146,7 +146,7 @@ class CalibratedHull(EstimatedHull):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Reasons to doubt the hull or its intervals: `failure` and `caution`, if any."""
+        """Warnings about the hull or its intervals: `failure` and `caution`, if any."""
         return tuple(filter(None, (self.failure, self.caution)))
 
     @property

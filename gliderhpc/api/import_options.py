@@ -76,7 +76,7 @@ def check_option_values(options: Mapping[str, Any]) -> None:
 
 
 def _broken_rule(name: str, value: Any) -> str | None:
-    """Describe what a value must be; None if it is valid."""
+    """Describe the requirement that a value violates; None if it is valid."""
     if name in NUMBERS:
         number = NUMBERS[name]
         given = number.optional if value is None else _is_within(value, *number.limits)

@@ -186,7 +186,7 @@ def kind_of(sources: Sequence[Path]) -> str:
 
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
-    """Raise an error that names what is missing from the first netCDF file or table."""
+    """Raise an error that names the variables missing from the first netCDF file or table."""
     for path in (held for source in sources for held in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))

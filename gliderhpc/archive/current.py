@@ -15,7 +15,7 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED
 
 Array = NDArray[np.float64]
 
-ESTIMATE_LABELS = {SMOOTHED: "by the smoother", ADJOINT: "by the inversion", "": "unknown"}
+ESTIMATE_LABELS = {SMOOTHED: "from the smoother", ADJOINT: "from the adjoint", "": "unknown"}
 """Label of a current by its estimate."""
 
 

@@ -101,12 +101,12 @@ class Summary:
 
 
 def check_is_path(place: Any, name: str = "archive") -> None:
-    """Refuse anything but a text or a path as the place of an archive, or of what `name` says.
+    """Require a string or path; `name` is the argument named in the message.
 
     Raises
     ------
     InputError
-        It is neither a text nor a path.
+        It is neither a string nor a path.
     """
     if not isinstance(place, str | PathLike):
         raise InputError(f"{name}: give its path, not a {type(place).__name__}")

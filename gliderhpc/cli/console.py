@@ -141,7 +141,7 @@ class _FileLog(logging.FileHandler):
     def _end(self, error: OSError) -> None:
         if self.level <= logging.CRITICAL:
             self.setLevel(logging.CRITICAL + 1)
-            echo(f"gliderhpc: the log {self.baseFilename} cannot be written any more ({error.strerror})", err=True)
+            echo(f"gliderhpc: the log {self.baseFilename} can no longer be written ({error.strerror})", err=True)
 
 
 def _file_handler(log_file: Path) -> logging.Handler:

@@ -1,4 +1,4 @@
-"""``gliderhpc doctor``: checks of what a run needs on this machine."""
+"""``gliderhpc doctor``: checks of a run's requirements on this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ from gliderhpc.store_schema.place import Place
 @options.scheduler_option
 @options.scheduler_file_option
 def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
-    """Check what a run needs: versions, processor, compiled kernels, write access, disk, a cluster, optional extras.
+    """Check a run's requirements: versions, processor, compiled kernels, write access, disk, a cluster, extras.
 
     Exit status 1: something that a run needs is missing; its line names the remedy. Items marked absent are optional.
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 _PAUSE = 0.02
-"""Seconds until an interruption that came at a bad moment is raised again."""
+"""Seconds until an interruption at an unsafe moment is raised again."""
 
 _MAX_PAUSES = 250
 """Maximum number of pauses; after them (about 5 s) the interruption is raised regardless."""

@@ -65,7 +65,7 @@ SUMMARIES = {
     "compare": "List the differences between two archives.",
     "info": "Summarise an archive.",
     "demo": "Simulate, invert, study and report on a mission.",
-    "doctor": "Check what a run needs on this machine.",
+    "doctor": "Check the requirements of a run on this machine.",
     "completion": "Print the completion script of a shell.",
 }
 """Summary of each verb, defined here to list the verbs without importing their modules."""

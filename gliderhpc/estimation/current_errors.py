@@ -34,7 +34,7 @@ class _CommonErrors(Settings):
     cross_track_error: float = Field(
         0.0,
         ge=0,
-        description="velocity error across the track in addition to that of the course, m/s; none in the publication",
+        description="velocity error across the track in addition to that of the course, m/s; none in the paper",
     )
     actuation_error: float = Field(
         0.2, ge=0, description="relative error of the displacement bridged while actuators move"
@@ -46,7 +46,7 @@ class _CommonErrors(Settings):
 
 
 class CurrentErrors(_CommonErrors):
-    """Terms of a depth-averaged current's uncertainty. The defaults are the publication's (section 5.5)."""
+    """Terms of a depth-averaged current's uncertainty. The defaults are the paper's (section 5.5)."""
 
     axial_error: float = Field(0.055, ge=0, description="velocity error of the weakly observed axial motion, m/s")
     relative_error: float = Field(0.26, ge=0, description="relative error of the current's magnitude")
@@ -66,7 +66,7 @@ class CurrentSettings(_CommonErrors):
 
     budget: Literal["hull", "published"] | None = Field(
         None, description="errors of the displacement: from the smoother and the hull's errors, or from the "
-        "publication's terms; default hull, or published if one of these terms is given",
+        "paper's terms; default hull, or published if one of these terms is given",
     )  # fmt: skip
     axial_error: float | None = Field(
         None,
@@ -91,7 +91,7 @@ class CurrentSettings(_CommonErrors):
         return self.budget == "hull"
 
     def errors(self, platform: Platform) -> CurrentErrors:
-        """Terms for a hull: those given, else those for calibrated hulls if it is one, else the publication's."""
+        """Terms for a hull: those given, else those for calibrated hulls if it is one, else the paper's."""
         by_hull = {} if platform.calibration is None else CALIBRATED
         given = {name: value for name, value in self.model_dump(exclude={"budget"}).items() if value is not None}
         return CurrentErrors(**(by_hull | given))

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 STRONG = 1.0
-"""Speed of a depth-averaged current (m/s) above which the fixes are doubtful, except in the strongest currents."""
+"""Speed of a depth-averaged current (m/s) above which the fixes are questionable, except in the strongest currents."""
 MIN_DRIFT_TIME = 60.0
 """Shortest time between two fixes (s) that determine the surface drift."""
 

@@ -120,7 +120,7 @@ def run_filters(
     Parameters
     ----------
     profiles : iterable of PreparedProfile
-        Any number of profiles. The result of one is identical to the bit, whatever the others.
+        Any number of profiles. The result of one is identical bit for bit, whatever the others.
     settings : EstimationSettings
         Settings, of which ``step`` and ``filter`` are used.
 
@@ -187,7 +187,7 @@ class FilterTrials:
     def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
         """Filter every profile with every prior, side by side; yield each when complete, with both indices.
 
-        The results are identical to those of `filter_with_priors`, to the bit.
+        The results are identical to those of `filter_with_priors`, bit for bit.
         """
         tasks = (
             _Task(len(priors) * i + k, profile, (("given", prior),))
@@ -203,7 +203,7 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
 
 
 def refusal(estimate: FilterEstimate, settings: EstimationSettings, rest: str = "", doubt: str = "") -> ProfileError:
-    """Error for an estimate that rejected more than the allowed share of samples.
+    """Error for an estimate that rejected too large a share of samples.
 
     The reason is a `rest` at one depth if there is one; a `doubt` about the water is added.
     """

@@ -1,7 +1,7 @@
 """The estimation of a profile: filter, smoother, windows.
 
 `estimate_profile` treats one profile from beginning to end. `estimate_profiles` does the same for many profiles, which
-share the lanes of filter and windows; the results are identical to the bit.
+share the lanes of filter and windows; the results are identical bit for bit.
 """
 
 import time

@@ -106,8 +106,8 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
     named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
-        f"{len(unfinished)} of {counted(len(windows), 'window')} did not converge ({named}): flagged in quality, and "
-        "the smoothed estimate is better there"
+        f"{len(unfinished)} of {counted(len(windows), 'window')} did not converge ({named}): flagged in `quality`; "
+        "prefer the smoothed estimate there"
     ]
 
 
@@ -133,7 +133,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
-        lines.append(f"the usual disturbance prior does not fit this record, so {freed} allowed to follow gusts")
+        lines.append(f"the default disturbance prior does not fit this record; {freed} given a gust prior")
     if series.filled:
         interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval
         lines.append(
@@ -161,7 +161,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             lines.append(f"{count} of {counted(len(estimate.solution.windows), 'window')}: {outcome.sentence}")
     lines += _unconverged(platform, estimate)
     if series.gap_seconds > 0.0:
-        lines.append(f"{series.gap_seconds:.0f} s of gaps in the record have no weight")
+        lines.append(f"gaps totalling {series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:
         lines.append(estimate.profile.velocity.refusal)
     if estimate.filtered.rejected_fraction > 0.0:
@@ -172,12 +172,10 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"{100.0 * estimate.hull.information.vertical_motion:.1f} cm/s (RMS); the smoothed estimate allows for it"
         )
     if estimate.smoothed is not None and estimate.smoothed.simplified:
-        lines.append(f"the smoother found no estimate as set and was simplified: {estimate.smoothed.simplified}")
+        lines.append(f"the smoother did not converge with these settings; simplified: {estimate.smoothed.simplified}")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.failure})" if estimate.smoothed.failure else ""
-        lines.append(
-            f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
-        )
+        lines.append(f"no smoothed estimate of this profile{reason}: the filter's is used, without standard deviations")
     return lines
 
 

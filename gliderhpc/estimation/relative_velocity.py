@@ -126,7 +126,7 @@ def assess_velocity(
 
 
 def _refusal_by_depth_rate(values: Array, angles: Array, rate: Array, glide: Mask, attack: Array) -> str:
-    """Reason why the velocity cannot be used, by the depth rate; empty if it can, or if there are no samples at all."""
+    """Reason why the velocity cannot be used, given the depth rate; empty if it can, or if there are no samples."""
     if not np.isfinite(values).any():
         return ""
     roll, pitch = angles.T

@@ -204,7 +204,7 @@ def _velocity_at_points(
 
 
 def sampling_intervals(record: ProfileRecord) -> FloatArray:
-    """Local interval (s) at each interval between samples that hold all four measurements (`local_intervals`).
+    """Local interval (s) at each interval between samples with all four measurements (`local_intervals`).
 
     Raises
     ------
@@ -273,7 +273,7 @@ def _attitude_interval(record: ProfileRecord) -> float:
 
 
 def _complete_samples(record: ProfileRecord) -> FloatArray:
-    """Find the times of the samples that hold all four measurements."""
+    """Find the times of the samples with all four measurements."""
     return record.time[_known(record).all(axis=1)]
 
 

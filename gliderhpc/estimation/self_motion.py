@@ -24,7 +24,7 @@ _CONVERGED = 1e-12
 
 
 def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
-    """Steady angle of attack (rad) at a pitch (rad); NaN where the path would be flatter than the least glide angle.
+    """Steady angle of attack (rad) at a pitch (rad); NaN where the path would be flatter than the minimum glide angle.
 
     Notes
     -----
@@ -32,7 +32,7 @@ def angle_of_attack(platform: Platform, pitch: ArrayLike) -> Array:
     is eq. 15, with ``K_D0 + K_L0 tan(xi)`` in place of ``K_D0`` where the hull has lift at zero angle of attack. Its
     sign gives lift against the glide, on dive and climb alike. Since ``xi`` depends on alpha, and iteration of eq. 15
     misses the flattest paths, the balance is solved by Newton's method in the distance x from zero lift. The start is
-    the least drag-to-lift ratio; between there and zero lift the small root is the only one. ``K_M0`` trims the hull
+    the minimum drag-to-lift ratio; between there and zero lift the small root is the only one. ``K_M0`` trims the hull
     and does not enter the force balance.
     """
     theta = np.asarray(pitch, dtype=np.float64)
@@ -176,7 +176,7 @@ def model_motion(states: Array, vibrating: NDArray[np.bool_], step: float) -> Se
 def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDArray[np.bool_]) -> SelfMotion:
     """Displacement by the glide-angle method (eq. 15): pitch and depth rate give the speed, the compass the course.
 
-    Samples flatter than the hull's least glide angle have no solution. They are bridged like the vibration set, and
+    Samples flatter than the hull's minimum glide angle have no solution. They are bridged like the vibration set, and
     their share is recorded (`SelfMotion.masked_fraction`). A stationary glider has no motion of its own.
     """
     _, theta, psi, _ = series.measurements[:-1].T

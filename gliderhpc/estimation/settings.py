@@ -26,7 +26,7 @@ Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
 
 
 class Settings(BaseModel):
-    """Base of every settings object: frozen, closed to unknown keys, finite numbers only."""
+    """Base of every settings object: frozen, without unknown keys, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -239,7 +239,7 @@ def smoother_passes(platform: Platform, settings: SmootherSettings, interval: fl
     """Largest number of passes of the smoother for the interval of a record's attitude, s (docs/smoother.md).
 
     Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There one pass about
-    the filter's path is sound. With more passes the errors of the hull's coefficients would determine the speed.
+    the filter's path is valid. With more passes the errors of the hull's coefficients would determine the speed.
     """
     if settings.max_passes is not None:
         return settings.max_passes

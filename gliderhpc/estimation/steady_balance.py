@@ -78,7 +78,7 @@ class SteadyMotion(MeasuredAttitude):
     depth_rate: Array
 
     def repeated(self, times: int) -> "SteadyMotion":
-        """Return all stretches several times, one after the other."""
+        """Repeat all stretches several times, in sequence."""
         return SteadyMotion(**{field.name: np.tile(getattr(self, field.name), times) for field in fields(self)})
 
 
@@ -93,7 +93,7 @@ class SteadyBalance:
         `QUANTITIES`.
     velocity : (n, 3)
         Velocity through the water u, v, w at which the balance is evaluated, m/s. On a path flatter than the hull's
-        least glide angle it lies on the back of the drag curve, if it exists.
+        minimum glide angle it lies on the back of the drag curve, if it exists.
     """
 
     errors: Array
@@ -270,7 +270,7 @@ def _frame_of(motion: SteadyMotion) -> _Frame:
 
 
 def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
-    """Velocity (n, 3) of a straight glide, m/s; at the least drag-to-lift ratio where there is no glide."""
+    """Velocity (n, 3) of a straight glide, m/s; at minimum drag-to-lift ratio where there is no glide."""
     best = np.where(motion.depth_rate > 0.0, *(best_angle_of_attack(platform, heavy=heavy) for heavy in (True, False)))
     alpha = angle_of_attack(platform, motion.pitch)
     alpha = np.where(np.isnan(alpha), best, alpha)

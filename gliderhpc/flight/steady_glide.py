@@ -122,7 +122,7 @@ def steady_glide(glider: FlightModel, net_mass: float, pitch: float, depth: floa
     Returns
     -------
     SteadyGlide or None
-        The glide, or None if the hull has none: nose up while heavy, a path flatter than its least glide angle, or a
+        The glide, or None if the hull has none: nose up while heavy, a path flatter than its minimum glide angle, or a
         net weight that vanishes at this depth.
     """
     platform = glider.platform
@@ -159,7 +159,7 @@ def steady_angle_of_attack(platform: Platform, pitch: float, *, heavy: bool) -> 
 
     Notes
     -----
-    A path steeper than the least glide angle can be flown at two angles of attack. The one nearer to zero lift is
+    A path steeper than the minimum glide angle can be flown at two angles of attack. The one nearer to zero lift is
     returned. The other lies on the back side of the drag curve; a pitch that has only such a root is treated as having
     none.
     """
@@ -254,7 +254,7 @@ def stall_depth(platform: Platform, net_mass: float) -> float:
 
 
 def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
-    """Return the angle of attack of the least drag-to-lift ratio, rad, within the range of eq. 11.
+    """Return the angle of attack at minimum drag-to-lift ratio, rad, within the range of eq. 11.
 
     Notes
     -----
@@ -268,7 +268,7 @@ def best_angle_of_attack(platform: Platform, *, heavy: bool) -> float:
 
 
 def least_glide_angle(platform: Platform, *, heavy: bool = True) -> float:
-    """Return the angle of the flattest steady path, rad: the arc tangent of the least drag-to-lift ratio."""
+    """Return the angle of the flattest steady path, rad: the arc tangent at minimum drag-to-lift ratio."""
     drag, lift = drag_and_lift(platform, best_angle_of_attack(platform, heavy=heavy))
     return math.atan(drag / abs(lift))
 

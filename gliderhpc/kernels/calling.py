@@ -25,7 +25,7 @@ def by_reference(kind: types.Type) -> bool:
 
 
 def address_of(value):
-    """Return the address from which a value was loaded, None unless what is there never changes."""
+    """Return the address from which a value was loaded, None unless the value there is constant."""
     return getattr(value, "unchanging_address", None)
 
 

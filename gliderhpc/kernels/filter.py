@@ -1,7 +1,7 @@
 """Extended Kalman filter along the profiles of all lanes (eqs. 19-27), with gating, inflation and restarts.
 
 A lane advances in blocks, from one fed sample of its own record to the next (`BLOCK` steps at most). Lanes with a
-shorter block end it with steps of zero length, which change nothing, to the bit; the result of a lane does not depend
+shorter block end it with steps of zero length, which leave every bit unchanged; the result of a lane does not depend
 on the others.
 """
 

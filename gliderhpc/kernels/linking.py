@@ -5,7 +5,7 @@ from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
 
 _SEPARATE_PASSES = hasattr(llvm.newpassmanagers.ModulePassManager, "add_always_inliner_pass")
-"""Whether LLVM's passes can be chosen one by one; with an older llvmlite, numba's own, slower optimisation is used."""
+"""True if LLVM's passes can be chosen one by one; with an older llvmlite, numba's own, slower optimisation is used."""
 
 
 class PartLibrary(JITCodeLibrary):

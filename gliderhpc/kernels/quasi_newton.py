@@ -3,7 +3,7 @@
 Every lane has its own iterations, steps and history (`gliderhpc.kernels.pairs`). All lanes are evaluated together; then
 each lane is updated by itself. A lane does not depend on the others: arithmetic is elementwise, and sums are taken over
 one lane in a fixed order. A window alone, in arrays without an axis of lanes
-(`gliderhpc.kernels.lane_memory.allocate`), is solved by the same code on numbers, with the same result to the bit.
+(`gliderhpc.kernels.lane_memory.allocate`), is solved by the same code on numbers, with the same result bit for bit.
 """
 
 import math

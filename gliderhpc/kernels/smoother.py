@@ -75,7 +75,7 @@ def _add_cost_of_start(dive, states, disturbances, tally):
 
 @inner_kernel
 def _residual(dive, states, k, channel):
-    """Return the deviation of a channel of sample ``k``, which must be there, from the path."""
+    """Return the deviation of a channel of sample ``k``, which must exist, from the path."""
     residual = dive.measured[k, channel] - states[k, channel if channel < 3 else channel + 2]
     return wrap(residual) if channel == 2 else residual
 
@@ -279,7 +279,7 @@ def _undo_updates(tape, sample, block, costate, information):
 
 @inner_kernel
 def _mean_shift(hull, dive, states, disturbances, segments, number, block, tape, mean_shift):
-    """Compute the mean shift of a segment's first step, times the number of steps that it stands for."""
+    """Compute the mean shift of a segment's first step, times the number of steps that it represents."""
     expected_mean_shift(
         hull, dive, states, disturbances, segments.rows[number], tape.covariance[number],
         tape.after[tape.shift[number]], block, mean_shift,

@@ -69,7 +69,7 @@ def allocate_tape(fed: Array, stands_for: Array) -> Tape:
 
 
 def _numbers(chosen: Array) -> Array:
-    """Return the number of each chosen element among them; of any other, that of the chosen one before (or zero)."""
+    """Return the index of each chosen element among the chosen; for others, that of the preceding one (or zero)."""
     return np.maximum(np.cumsum(chosen, dtype=np.int64) - 1, 0)
 
 

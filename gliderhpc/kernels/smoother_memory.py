@@ -198,7 +198,7 @@ class Block(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """What the forward sweep leaves for the backward sweep, for the ``s + 1`` rows between segments.
+    """Results of the forward sweep needed by the backward sweep, for the ``s + 1`` rows between segments.
 
     The derivatives with respect to the noise are in `SegmentLanes`.
 

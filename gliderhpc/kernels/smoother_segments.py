@@ -71,7 +71,7 @@ def run_model(hull, lanes):
     """Run the model over the segments, and store the stages of each step.
 
     The Jacobians of the stages' rates, and those of the horizontal velocity, are multiplied by the step. They are
-    stored even for a run without linearisation: its rounding is then that of the sweeps, to the bit.
+    stored even for a run without linearisation: its rounding is then that of the sweeps, bit for bit.
     """
     for s in range(lanes.durations.shape[0]):
         h, body, y = load(lanes.durations, s), load_body(lanes.bodies, s), load_ten(lanes.states, s)
@@ -150,7 +150,7 @@ def add_defects(lanes, s):
 
 @inner_kernel
 def save_products(lanes, group, s):
-    """Save what the products are at the end of step ``s``, for the noise and for the backward sweep.
+    """Save the products at the end of step ``s``, for the noise and for the backward sweep.
 
     The noise of the last step acts on nothing but its disturbance.
     """

@@ -33,7 +33,7 @@ def advance(hull, bodies, durations, decay, path, partials, k):
     hull : (24,)
         Constants, as in `Hull`.
     bodies, durations : (m, 11), (m,)
-        Mass properties and length of each step, s; a step of zero length changes nothing, to the bit.
+        Mass properties and length of each step, s; a step of zero length leaves every bit unchanged.
     decay : (6,)
         Decay of the disturbances over a step of non-zero length.
     path : (m+1, 18)

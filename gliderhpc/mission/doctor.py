@@ -160,7 +160,7 @@ def free_disk(place: Path) -> Check:
 
 
 def reachable_cluster(cluster: ClusterAddress) -> Check:
-    """Check that a cluster answers, has workers, and runs the same versions."""
+    """Check that a cluster responds, has workers, and runs the same versions."""
     if cluster.file is not None and not cluster.file.exists():
         remedy = f"dask scheduler --scheduler-file {cluster.file}"
         return Check("cluster", State.MISSING, f"{cluster.file}: no such file", remedy)

@@ -325,7 +325,7 @@ def _run_synchronously(function: Callable[[Job], Result], job: Job) -> Result:
 
 @contextmanager
 def spare_threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Open threads for what can be computed at the same time as the calling thread's work; None for zero threads."""
+    """Open threads for computations concurrent with the calling thread's work; None for zero threads."""
     if count < 1:
         yield None
         return

@@ -7,7 +7,7 @@ from gliderhpc.errors import InputError
 
 
 class Existing(Enum):
-    """What a run does with an existing archive; a run without one makes a new archive in every case."""
+    """Treatment of an existing archive; without one, a new archive is always created."""
 
     REFUSE = "refuse"
     """Refuse to run."""
@@ -34,5 +34,5 @@ class Existing(Enum):
 
     @property
     def continues(self) -> bool:
-        """Return whether results of the archive are kept."""
+        """Return whether results of the archive are retained."""
         return self in (Existing.RESUME, Existing.APPEND)

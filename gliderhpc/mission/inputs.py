@@ -1,4 +1,4 @@
-"""Inputs of a profile's results as digests, by which an archive knows what it was made from."""
+"""Digests of the inputs of a profile's results, with which an archive records its sources."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ FIXES = "fixes"
 
 
 def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
-    """Return whether only the fixes differ, and the commit stores what is needed to recompute the currents."""
+    """Return whether only the fixes differ, and the commit stores the data needed to recompute the currents."""
     others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
     same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
     return same and bool(commit.extra) and commit.row.get("status") == "done"

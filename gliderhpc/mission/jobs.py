@@ -185,13 +185,13 @@ class _BatchRunner:
     def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
         """Recompute the currents of an earlier commit from the new fixes; return False if that is impossible."""
         if damages(self._job.store, {index: earlier}):
-            log.warning("profile %d: chunks are damaged; it is computed again", number)
+            log.warning("profile %d: chunks are damaged; it will be recomputed", number)
             return False
         try:
             record = self._observations.profile(number)
             row, segments = recompute_currents(record, earlier, self._job.settings, self._job.platform)
         except (ProfileError, *UNREADABLE) as error:
-            log.warning("profile %d: its currents cannot be derived again (%s); it is computed again", number, error)
+            log.warning("profile %d: its currents cannot be derived again (%s); it will be recomputed", number, error)
             return False
         self._rows.begin(index)
         self._rows.write(index, "drift_current", segments)
@@ -308,7 +308,9 @@ def profile_results(
         else:
             _raise_if_permanent(attempt.error)
             unfinished = tuple(profile for profile in attempt.job.profiles if profile[0] not in finished)
-            log.warning("%s: %s; each is retried alone", _describe_profiles(unfinished), one_line(attempt.error))
+            log.warning(
+                "%s: %s; each will be retried individually", _describe_profiles(unfinished), one_line(attempt.error)
+            )
             single = [work.job((profile,), token) for profile in unfinished]
             (killed if was_killed(attempt.error) else raised).extend(single)
     for jobs in (raised, *([job] for job in killed)):

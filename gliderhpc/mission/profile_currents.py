@@ -41,7 +41,7 @@ BY_FIXES = ("entry_", "exit_", "dac_", "surface_drift_")
 
 @dataclass(frozen=True, eq=False)
 class SmoothedTrack:
-    """Displacement ``(2,)`` through the water by the smoother, m, with its covariance ``(2, 2)``, m2.
+    """Displacement ``(2,)`` through the water from the smoother, m, with its covariance ``(2, 2)``, m2.
 
     The flag `with_hull` indicates whether the covariance includes the errors of the hull.
     """
@@ -58,15 +58,15 @@ class Tracks:
     Attributes
     ----------
     adjoint : Track
-        Displacement by the windows.
+        Displacement from the windows.
     covariance : (2, 2), optional
         Covariance of that displacement including the hull's errors, m2, if the smoother provides it.
     glide_angle : Track
-        Displacement by the glide-angle relation.
+        Displacement from the glide-angle relation.
     smoothed : SmoothedTrack, optional
-        Displacement by the smoother, if its outcome is usable.
+        Displacement from the smoother, if its outcome is usable.
     filtered : Track, optional
-        Displacement by the filter, where the windows start from the smoothed path.
+        Displacement from the filter, where the windows start from the smoothed path.
     """
 
     adjoint: Track
@@ -84,7 +84,7 @@ def tracks_of(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfM
     estimate : ProfileEstimate
         The estimate of the profile.
     motion, conventional : SelfMotion
-        Displacement by the windows, and by the glide-angle relation.
+        Displacement from the windows, and from the glide-angle relation.
     by_hull : bool
         Whether the covariance contains the hull's errors, where the estimate has them (setting ``currents.budget``).
     """

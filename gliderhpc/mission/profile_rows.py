@@ -90,7 +90,7 @@ def derive_and_write(
 
 
 def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
-    """Join the notes on a record, the doubt about its current if there is one, and the remarks on its estimate."""
+    """Join the notes on a record, the warning about its current if there is one, and the remarks on its estimate."""
     velocity = np.array([currents.get(f"dac_{name}", np.nan) for name in ("north", "east")])
     return "; ".join([*record.notes, *describe_implausible_current(velocity), *own])
 

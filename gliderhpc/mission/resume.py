@@ -107,7 +107,7 @@ def check_profiles(
     outstanding |= {damage.profile_index: DAMAGED for damage in found}
     valid = {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
     faults = [
-        Fault(f"profile {numbers[one.profile_index]}", one.variable, one.what, "it is computed again") for one in found
+        Fault(f"profile {numbers[one.profile_index]}", one.variable, one.what, "it will be recomputed") for one in found
     ]
     amendable = {
         index: earlier
@@ -207,7 +207,7 @@ def prepare_archive(
         rows.begin(index)
     if validity.outstanding:
         recomputed = counted(len(validity.outstanding), "profile was", "profiles were")
-        mark_studies_outdated(store, f"made before {recomputed} computed again or added")
+        mark_studies_outdated(store, f"made before {recomputed} recomputed or added")
     write_coordinates(store)
     write_mission_table(store, validity.valid)
     set_attributes(store, attributes)

@@ -1,4 +1,4 @@
-"""Completeness of files in the classic netCDF formats (netCDF-3): the library reads what was cut off as zeros.
+"""Completeness of files in the classic netCDF formats (netCDF-3): the library reads the missing part as zeros.
 
 The header gives the place of every variable. netCDF-4 files need no such check, because the library refuses those that
 are too short.

@@ -75,7 +75,7 @@ _SENSE = re.compile(
     rf"|(?<=\s)(?:{_DOWNWARD}|{_FROM_NORTH}|below (?:the )?(?:sea )?surface))$",
     re.IGNORECASE,
 )
-"""Sense after a unit, where it is that of the observation format: downward, nose up, starboard down, from north."""
+"""Positive direction after a unit, if it is that of the observation format: down, nose up, starboard down, north."""
 
 
 def bare_unit(text: str) -> str:

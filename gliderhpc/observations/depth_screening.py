@@ -23,7 +23,7 @@ _BLOCK = 262_144
 
 
 def impossible_depths(time: FloatArray, depth: FloatArray) -> Mask:
-    """Mask ``(n,)`` of the depths far off those before and after them.
+    """Mask ``(n,)`` of the depths far from those before and after.
 
     A depth is predicted as the median of five lines between a sample before and one after it. The worst sample of every
     neighbourhood is left out first, and the others are predicted again without it. Runs of more than about five such

@@ -58,7 +58,7 @@ class Excursion:
 
     @property
     def brief(self) -> bool:
-        """Return whether the excursion costs no more than a few rows."""
+        """Return whether the excursion affects no more than a few rows."""
         return self.seconds <= CLOCK_SET_BACK
 
     def describe(self) -> str:

@@ -10,8 +10,8 @@ _HEADS = (
     (b"\xfd7zXZ", "is xz-compressed; unpack it first (unxz)"),
     (b"PK\x03\x04", "is a zip archive; unpack it first (unzip)"),
     (b"version https://git-lfs", "is a Git LFS pointer, not the file itself; fetch it (git lfs pull)"),
-    (b"\xff\xfe", "is a text in UTF-16; convert it to UTF-8"),
-    (b"\xfe\xff", "is a text in UTF-16; convert it to UTF-8"),
+    (b"\xff\xfe", "is UTF-16 text; convert it to UTF-8"),
+    (b"\xfe\xff", "is UTF-16 text; convert it to UTF-8"),
     (b"<", "is a web page or XML, not the file itself; download it again"),
 )
 

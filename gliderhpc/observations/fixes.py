@@ -401,7 +401,7 @@ def _links(
     speed: float,
     allowance: float = POSITION_ALLOWANCE,
 ) -> npt.NDArray[np.bool_]:
-    """Mask ``(n, n)``, True where a glider can have come from the last fix of one run to the first of a later one.
+    """Mask ``(n, n)``, True where a glider could have come from the last fix of one run to the first of a later one.
 
     It moves at `speed` at most (m/s), apart from the `allowance` (m).
     """

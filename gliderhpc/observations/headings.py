@@ -251,9 +251,8 @@ def frozen_profiles(
             share = count / sizes[number]
             if number > 0 and count >= MIN_OVERLAP and lasts >= (LEAST_TIME if share >= FROZEN_SHARE else FROZEN_TIME):
                 found[int(number)] = (
-                    f"profile {number}: the heading is the same to the last digit in {count} of its samples, and for "
-                    f"{lasts / 60.0:.0f} minutes altogether, while the pitch varies, so the compass did not measure "
-                    "it; mark the heading missing (NaN) there"
+                    f"profile {number}: heading is constant over {count} of the samples ({lasts / 60.0:.0f} min in "
+                    "total) while pitch varies: the compass was stuck; mark the heading missing (NaN) there"
                 )
     return found
 

@@ -155,7 +155,7 @@ class ImportSummary:
     profiles : tuple of ImportedProfile
         All profiles in the file, including those that cannot be inverted.
     without_profile : dict of str to str
-        Pieces that hold no profile, with the reason.
+        Pieces without a profile, with the reason.
     rejected : dict of str to str
         Pieces or files that could not be used, with the reason.
     remarks : tuple of str

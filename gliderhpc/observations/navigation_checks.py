@@ -24,7 +24,7 @@ _METRES = {"feet": 0.3048, "fathoms": 1.8288, "inches": 0.0254, "centimetres": 0
 """Units in which a depth may be that is taken as metres."""
 
 _TOLERANCE, _DOUBT = 0.03, 0.1
-"""Relative deviation of depth over pressure within which a unit is recognised, and from which both are in doubt; the
+"""Relative deviation of depth over pressure within which a unit is recognised, and from which both are uncertain; the
 density of sea water accounts for 0.03."""
 
 _METRES_A_DECIBAR = 0.99
@@ -90,11 +90,11 @@ def check_depth_unit(source: str, depth: FloatArray, pressure: FloatArray) -> li
     for unit, metres in _METRES.items():
         if abs(ratio * metres - 1.0) < _TOLERANCE:
             raise InputError(
-                f"{source}: the depth is {ratio:.3g} times that by pressure (dbar), so it is in {unit}; convert "
+                f"{source}: the depth is {ratio:.3g} times that from pressure (dbar), so it is in {unit}; convert "
                 "it to metres"
             )
     if abs(ratio - 1.0) > _DOUBT:
-        return [f"the depth is {ratio:.3g} times that by pressure (dbar): check the units of both"]
+        return [f"the depth is {ratio:.3g} times that from pressure (dbar): check the units of both"]
     offset = float(np.median(deep - ratio * pressed))
     if abs(offset) <= MAX_OFFSET:
         return []

@@ -81,7 +81,7 @@ def find_clock_doubts(time: TimeArray, depth: FloatArray) -> tuple[list[ClockDou
 
 
 def doubted_by_clock(doubts: Sequence[ClockDoubt], time: TimeArray, profile: IntArray) -> dict[int, str]:
-    """Profiles with samples in an interval of doubt, by number, with the reason.
+    """Profiles with samples at uncertain times, by number, with the reason.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _united(intervals: Sequence[Interval]) -> list[Interval]:
 def _is_mixed(time: TimeArray, depth: FloatArray, interval: Interval) -> bool:
     """Return whether the depths of an interval, sorted by time, jump between those of two dives.
 
-    Without any sample of a depth, the clock is in doubt.
+    Without any sample of a depth, the clock is uncertain.
     """
     inside = np.flatnonzero((time >= interval[0]) & (time <= interval[1]) & np.isfinite(depth))
     inside = inside[np.argsort(time[inside], kind="stable")]

@@ -85,7 +85,7 @@ def _with_rounding(found: SurfacePositions) -> SurfacePositions:
 
 
 def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePositions | None:
-    """Fixes of the GPS variables; None if these hold no position. Remarks on those out of range are added."""
+    """Fixes of the GPS variables; None if these contain no position. Remarks on those out of range are added."""
     latitude, longitude = _pair(columns, "fix_")
     name = columns.find("fix_time") or columns.find("time")
     time = columns.times(name)
@@ -159,7 +159,7 @@ NEIGHBOURS, MIN_DOUBTS, DOUBTED = 5, 2, 0.25
 
 
 def with_neighbours(doubts: Mapping[int, str], numbers: Sequence[int]) -> dict[int, str]:
-    """Extend the doubts about fixes to the profiles among many doubted ones.
+    """Extend the warnings about fixes to the profiles among many doubtful ones.
 
     With a wrong clock, some fixes lie under water by their times, and others at another surfacing than their own, where
     they look right.

@@ -60,7 +60,7 @@ def keeps_count(file: ForeignFile, rows: IntArray) -> bool:
 
 
 def _plausible_numbers(given: FloatArray) -> IntArray:
-    """Dive numbers; values that cannot be any, such as undeclared fill values, mean no dive."""
+    """Dive numbers; impossible values, such as undeclared fill values, mean no dive."""
     known = np.nan_to_num(given, nan=_NO_DIVE)
     plausible = (known >= 0) & (known <= MAX_PROFILE_NUMBER) & (known == np.rint(known))
     return np.asarray(np.where(plausible, known, _NO_DIVE), dtype=np.int64)

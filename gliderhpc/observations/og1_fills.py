@@ -72,7 +72,7 @@ def reject_fills(file: ForeignFile) -> tuple[str, ...]:
 def _in_our_unit(file: ForeignFile, what: str, term: Term, name: str) -> FloatArray:
     """Values in the unit and sense of the observation format, NaN where missing; of the water as stored."""
     if what in SEAWATER:
-        # A unit that cannot be converted costs the variable only, when it is read.
+        # A variable whose unit cannot be converted is left out when it is read.
         return file.numbers(name)
     sense = sense_of_depth(file, name) if what == "depth" else 1.0
     return sense * file.converted(name, term.unit, undeclared=term.undeclared or None)

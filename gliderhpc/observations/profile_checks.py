@@ -47,7 +47,7 @@ _CIRCLE = (-3.15, 6.29)
 """Limits of headings in radians, from -pi or from 0 on, with a margin for rounding."""
 
 _MIN_TURN = 1.0
-"""Range of headings above which those within `_CIRCLE` are in radians. In degrees no glider holds its course that well:
+"""Range of headings above which those within `_CIRCLE` are in radians. In degrees no glider keeps its course that well:
 in 243 dives of six gliders the smallest range within a dive is 50 degrees."""
 
 

@@ -89,7 +89,7 @@ def import_seaexplorer(
     Raises
     ------
     InputError
-        The sources are not the records of one mission or hold no usable row, or `out` may not be replaced or cannot
+        The sources are not the records of one mission or contain no usable row, or `out` may not be replaced or cannot
         be written.
     """
     read = partial(

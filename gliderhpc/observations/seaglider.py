@@ -264,7 +264,7 @@ def _complete_declinations(found: dict[int, _DiveFile], given: float | None) -> 
 
 
 def _describe_left_out(found: Mapping[int, _DiveFile]) -> tuple[str, ...]:
-    """Remarks on variables of the water that are left out, each with all dives that it concerns."""
+    """Remarks on omitted variables of the water, each with the dives concerned."""
     texts = dict.fromkeys(text for item in found.values() for text in item.dive.remarks)
     return tuple(
         f"{_dives([number for number, item in found.items() if text in item.dive.remarks])}: {text}" for text in texts
@@ -317,7 +317,7 @@ def _describe_processing(dives: list[_DiveFile], centres: Centres, given: float 
         "profile_comment": "from the first sample below log_D_FLARE to the last one below log_D_SURF",
         "fix_comment": "GPS1, GPS2 and GPSE of every file, without repetitions and without those flagged bad; those "
         f"that no drift below {MAXIMUM_DRIFT:g} m/s connects with a neighbouring fix are left out",
-        "ctd_comment": "the basestation's corrected temperature and salinity on the nearest sample within half an "
+        "ctd_comment": "the basestation's corrected temperature and salinity at the nearest sample within half an "
         "interval",
         "reference_comment": "the basestation's own solution, for comparison; no estimate uses it",
     }

@@ -218,7 +218,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     InputError
         The file lacks attitude, depth or a control, its depth is negative, its clock was set back, or it is truncated.
     ProfileError
-        The file holds no dive, or one that is too shallow.
+        The file contains no dive, or one that is too shallow.
     """
     time = file.times("time")
     depth_name = file.first(["depth", "eng_depth"])

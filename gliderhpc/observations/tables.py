@@ -58,7 +58,7 @@ def read_table(path: Path) -> xr.Dataset:
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         what = describe_content(path)
         if not what and isinstance(error, UnicodeDecodeError):
-            what = "is not a text in UTF-8; convert its encoding"
+            what = "is not UTF-8 text; convert its encoding"
         if not what and isinstance(error, pd.errors.ParserError):
             what = _describe_rows(path, str(error))
         raise InputError(f"{path}: {what or f'cannot be read as an ERDDAP table ({first_line(error)})'}") from error

@@ -193,8 +193,8 @@ def profile_spans(numbers: npt.NDArray[np.int64]) -> tuple[dict[int, Span], dict
         if number in spans:
             faults.setdefault(
                 number,
-                f"profile {number}: interrupted, the variable profile has the number {number} again at sample {start}; "
-                "number every profile once, on consecutive samples",
+                f"profile {number}: not contiguous: number {number} reappears at sample {start}; each profile must be "
+                "one block of consecutive samples",
             )
         else:
             spans[number] = (start, stop)

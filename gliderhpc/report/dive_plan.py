@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class DivePlan(BaseModel):
-    """Commands for the next dive; what is not given is taken from the dives so far.
+    """Commands for the next dive; missing values are taken from the dives so far.
 
     Attributes
     ----------

@@ -160,7 +160,7 @@ def _describe_other_current(data: ProfileData) -> list[str]:
     if not (adopted_current(data.table).smoothed and np.isfinite(values).all()):
         return []
     north, north_std, east, east_std = values
-    return [f"by the inversion: north {signed(north)} ± {north_std:.3f}, east {signed(east)} ± {east_std:.3f} m/s"]
+    return [f"from the adjoint: north {signed(north)} ± {north_std:.3f}, east {signed(east)} ± {east_std:.3f} m/s"]
 
 
 def _describe_true_current(data: ProfileData, truth: xr.Dataset) -> str:

@@ -101,7 +101,7 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
     lines = [
         profiles_text(found),
         f"{len(found.moves)} rounds over the dives; last change {found.moves[-1]:.2f} plausible deviations",
-        f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to less than half of their plausible "
+        f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to better than half of their plausible "
         "deviation",
         f"the dives' information on the hull is divided by {found.divisor:.1f}, and that on sway, roll and yaw by "
         f"{found.turning_divisor:.1f}, because errors of the model are the same in all dives",

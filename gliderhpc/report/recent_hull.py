@@ -44,8 +44,8 @@ class RecentHull:
     changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
         Change of each parameter that may change, by its position.
     warning : str
-        Reasons to doubt the values: the depth rate of the steady glides, and values too far from the platform file;
-        empty if there are none.
+        Warnings about the values: where the depth rate of the steady glides contradicts them, and where they are too
+        far from the platform file; otherwise empty.
     """
 
     mission: MissionDives

@@ -163,7 +163,7 @@ class SurfacingMessage(_Part):
     trim: tuple[Trim, ...] = Field(
         (), description="ballast, battery and offsets, where the dives so far determine them"
     )
-    hull_warning: str = Field("", description="reasons to doubt trim and changes of the hull")
+    hull_warning: str = Field("", description="warnings on trim and changes of the hull")
 
     @property
     def only_current_changed(self) -> bool:

@@ -156,7 +156,7 @@ def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float
         least = math.degrees(least_glide_angle(platform, heavy=net_mass > 0.0))
         raise InputError(
             f"{platform.name} has no steady glide {flown}; "
-            f"its least glide angle is {least:.1f} degree; give the scenario a steeper actuation.pitch"
+            f"its minimum glide angle is {least:.1f} degree; give the scenario a steeper actuation.pitch"
         )
     if not is_stable(glider, glide):
         raise InputError(

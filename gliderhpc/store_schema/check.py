@@ -292,7 +292,7 @@ def _status_differences(root: zarr.Group) -> Iterator[str]:
 
 
 def _member(node: zarr.Group, name: str) -> Any:
-    """Return a member of a group, None where there is none, and a text where it cannot be read."""
+    """Return a member of a group, None where there is none, and a string where it cannot be read."""
     try:
         return node.get(name)
     except UNREADABLE as error:
@@ -312,7 +312,7 @@ def _arrays(node: zarr.Group, group: Group) -> tuple[Arrays, dict[str, str]]:
 
 
 def _values(node: zarr.Group, name: str) -> Any:
-    """Return an array's values, None where there is no such array, and a text where they cannot be read."""
+    """Return an array's values, None where there is no such array, and a string where they cannot be read."""
     array = _member(node, name)
     if not isinstance(array, zarr.Array):
         return None

@@ -1,4 +1,4 @@
-"""Zarr's codecs of texts and of compressed chunks, as used to read and write archives.
+"""Zarr's codecs of strings and of compressed chunks, as used to read and write archives.
 
 Importing this module registers them. Every store of an archive is opened by `gliderhpc.store_schema.place`, which
 imports it.
@@ -75,7 +75,7 @@ def check_text_count(content: bytes) -> None:
 
 
 _DECODES_INLINE = hasattr(BloscCodec, "_decode_sync")
-"""Whether this version of zarr can decode without another thread."""
+"""True if this version of zarr can decode without another thread."""
 
 
 class InlineBloscCodec(_OneByOne, BloscCodec):

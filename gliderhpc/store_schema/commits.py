@@ -123,7 +123,7 @@ def as_texts(
 def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
     """Read the commits of all or some profiles, by position along the profile dimension.
 
-    Profiles without a marker are left out; a damaged marker or manifest yields a text that describes the damage.
+    Profiles without a marker are left out; a damaged marker or manifest yields a string that describes the damage.
     """
     root = group_at(place)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
@@ -336,7 +336,7 @@ def _commit(markers: zarr.Array[Any], manifests: zarr.Array[Any], index: int) ->
 
 
 def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
-    """Parse a commit from marker and manifest; None without a marker, a text where they are inconsistent.
+    """Parse a commit from marker and manifest; None without a marker, a string where they are inconsistent.
 
     Raises
     ------

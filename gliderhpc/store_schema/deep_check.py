@@ -37,7 +37,7 @@ _MAX_NAMED_CHUNKS = 3
 
 @dataclass(frozen=True)
 class Fault:
-    """A deviation from what was written: profile, variable, description and remedy."""
+    """Deviation from the written data: profile, variable, description and remedy."""
 
     profile: str
     variable: str
@@ -61,7 +61,7 @@ def as_lines(faults: Iterable[Fault]) -> list[str]:
 
 
 def damaged_chunks(place: Place) -> list[str]:
-    """List the damaged chunks of an archive of sound structure, with their remedies.
+    """List the damaged chunks of an archive of valid structure, with their remedies.
 
     Parameters
     ----------

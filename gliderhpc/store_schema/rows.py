@@ -48,7 +48,7 @@ def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int,
     if values.ndim != len(shape) or any(own > length for own, length in zip(values.shape, shape, strict=True)):
         raise ValueError(f"{label}: a row of shape {values.shape} does not fit into one of shape {shape}")
     if not variable.dtype.startswith("float") and values.dtype.kind not in "iub":
-        raise ValueError(f"{label}: {values.dtype} values cannot go into {variable.dtype} without loss")
+        raise ValueError(f"{label}: {values.dtype} values cannot be stored in {variable.dtype} without loss")
     padded = np.full(shape, variable.fill_value, dtype=variable.dtype)
     padded[tuple(slice(length) for length in values.shape)] = values
     return padded

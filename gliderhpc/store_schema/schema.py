@@ -340,7 +340,7 @@ def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[in
     return shape
 
 
-_HEADINGS = ("variable", "dimensions", "type", "unit", "fill", "chunk", "standard name", "what it is")
+_HEADINGS = ("variable", "dimensions", "type", "unit", "fill", "chunk", "standard name", "meaning")
 
 
 def schema_page() -> str:

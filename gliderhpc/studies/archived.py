@@ -123,7 +123,7 @@ def platform_of(archive: Archive) -> Platform:
     """
     platform = platform_or_none(archive)
     if platform is None:
-        raise InputError("the archive holds no platform that this program can read; run the mission again")
+        raise InputError("the archive's platform cannot be read by this version; re-run the mission")
     return platform
 
 
@@ -151,7 +151,7 @@ def settings_of(archive: Archive) -> MissionSettings:
     try:
         return MissionSettings.model_validate(archive.attrs["settings"])
     except (KeyError, ValidationError):
-        raise InputError("the archive holds no settings that this program can read; run the mission again") from None
+        raise InputError("the archive's settings cannot be read by this version; re-run the mission") from None
 
 
 def positions(archive: Archive) -> dict[int, int]:

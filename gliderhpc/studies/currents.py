@@ -249,7 +249,7 @@ def _uncertainty_model(
 def _origin(platform: Platform, model: UncertaintyModel) -> str:
     if model.by_hull:
         return "with the hull's errors"
-    return "the publication's terms" if platform.calibration is None else "terms measured with calibrated hulls"
+    return "the paper's terms" if platform.calibration is None else "terms measured with calibrated hulls"
 
 
 STUDY = Study(

@@ -237,5 +237,5 @@ STUDY = Study(
     settings=drift_settings,
     missing=missing_input,
     prepare=prepare,
-    estimate_unused="this study uses all estimates, so --estimate changes nothing",
+    estimate_unused="this study uses all estimates; `estimate` has no effect",
 )

@@ -346,5 +346,5 @@ STUDY = Study(
     missing=missing_input,
     prepare=prepare,
     mission_columns=("elapsed_days",),
-    estimate_unused="this study sums the smoother's information, so --estimate changes nothing",
+    estimate_unused="this study sums the smoother's information; `estimate` has no effect",
 )

@@ -39,7 +39,7 @@ from gliderhpc.studies.request import Request, study_settings
 Row = Mapping[str, Any]
 """Values by name of the group's variables."""
 
-ESTIMATE_UNUSED = "no estimate enters this study, so --estimate changes nothing"
+ESTIMATE_UNUSED = "this study uses no estimate; `estimate` has no effect"
 
 
 @dataclass(frozen=True, eq=False)

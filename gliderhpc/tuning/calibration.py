@@ -172,9 +172,9 @@ def calibrate(
     value, or at the most probable one if the glides refute the platform's. When every direction is determined, the
     remaining parameters are fitted without the prior. A parameter that runs to its bound is held there. A hull without
     stable glides is fitted again with the lateral terms held, and so is one with a parameter whose interval is wider
-    than its plausible deviation, if less is then in doubt and the turns fit about as well: near neutral stability in
-    yaw, real disturbances pass for small errors of the balance, and the fit follows them. The result is compared with
-    the start, on the profiles fitted and on those held out.
+    than its plausible deviation, if fewer parameters remain undetermined and the turns fit about as well: near neutral
+    stability in yaw, real disturbances pass for small errors of the balance, and the fit follows them. The result is
+    compared with the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------

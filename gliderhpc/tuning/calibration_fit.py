@@ -109,7 +109,7 @@ free lateral terms reduce the cost by 3 to 10 %; on the mission SEA035 M010, by 
 
 
 def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdict | None:
-    """Return why the lateral terms of a finished fit are in doubt; None if they are not."""
+    """Return why the lateral terms of a finished fit are unreliable; None if they are not."""
     if not stable:
         return CalibrationVerdict.UNSTABLE
     if fit.errors.flatness(fit.search.steps, margin=1.0) > 0.0:

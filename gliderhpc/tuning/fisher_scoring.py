@@ -18,7 +18,7 @@ LONGEST_STEP = 2.0
 
 
 class Likelihood(Protocol):
-    """A log-likelihood that costs less when evaluated at several points at once."""
+    """A log-likelihood that is cheaper to evaluate at several points at once."""
 
     def values(self, points: Sequence[Array]) -> list[float]:
         """Log-likelihoods of points ``(p,)``."""

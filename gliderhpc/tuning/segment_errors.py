@@ -182,7 +182,7 @@ class SegmentErrors:
     def flatness(self, steps: Array, margin: float = FLATTEST_MARGIN) -> float:
         """Excess (rad) of a hull's flattest pitch, times a margin, over the flattest measured pitch; at least zero.
 
-        At its least glide angle a hull's angle of attack has an infinite slope, and a fit would get stuck there.
+        At its minimum glide angle a hull's angle of attack has an infinite slope, and a fit would get stuck there.
         """
         hull = self.hull(steps)
         flattest = [
@@ -319,8 +319,9 @@ def _in_its_water(platform: Platform, segments: SteadySegments, report: Callable
     if not is_unexpected_density(hull, surface):
         return hull
     report(
-        f"the water has {surface:.1f} kg/m3 (median of the steady flight, at surface pressure), and the platform file "
-        f"{hull.buoyancy.water_density:g}: its neutral volume is taken as that in this water (buoyancy.water_density)"
+        f"the water density is {surface:.1f} kg/m3 (median of the steady flight, at surface pressure), that of the "
+        f"platform file {hull.buoyancy.water_density:g}: its neutral volume is referred to this density "
+        "(buoyancy.water_density)"
     )
     return with_values(hull, {"buoyancy.water_density": round(surface, 1)})
 

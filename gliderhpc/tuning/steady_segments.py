@@ -49,7 +49,7 @@ class SegmentSettings(Settings):
     steepness: float = Field(
         1.05,
         ge=1,
-        description="smallest ratio of the path's angle (pitch less angle of attack) to the hull's least glide angle",
+        description="smallest ratio of the path's angle (pitch less angle of attack) to the hull's minimum glide angle",
     )
     straight: float = Field(0.3, gt=0, description="rate of turn below which flight counts as straight, degree/s")
 
@@ -137,7 +137,7 @@ def steady_segments(
     Parameters
     ----------
     observations, platform : Observations, Platform
-        Open file, and hull, which determines the vibration set and the least glide angle.
+        Open file, and hull, which determines the vibration set and the minimum glide angle.
     numbers : sequence of int
         Profiles to read.
     settings, steady : EstimationSettings, SegmentSettings
@@ -201,7 +201,7 @@ _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
 
 
 def join_segments(parts: Sequence[SteadySegments]) -> SteadySegments:
-    """Put segments one after the other."""
+    """Concatenate segments."""
     names = [field.name for field in fields(SteadySegments)]
     return SteadySegments(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
@@ -210,7 +210,7 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     """Average the steady segments of one profile.
 
     A steady segment lies inside the record, outside the vibration set with time to settle after it, and below the
-    surface layer. In it the glider moves vertically, on a path steeper than the hull's least glide angle, nose down
+    surface layer. In it the glider moves vertically, on a path steeper than the hull's minimum glide angle, nose down
     while diving, with nearly constant pitch and depth rate. The path is used rather than the pitch, since a hull of
     little lift glides on a path much steeper than its pitch.
 

@@ -40,7 +40,7 @@ class SumProblem:
 
 @dataclass(frozen=True, eq=False)
 class WeightedSum:
-    """Sum over ``n`` dives; what follows from it is computed once, when it is needed.
+    """Sum over ``n`` dives; derived quantities are computed once, when needed.
 
     Attributes
     ----------

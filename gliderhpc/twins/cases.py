@@ -107,7 +107,7 @@ class TwinCase:
 
     @property
     def assumes_true_hull(self) -> bool:
-        """Whether the estimator assumes the coefficients of the hull that flies."""
+        """Return whether the estimator assumes the coefficients of the simulated hull."""
         assumed = self.assumed or self.hull
         return self.scenario.coefficients.spread == 0.0 and coefficients_of(assumed) == coefficients_of(self.hull)
 

@@ -80,14 +80,14 @@ _OTHER_SWEEPS = (
 
 
 def draw_windows(summary: Sequence[Row], excerpts: Sequence[Excerpt]) -> Figure:
-    """Draw Figure 5: estimates with sliding and separate windows, the truth, and the scores over every swept setting.
+    """Draw Figure 5: estimates with overlapping and non-overlapping windows, the truth, and the scores by setting.
 
     Parameters
     ----------
     summary : sequence of dict
         Median and quartiles of every score, one line per hull, preset, sweep and value.
     excerpts : sequence of Excerpt
-        Yaw moment with sliding and with separate windows, for panels (a) and (b).
+        Yaw moment with overlapping and with non-overlapping windows, for panels (a) and (b).
     """
     figure = new_sheet(12.5, 13.5)
     grid = figure.add_gridspec(5, 6)
@@ -113,7 +113,7 @@ def _draw_excerpt(axes: Axes, excerpt: Excerpt, letter: str) -> None:
     axes.plot(excerpt.time, excerpt.estimate, color=colour, lw=1.0, label="identified")
     for boundary in excerpt.boundaries:
         axes.axvline(boundary, color=GREY, lw=0.5, zorder=0)
-    handover = "sliding, margin 10 s" if excerpt.sliding else "not sliding"
+    handover = "overlapping, margin 10 s" if excerpt.sliding else "non-overlapping"
     label_axes(
         axes,
         "s",
@@ -132,7 +132,7 @@ def _draw_lengths(axes: Axes, summary: Sequence[Row], score: str, label: str, lo
                 continue
             x = np.array([line["value"] for line in lines])
             value, low, high = ([line[f"{score}{end}"] for line in lines] for end in ("", "_low", "_high"))
-            name = f"{hull}, {preset}" + ("" if sweep == "sliding" else ", not sliding")
+            name = f"{hull}, {preset}" + ("" if sweep == "sliding" else ", non-overlapping")
             axes.plot(x, value, style, marker=marker, ms=3.5, lw=1.1, color=colour, label=name)
             if sweep == "sliding":
                 axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)

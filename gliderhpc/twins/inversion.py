@@ -1,4 +1,4 @@
-"""Simulation and inversion of twins by the users' own pipeline, with their truth on the estimator's steps."""
+"""Simulation and inversion of twins with the users' own pipeline, with their truth on the estimator's steps."""
 
 import time
 from collections.abc import Sequence

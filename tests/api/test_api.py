@@ -1,4 +1,4 @@
-"""The Python interface: it gives what the commands give, takes records in every form, and says what is wrong."""
+"""Python functions and commands give the same results and messages."""
 
 import hashlib
 import json
@@ -47,7 +47,7 @@ TIMED = ("run_seconds",)
 
 @pytest.fixture(scope="module")
 def records(swift):
-    """The swift mission in memory, with nothing that tells of its file."""
+    """The swift mission in memory, without any reference to its file."""
     loaded = gh.open_records(swift).load().copy(deep=True)
     loaded.encoding.clear()
     return loaded
@@ -61,13 +61,13 @@ def dive(swift):
 
 @pytest.fixture(scope="module")
 def mission(swift, tmp_path_factory):
-    """Archive of a run on that profile alone, and what the run returned."""
+    """Archive of a run on that profile alone, and the tree that the run returned."""
     store = tmp_path_factory.mktemp("mission") / "one.zarr"
     return store, gh.run_mission(swift, "petrel-l", store, profiles=2, workers=0)
 
 
 def assert_same(one, other, leave_out=TIMED, attributes=True):
-    """Hold two trees against each other: groups, variables, types, bytes, units and attributes."""
+    """Compare two trees: groups, variables, types, bytes, units and attributes."""
     assert set(one.groups) == set(other.groups)
     for node in one.subtree:
         ours, theirs = node.to_dataset(inherit=False), other[node.path].to_dataset(inherit=False)
@@ -514,7 +514,7 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
 
 @pytest.mark.parametrize("raised", [True, False])
 def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkeypatch):
-    """Whether the second calibration fails, or only its rounds over the dives."""
+    """The second calibration fails, or only its rounds over the dives do."""
     hull, reason = gh.load_platform("petrel-l"), "no dive could be smoothed"
     first = CalibratedHull(hull, None, dives=SimpleNamespace())
 

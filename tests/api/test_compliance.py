@@ -1,4 +1,4 @@
-"""Files for other people: discovery attributes, and the IOOS compliance checker where it is installed.
+"""Files for other users: discovery attributes, and the IOOS compliance checker where it is installed.
 
 The part of the OG1 checker that asks the vocabulary server is answered from the list of terms in the package.
 """
@@ -89,7 +89,7 @@ def deployment(tmp_path):
 
 
 def _checked(path):
-    """See that a file can be found, that every variable says what it holds, and that its extent is its own."""
+    """Check that a file has discovery attributes, that variables describe their content, and its extent."""
     with xr.open_dataset(path) as content:
         assert set(content.attrs) >= WANTED
         assert content.attrs["license"] == "CC-BY-4.0"
@@ -137,7 +137,7 @@ def _report(path, standard):
 
 
 def _cf_errors(path):
-    """Return the messages of what the checker of CF 1.11 calls an error."""
+    """Return the error messages of the CF 1.11 checker."""
     found = _report(path, "cf:1.11")
     return [item["msgs"] for item in found["high_priorities"] if item["value"][0] < item["value"][1]]
 

@@ -1,4 +1,4 @@
-"""`gliderhpc.currents`: currents by pitch, heading, depth and fixes alone, of glides made without the package."""
+"""`gliderhpc.currents`: currents from pitch, heading, depth and fixes alone, of glides made without the package."""
 
 import itertools
 import subprocess

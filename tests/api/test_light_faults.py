@@ -1,4 +1,4 @@
-"""`gliderhpc.currents` on records with faults: units, dropouts, clocks, declinations, and fixes that are left out."""
+"""`gliderhpc.currents` on faulty records: units, dropouts, clocks, declinations, and rejected fixes."""
 
 from pathlib import Path
 
@@ -150,7 +150,7 @@ def test_dropouts_and_spikes_of_the_depth_do_not_change_the_current(share, offse
 
 
 def test_a_noisy_depth_does_not_make_the_glider_faster():
-    """At 1 Hz, noise of 2 m had added its magnitude to the vertical speed."""
+    """At 1 Hz, noise of 2 m used to add its magnitude to the vertical speed."""
     glide = Glide(dives=1, depth=200.0, interval=1.0)
     records = mission(glide)
     clean = currents(records)

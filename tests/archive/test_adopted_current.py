@@ -17,7 +17,7 @@ def test_the_smoothed_current_is_adopted_with_its_own_covariance():
     current = adopted_current(ROW)
     found = (current.north, current.east, current.north_std, current.east_std, current.covariance)
     assert [float(value) for value in found] == [0.3, 0.4, 0.01, 0.02, 2e-4]
-    assert (str(current.estimate), current.label) == ("smoothed", "by the smoother")
+    assert (str(current.estimate), current.label) == ("smoothed", "from the smoother")
 
 
 @pytest.mark.parametrize("missing", [{"dac_north_smoothed": np.nan}, {"dac_east_smoothed": np.nan}])
@@ -25,7 +25,7 @@ def test_the_adjoint_current_is_adopted_without_a_smoothed_one(missing):
     current = adopted_current(ROW | missing)
     found = (current.north, current.east, current.north_std, current.east_std, current.covariance)
     assert [float(value) for value in found] == [0.1, 0.2, 0.05, 0.06, 1e-4]
-    assert (str(current.estimate), current.label) == ("adjoint", "by the inversion")
+    assert (str(current.estimate), current.label) == ("adjoint", "from the adjoint")
 
 
 def test_the_adjoint_current_is_adopted_in_archives_without_smoothed_columns():
@@ -43,4 +43,4 @@ def test_the_adopted_current_is_chosen_profile_by_profile():
     assert current.estimate.tolist() == ["smoothed", "adjoint", "", "smoothed"]
     assert current.known.tolist() == [True, True, False, True]
     np.testing.assert_array_equal(current.north_std[[0, 1]], [0.01, 0.05])
-    assert current.label == "2 by the smoother, 1 by the inversion"
+    assert current.label == "2 from the smoother, 1 from the adjoint"

@@ -1,4 +1,4 @@
-"""Damaged archives under every command that reads them: one line, whatever the damage."""
+"""Damaged archives with every command that reads them: one line, whatever the damage."""
 
 import os
 import re
@@ -26,7 +26,7 @@ CHOSEN = (
 
 @pytest.fixture(scope="module")
 def commands(brief, tmp_path_factory):
-    """Arguments of every reading command, of a copy and of the sound archive."""
+    """Arguments of every reading command, with a copy and with the intact archive."""
     out = tmp_path_factory.mktemp("out")
     return lambda copy, sound: (
         ("info", copy),
@@ -42,7 +42,7 @@ def commands(brief, tmp_path_factory):
 
 
 def _copy(archive, folder):
-    """Copy of an archive whose files are links; what damages one replaces it."""
+    """Copy of an archive whose files are links; damaging one replaces the link."""
     return shutil.copytree(archive, folder / "copy.zarr", copy_function=os.link)
 
 

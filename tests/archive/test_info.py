@@ -1,4 +1,4 @@
-"""Opening an archive and saying what is in it."""
+"""Opening and describing an archive."""
 
 import math
 import re
@@ -95,7 +95,7 @@ def test_info_prints_all_of_it(archive):
         "scipy",
         "3 done, 1 failed",
         "2023-04-01T00:00:00Z",
-        "+0.200 m/s north, -0.100 m/s east (median of 2 profiles, by the inversion)",
+        "+0.200 m/s north, -0.100 m/s east (median of 2 profiles, from the adjoint)",
         "window.length",
         "profile 4, sample 20",
         "pitch is [missing] from 10:00 on",

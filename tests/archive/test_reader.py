@@ -1,4 +1,4 @@
-"""The reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
+"""Reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_a_name_is_a_group_or_a_variable_of_the_table(archive):
 
 @pytest.mark.damages_archive
 def test_a_group_is_opened_when_it_is_asked_for(archive):
-    """Damage of a group that nobody reads hinders nobody."""
+    """Damage of a group that is not read has no effect."""
     (archive / "events" / "profile" / "c.0").write_bytes(b"damaged")
     with open_for_reading(archive) as opened:
         assert opened["series"].to_dataset().sizes["profile"] == 1

@@ -1,4 +1,4 @@
-"""The program: its exit statuses, and one clear line for every bad input that a user can bring."""
+"""Exit statuses of the program, and one clear line for every invalid input."""
 
 import errno
 import io
@@ -39,7 +39,7 @@ PETREL = ("--platform", "petrel-l", "--workers", 0)
 
 @pytest.fixture
 def run(tmp_path):
-    """Estimate a file into a new archive; gives the answer and the archive's path."""
+    """Invert a file into a new archive; return the result of the run and the archive's path."""
 
     def run_mission(path, *arguments, platform=PETREL):
         store = tmp_path / "out.zarr"
@@ -550,7 +550,7 @@ def test_import_of_nothing_is_2(tmp_path):
 
 
 def test_the_summary_shows_messages_as_they_are():
-    """Brackets in a message are no markup, and what is missing is a dash."""
+    """Brackets in a message are not markup, and missing values are shown as a dash."""
     result = MissionResult({3: {"status": "failed", "message": "pitch [deg] is missing", "run_seconds": 0.1}})
     console = Console(width=200, record=True, file=io.StringIO())
     console.print(summary_table(result))

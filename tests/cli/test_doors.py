@@ -1,4 +1,4 @@
-"""Other users of the machine and files of others can run nothing, write nothing and steer no terminal."""
+"""Security: other users and foreign files can run nothing, write nothing and control no terminal."""
 
 import io
 import json
@@ -62,7 +62,7 @@ def test_log_lines_are_single_lines_without_controls():
 
 
 def test_every_command_prints_by_the_one_place():
-    """No command has a printer of its own."""
+    """No command prints on its own."""
     allowed = {"messages.py", "main.py"}
     for path in (REPOSITORY / "gliderhpc" / "cli").glob("*.py"):
         if path.name not in allowed:

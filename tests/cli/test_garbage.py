@@ -1,4 +1,4 @@
-"""Frequency of the searches for cyclic garbage in a process of the program."""
+"""Frequency of garbage collection in a process of the program."""
 
 import gc
 

@@ -1,4 +1,4 @@
-"""Interruptions of a command: none is lost, and none leaves a lock taken."""
+"""Interruptions of a command: none is lost, and none leaves a lock held."""
 
 import _thread
 import os

@@ -1,4 +1,4 @@
-"""Errors that nobody foresaw, streams that are closed, and files that the system does not give out."""
+"""Unexpected errors, closed streams, and unreadable files."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ from gliderhpc.cli.main import VERBS, Verbs
 
 @pytest.fixture
 def failing(monkeypatch, tmp_path):
-    """Give the program a verb that ends in an error."""
+    """Give the program a command that ends in an error."""
 
     def verb(error, log_file=None):
         def fail():

@@ -1,4 +1,4 @@
-"""Output files: nothing is replaced unasked, no device is written to, no input, and a file is there whole or not."""
+"""Output files: never replaced without permission, never a device or an input, and always complete or absent."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""Folders of tables, figures and pages: refused before the work, filled aside, nothing left of what fails."""
+"""Folders of tables, figures and pages: checked before the work, written atomically, and not left incomplete."""
 
 import errno
 import shutil

@@ -1,4 +1,4 @@
-"""YAML of users: a key twice, nesting, aliases and sizes that no settings file has, each refused in one line."""
+"""YAML of users: repeated keys, nesting, aliases and excessive size are each refused in one line."""
 
 import os
 import time

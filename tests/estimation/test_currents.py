@@ -493,8 +493,8 @@ def test_a_compass_offset_of_the_stated_size_lies_on_the_ellipse():
     np.testing.assert_allclose(by_smoother.covariance, across, atol=1e-15)
 
 
-def test_the_defaults_are_the_publications_and_the_calibrated_hulls_those_measured():
-    """The sources are section 5.5 of the publication, and docs/current-ellipses.md for a calibrated hull."""
+def test_the_defaults_are_the_papers_and_the_calibrated_hulls_those_measured():
+    """The sources are section 5.5 of the paper, and docs/current-ellipses.md for a calibrated hull."""
     published = CurrentErrors()
     assert (published.axial_error, published.relative_error, published.heading_error) == (0.055, 0.26, 8.0)
     assert (published.fix_error, published.surface_shear, published.actuation_error) == (5.0, 0.2, 0.2)

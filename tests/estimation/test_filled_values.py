@@ -1,4 +1,4 @@
-"""Repeated and interpolated values are distinguished from measurements, at even and uneven times, and from rounding."""
+"""Repeated and interpolated values are distinguished from measurements and from rounding, at even and uneven times."""
 
 from dataclasses import fields, replace
 

@@ -1,4 +1,4 @@
-"""Prior: input and estimate of the filter, the vibration set, and the first guesses."""
+"""Filter: input, estimate, the vibration set, and initial values."""
 
 from types import SimpleNamespace
 
@@ -263,7 +263,7 @@ def cut(series, n):
 
 
 def test_a_profile_gives_the_same_whatever_is_computed_with_it(twin):
-    """Each of more profiles than lanes, of two hulls and many lengths, gives the same as alone, to the bit."""
+    """Each of more profiles than lanes, of two hulls and many lengths, gives the same as alone, bit for bit."""
     series = [cut(profile_series(twin, number, SETTINGS), 2000 + 117 * number) for number in (1, 2, 3, 4)]
     slow = replaced(series[0], sample_interval=4.0, sample_index=series[0].sample_index[::4])
     seawing = read_platform("seawing")

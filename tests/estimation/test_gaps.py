@@ -1,4 +1,4 @@
-"""The smoother where parts of the record are missing: samples without one of the measurements, and gaps at the turn."""
+"""Smoother with gaps: samples without one of the measurements, and gaps at the turn."""
 
 from dataclasses import fields, replace
 

@@ -386,7 +386,7 @@ def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
 
 
 def test_a_moved_path_is_a_run_of_the_model_inside_segments(flown):
-    """The disturbances' deviations decay from the first row of each segment, where the path moves by what is given."""
+    """The disturbances' deviations decay from the first row of each segment, where the path moves as prescribed."""
     dive = flown[0]
     rows, path = segment_rows(dive.dive, longest=4), dive.guess
     deviations = 1e-3 * np.random.default_rng(6).standard_normal((len(rows), 16))

@@ -1,4 +1,4 @@
-"""Windows of a path joined without seams: blending over overlaps, and one run along the result."""
+"""Joining windows without seams: blending over overlaps, and one run along the result."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Displacement expected of the next dive: constant headings, and headings corrected for the current."""
+"""Expected displacement of the next dive: constant headings, and headings corrected for the current."""
 
 import numpy as np
 import pytest

@@ -61,7 +61,7 @@ class Archive:
         return np.array(prior.deviation) * np.sqrt(share)
 
     def windows(self, number):
-        """Return the stored windows of a profile whose own solution was kept from end to end."""
+        """Return the stored windows of a profile whose own solution is used from end to end."""
         windows = self.tree["windows"].ds.sel(profile=number)
         count = int(self.tree.to_dataset()["window_count"].sel(profile=number))
         assert np.isnan(windows["start"].values[count:]).all()
@@ -128,7 +128,7 @@ def test_windows_in_rough_water_are_measured_by_the_prior_that_the_archive_names
     estimate(rough, store, "recommended", {"start": "prior"})
     archive = Archive(store, rough)
     usual = np.array(default_prior(archive.platform).deviation)
-    assert archive.scale(1)[1] > 2.0 * usual[1], "sway is allowed to follow gusts"
+    assert archive.scale(1)[1] > 2.0 * usual[1], "sway has a gust prior"
     windows = archive.windows(1)
     whole = windows.isel(window=np.flatnonzero(windows["retracted"].values == 0))
     found = list(archive.recompute(1, whole))

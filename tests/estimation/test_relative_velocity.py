@@ -1,4 +1,4 @@
-"""Measured velocity relative to the water: its judgement by the record, and what it gives on a hull that is off."""
+"""Measured velocity relative to the water: validity checks against the record, and effect with a wrong hull."""
 
 from dataclasses import replace
 from types import SimpleNamespace

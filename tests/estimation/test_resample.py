@@ -1,4 +1,4 @@
-"""Resampling: exact for linear signals, blind to where heading wraps, honest about gaps."""
+"""Resampling: exact for linear signals, unaffected by wrapped headings, correct in gaps."""
 
 import numpy as np
 import pytest

@@ -98,7 +98,7 @@ def test_the_profile_says_what_noise_it_has():
 
 
 def test_a_few_values_between_two_levels_are_no_resolution():
-    """A pitch held at two values, with four others in the turn between them, says nothing of its sensor's steps."""
+    """A pitch held at two values, with four others in the turn between, does not reveal its sensor's resolution."""
     record, _ = twin("calm")
     count = len(record.time)
     pitch = np.where(np.arange(count) < count // 2, -23.0, 23.0)

@@ -1,4 +1,4 @@
-"""Iterated smoother: exact MAP of a dive, gaps and north, correct intervals, and comparison with the windows."""
+"""Iterated smoother: exact MAP of a dive, gaps and true north, correct intervals, and comparison with the windows."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""When the smoother's iteration ends: on a problem that has no step down without damping, and small ones with it."""
+"""Termination of the smoother's iteration, on problems with and without a descent step without damping."""
 
 from types import SimpleNamespace
 
@@ -43,7 +43,7 @@ class NoWayDown:
 
 
 def test_the_same_passes_are_not_made_again(monkeypatch):
-    """Released, the damping is needed again, and nothing has moved: the iteration has stalled, long before its cap."""
+    """Released, the damping is needed again, and nothing has moved: the iteration has stalled, far from its limit."""
     monkeypatch.setattr("gliderhpc.estimation.smoother.iterate.Sweeps", NoWayDown)
     dive = SimpleNamespace(
         variance=np.ones((ROWS + 1, 4)), noise=np.ones((ROWS, 6)), fed=np.ones(ROWS + 1, bool),

@@ -1,4 +1,4 @@
-"""The smoother's model of record and noise: repeated rounding, lagging actuators, and a dive's own intensity."""
+"""Smoother's model of record and noise: repeated rounded values, lagging actuators, and intensity of a dive's noise."""
 
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -63,7 +63,7 @@ def test_noise_factors_are_the_ratio_of_squared_to_resolved_noise():
 
 
 def test_standardised_noise_is_over_its_own_deviation():
-    """Harvey and Koopman (1992): the smoothed noise has the variance of the noise less what is left of it."""
+    """Harvey and Koopman (1992): smoothed noise has the variance of the noise less its posterior variance."""
     linear = allocate_backward(3, 3)
     linear.noise_mean[:] = [[3.0] * 6, [0.5] * 6, [0.0] * 6]
     linear.noise_resolved[:] = [[0.25] * 6, [1.0] * 6, [0.0] * 6]
@@ -110,7 +110,7 @@ def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
 
 @pytest.mark.compiled
 def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
-    """The estimate is the same to the bit as with a sweep for each; only the number of sweeps differs."""
+    """The estimate is the same bit for bit as with a sweep for each; only the number of sweeps differs."""
     flown, found, sweeps = fly(41, 6000), [], []
     forward = problem.Sweeps.forward
     monkeypatch.setattr(problem.Sweeps, "forward", lambda *args: (sweeps.append(len(found)), forward(*args))[1])

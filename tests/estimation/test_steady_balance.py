@@ -1,4 +1,4 @@
-"""The balance of steady flight, straight and turning, held against the model's own steady glides and turns."""
+"""Balance of steady flight, straight and turning, compared with the model's own steady glides and turns."""
 
 import math
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_roll_and_turn_are_predicted_from_the_controls_not_from_each_other(petre
 
 
 def test_the_depth_rate_is_that_of_the_net_weight(petrel):
-    """With four times the weight the same attitude sinks twice as fast, which is what the balance predicts."""
+    """With four times the weight a glider at the same attitude sinks twice as fast, as the balance predicts."""
     slow, fast = (steady_glide(petrel, mass, math.radians(-25.0)) for mass in (0.1, 0.4))
     balance = steady_balance(petrel, petrel.bodies([fast.control]), motion_of(slow))
     assert balance.errors[0, DEPTH_RATE] == pytest.approx(fast.depth_rate - slow.depth_rate, rel=1e-9)

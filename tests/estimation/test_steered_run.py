@@ -1,4 +1,4 @@
-"""A run of the model along a path: linearisation without the sensors' noise, and the biases that it removes."""
+"""Run of the model along a path: linearisation without sensor noise, and the biases that this removes."""
 
 from dataclasses import replace
 
@@ -153,7 +153,7 @@ def test_gusts_impulses_and_both_together_are_distinguished(name, expected, seed
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_wrong_hull_is_not_taken_for_gusts(seed):
-    """In calm water, no hull off by its plausible deviations in what rolls and turns it looks as if gusts rolled it."""
+    """In calm water, a hull with plausible errors in roll and turn terms does not look as if gusts rolled it."""
     rng, keys = np.random.default_rng(seed), ("K_p", "K_r", "K_MR", "K_MY", "K_beta", "added_inertia", "hull", "eccen")
     lateral = [p for p in hull_parameters(HULL) if any(key in p.key for key in keys)]
     hull = moved_platform(HULL, lateral, rng.standard_normal(len(lateral)))

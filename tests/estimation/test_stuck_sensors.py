@@ -1,4 +1,4 @@
-"""A heading or a depth that stopped is refused; steady glides, coarse sensors and the surface are not."""
+"""Headings or depths that are stuck are refused; steady glides, coarse sensors and the surface are not."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_a_depth_that_stopped_is_refused(first, last):
 
 @pytest.mark.parametrize(("first", "last"), [(0.2, 0.6), (0.0, 1.0)])
 def test_a_heading_that_stopped_is_refused(first, last):
-    with pytest.raises(ProfileError, match="the heading is the same to the last digit"):
+    with pytest.raises(ProfileError, match="heading is constant over"):
         check_sensors(stopped(with_noise(twin("impulses")), "heading", first, last))
 
 

@@ -1,4 +1,4 @@
-"""Windows: their lengths, their handover (eq. 38, Algorithm 1), and their solution by the engine."""
+"""Windows: lengths, handover (eq. 38, Algorithm 1), and solution by the engine."""
 
 import itertools
 from dataclasses import replace
@@ -250,7 +250,7 @@ def test_only_windows_that_follow_slow_sensors_may_be_shortened():
 
 
 def test_states_follow_from_the_stitched_disturbance():
-    """Each sample's state, including X and Y, is that of the window whose solution is kept there."""
+    """Each sample's state, including X and Y, is that of the window whose solution is used there."""
     problem = dive_problem(700)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
     solution = solve_dive(problem, solver)

@@ -1,4 +1,4 @@
-"""Drag over lift of a vehicle's make."""
+"""Drag-to-lift ratio of a vehicle type."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Catalogue of what may be wrong with a hull, and the platform file's section on it."""
+"""Catalogue of possible errors of a hull, and the platform file's section on them."""
 
 from pathlib import Path
 

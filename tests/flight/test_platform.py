@@ -1,4 +1,4 @@
-"""Platform files: what is read, what is refused, and by what name."""
+"""Platform files: accepted content, refused content, and the names in messages."""
 
 import math
 from pathlib import Path
@@ -257,7 +257,7 @@ def test_correlations_that_are_sound_are_taken_as_they_are():
 
 @pytest.mark.parametrize("name", shipped_platforms())
 def test_equal_hulls_have_equal_hashes(name):
-    """A calibrated hull has dictionaries, and it is the key of what studies keep."""
+    """A calibrated hull contains dictionaries, and is the key of the studies' caches."""
     hull = read_platform(name)
     errors = CalibrationErrors(parameters=("viscous.K_D0",), deviation=(0.5,), correlation=((),))
     uncertain = Uncertainty(deviation={"viscous.K_L": 0.3}, covariance=errors)

@@ -1,4 +1,4 @@
-"""Steady glides: the balance, its stability, and the hulls that are refused."""
+"""Steady glides: balance, stability, and refused hulls."""
 
 import math
 from pathlib import Path

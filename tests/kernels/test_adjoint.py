@@ -289,7 +289,7 @@ def test_trajectory_is_that_of_the_second_implementation(short, implementation):
 
 
 def test_window_and_simulation_integrate_alike(short):
-    """The ten sensed states of `forward` are those of the simulation, to the bit."""
+    """The ten sensed states of `forward` are those of the simulation, bit for bit."""
     n = len(short.controls)
     states, tape = np.empty((n + 1, 10)), np.empty((n, window.TAPE))
     bodies = LOPSIDED.bodies(short.controls)

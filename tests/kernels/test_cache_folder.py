@@ -1,4 +1,4 @@
-"""Folder of compiled kernels: private to its owner, and refused if others could have put files there."""
+"""Folder of compiled kernels: private to its owner, and refused if others could have written to it."""
 
 import grp
 import os

@@ -131,7 +131,7 @@ def test_workers_share_the_folder_of_this_process(tmp_path: Path) -> None:
 
 @compiled
 def test_a_full_folder_stops_nothing(tmp_path: Path) -> None:
-    """The kernel runs; that it could not be stored is said once."""
+    """The kernel runs; one message reports that it could not be stored."""
     full = (
         "import errno\n"
         "from numba.core import caching\n"

@@ -1,4 +1,4 @@
-"""Kernels of the filter (eqs. 19-27): transition matrix, prediction, update, and the run along records in lanes."""
+"""Filter kernels (eqs. 19-27): transition matrix, prediction, update, and the run along records in lanes."""
 
 import math
 
@@ -125,7 +125,7 @@ def test_transition_is_more_than_its_first_order():
 
 
 def test_a_step_of_no_length_moves_nothing(implementation):
-    """In every implementation the state is unchanged to the bit; in a tangent, only the heading's column changes."""
+    """In every implementation the state is unchanged bit for bit; in a tangent, only the heading's column changes."""
     bodies, _, x = random_case(1)
     new, transition = implementation.tangent(HULL, bodies, x[PATH], DECAY, 0.0)
     np.testing.assert_array_equal(new, x[PATH])
@@ -133,7 +133,7 @@ def test_a_step_of_no_length_moves_nothing(implementation):
 
 
 def test_a_step_of_no_length_changes_nothing():
-    """It changes nothing to the bit; lanes with a shorter block than their neighbours depend on this."""
+    """It leaves every bit unchanged; lanes with a shorter block than their neighbours depend on this."""
     bodies, _, x = random_case(1)
     durations = np.array([0.0])
     path, partials = flown_path(bodies, x, durations)
@@ -176,7 +176,7 @@ def test_covariance_is_carried_as_in_the_textbook(steps):
 
 
 def test_steps_of_no_length_leave_the_covariance_alone():
-    """A block that ends with such steps gives the same result as the block without them, to the bit."""
+    """A block that ends with such steps gives the same result as the block without them, bit for bit."""
     rng = np.random.default_rng(4)
     _, _, x = random_case(4)
     bodies, P = LOPSIDED.bodies(random_controls(rng, 5)), random_covariance(rng)
@@ -614,7 +614,7 @@ def assert_same(case, other):
 
 @pytest.mark.skipif(not COMPILED, reason="eight runs, and uncompiled lanes are plain arrays")
 def test_results_do_not_depend_on_the_lane_or_its_neighbours(record):
-    """The result is the same to the bit, in any lane, alone or with cases of other lengths and fed samples."""
+    """The result is the same bit for bit, in any lane, alone or with cases of other lengths and fed samples."""
     alone, together = variety(record), variety(record)
     for case in alone:
         filter_in_lanes({0: case})

@@ -1,4 +1,4 @@
-"""Fortran kernels: equal to Numba's up to rounding, refused if they do not fit, and usable as an engine."""
+"""Fortran kernels: equal to Numba's up to rounding, refused if incompatible, and usable as an engine."""
 
 import shutil
 import subprocess

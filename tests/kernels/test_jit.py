@@ -1,4 +1,4 @@
-"""Decorators of kernels: compiled entry points, and calls from Python of functions without one."""
+"""Kernel decorators: compiled entry points, and calls from Python of functions without one."""
 
 import pickle
 

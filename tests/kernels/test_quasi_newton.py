@@ -140,7 +140,7 @@ def test_first_iterations_are_those_of_the_reference_engine():
 
 
 def test_a_window_that_may_be_halved_has_a_third_of_the_iterations():
-    """Those beside it in the lanes have all of them."""
+    """The windows in the neighbouring lanes have all of them."""
     data, start = posed(1)[0]
     tasks = [(data, start), (replace(data, halves_early=True), start)]
     settings = settings_of(tolerance=1e-12, max_iterations=9)
@@ -169,7 +169,7 @@ def test_a_start_within_the_tolerance_is_the_solution():
 
 
 def test_a_tolerance_beyond_rounding_stalls():
-    """No further decrease can be found; the point that was found, minimal up to rounding, is kept."""
+    """No further decrease can be found; the last point, minimal up to rounding, is returned."""
     data = window_data(2, disturbance=np.full((2, 6), 0.1) * SCALE)
     (solution,) = solve_together([(data, at_rest(data))], settings_of(tolerance=1e-300, max_iterations=5000))
     at_start, _ = WindowProblem(data).evaluate((at_rest(data) / data.scale).ravel())

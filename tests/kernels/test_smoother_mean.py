@@ -1,4 +1,4 @@
-"""From the most probable path to the mean: the mean shift, and its effect on dives with a skewed posterior."""
+"""Mean shift: from the most probable path to the mean, and its effect on dives with a skewed posterior."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Accuracy table: it contains the errors that were put in by hand, and no others."""
+"""Accuracy table: it contains the planted errors, and no others."""
 
 from io import StringIO
 

@@ -1,4 +1,4 @@
-"""Creation and replacement of archives: no data of a user are lost when a run stops."""
+"""Creation and replacement of archives: no data are lost when a run stops."""
 
 import shutil
 import signal

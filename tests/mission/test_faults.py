@@ -56,7 +56,7 @@ def undisturbed(dips):
 
 
 def assert_whole(store, undisturbed):
-    """Assert that the archive equals the undisturbed one, to the byte, with every profile once."""
+    """Assert that the archive equals the undisturbed one byte for byte, with every profile once."""
     assert archive_bytes(store) == archive_bytes(undisturbed)
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["profile"].values) == list(range(1, COUNT + 1))
@@ -67,7 +67,7 @@ def assert_whole(store, undisturbed):
 
 
 def committed(store):
-    """Return the number of committed profiles by the names of their markers, which takes no time to look at."""
+    """Count committed profiles from the names of their markers, which is fast."""
     return sum(path.suffix != ".partial" for path in (store / "commits" / "marker").glob("c.*"))
 
 
@@ -203,7 +203,7 @@ def test_an_estimator_that_fails_costs_its_profile_alone(dips, tmp_path, monkeyp
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "failed", "done"]
         assert str(tree["message"].sel(profile=5).values) == "FloatingPointError: the gain is singular"
-    assert "each is retried alone" in answer.err
+    assert "each will be retried individually" in answer.err
     assert "Traceback" in answer.err
     monkeypatch.setattr(jobs, "derive_and_write", whole)
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--profiles", "4:6", "--resume")

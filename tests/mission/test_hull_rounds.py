@@ -96,7 +96,7 @@ def test_the_hull_from_rounds_fits_held_out_dives_better_than_the_platform(found
 
 @pytest.mark.long
 def test_a_held_out_dive_does_not_affect_the_hull(records, tmp_path):
-    """The hull is the same to the bit when the dive held out was much rougher: its noise is not that of the mission."""
+    """The hull is identical bit for bit if the dive held out is much rougher: its noise is not that of the mission."""
 
     def roughen(content):
         held = content["profile"].values == 4

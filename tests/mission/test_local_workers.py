@@ -157,7 +157,7 @@ def _listening(_):
 
 
 def test_runs_and_workers_open_no_ports_or_sockets():
-    """The run and its workers have no port and no named socket; nobody else can send them code."""
+    """The run and its workers have no port and no named socket, so no one else can send them code."""
     code = (
         "import test_local_workers as t\n"
         "from gliderhpc.mission.executors import local_executor\n"

@@ -1,4 +1,4 @@
-"""Whose lock may be taken over: that of a process that is known to be dead, and of no other."""
+"""Lock: it may be taken over only from a process known to be dead."""
 
 import errno
 import json

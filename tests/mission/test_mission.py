@@ -1,4 +1,4 @@
-"""A mission from end to end: content of the archive, inputs that determine it, resuming and repeating."""
+"""Mission from end to end: content of the archive, inputs that determine it, resuming and repeating."""
 
 import re
 import shutil
@@ -364,7 +364,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
     with xr.open_datatree(store, engine="zarr") as tree:
         table = tree.to_dataset().load()
         assert list(table["status"].values) == ["done"] * 3
-        assert "81 s of gaps" in str(table["message"].sel(profile=2).values)
+        assert "gaps totalling 81 s" in str(table["message"].sel(profile=2).values)
         assert str(table["message"].sel(profile=1).values) == ""
         series = tree["series"].ds.sel(profile=2).load()
         n = np.isfinite(series["depth"].values).sum()
@@ -379,7 +379,7 @@ def test_a_gap_in_the_record_is_masked_reported_and_bridged(brief, tmp_path):
 
 
 def test_the_truth_is_never_read(swift, swift_store, tmp_path):
-    """The file without its truth gives the same archive to the byte, except for durations."""
+    """The file without its truth gives the same archive byte for byte, except for durations."""
     alone = tmp_path / swift.name
     shutil.copy(swift, alone)
     assert truth_path(swift).exists()
@@ -606,7 +606,7 @@ def test_append_adds_what_the_file_has_gained(swift, swift_store, earlier, tmp_p
     assert program("compare", store, swift_store).status == 0
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["reconstruction"]["profile"].values) == [1, 2, 3]
-        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profile was computed again or added"
+        assert tree["reconstruction"].attrs["outdated"] == "made before 1 profile was recomputed or added"
         assert np.isfinite(tree["reconstruction"].ds["steady_pitch"].sel(profile=2))
         assert np.isnan(tree["reconstruction"].ds["steady_pitch"].sel(profile=3))
     assert "made before 1 profile" in " ".join(program("info", store).out.split())

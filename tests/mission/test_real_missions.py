@@ -1,4 +1,4 @@
-"""Dives of real, uncalibrated gliders, from their files to currents: a sample every 20 s or 4 s, recorded controls."""
+"""Dives of real, uncalibrated gliders, from files to currents: samples every 20 s or 4 s, recorded controls."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Smoothed estimate in a mission's archive: stored values, windows that start from it, and studies of it."""
+"""Smoothed estimate in the archive: stored values, windows that start from it, and studies of it."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""A profile that is inverted alone: its smoother runs in a second thread while its windows are solved."""
+"""Single profile: its smoother runs in a second thread while its windows are solved."""
 
 from concurrent.futures import ThreadPoolExecutor
 

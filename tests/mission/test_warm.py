@@ -1,4 +1,4 @@
-"""Compilation before workers start: in two processes, which compile what a run uses."""
+"""Compilation before workers start: two processes compile the kernels that a run uses."""
 
 import ast
 import json

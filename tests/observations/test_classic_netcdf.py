@@ -1,4 +1,4 @@
-"""Classic netCDF files whose end is missing, which the library reads as zeros, are refused."""
+"""Truncated classic netCDF files, which the library reads as zeros, are refused."""
 
 import netCDF4
 import numpy as np
@@ -16,7 +16,7 @@ FORMATS = ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
 
 
 def write(path, form, records):
-    """A file with attributes, a scalar, texts, values of odd size, and record variables by their number of records."""
+    """A file with attributes, a scalar, strings, values of unusual size, and record variables by number of records."""
     with netCDF4.Dataset(path, "w", format=form) as file:
         file.createDimension("row", 7)
         file.createDimension("letter", 3)

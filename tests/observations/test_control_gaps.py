@@ -1,4 +1,4 @@
-"""Actuators that move while their record pauses: reported with values and remedy, and nothing else is."""
+"""Actuators that move while their record pauses are reported with values and remedy; others are not."""
 
 import numpy as np
 import pytest

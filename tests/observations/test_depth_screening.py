@@ -1,4 +1,4 @@
-"""Dropouts, spikes and noise of a depth."""
+"""Dropouts, spikes and noise in a depth record."""
 
 import numpy as np
 import pytest

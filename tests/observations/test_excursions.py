@@ -1,4 +1,4 @@
-"""Clocks that were wrong for a while: a damaged time costs its row, a file with wrong times costs that file alone."""
+"""Clocks that were wrong for a while: a damaged time loses its row; a file with wrong times is skipped alone."""
 
 import shutil
 

@@ -49,7 +49,7 @@ def test_an_undeclared_fill_is_missing_with_a_remark(tmp_path, name, fill):
 
 @pytest.mark.parametrize("fill", FILLS)
 def test_fills_in_the_rows_of_the_fixes_make_no_samples(tmp_path, fill):
-    """Where the file declares none, every row without a sensor holds its fill value."""
+    """If the file declares no fill value, every row without a sensor contains the library's."""
     rows = np.concatenate([made.og1_rows(dive)["PITCH"] for dive in (1, 2)])
     path = made.write_og1(tmp_path / "sg099.nc")
     with netCDF4.Dataset(path, "a") as file:

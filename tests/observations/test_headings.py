@@ -1,4 +1,4 @@
-"""Reference of a heading by the words of its file, and the declination that the file gives."""
+"""Reference of a heading from the text in its file, and the declination in the file."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Records that are damaged, or made by a clock that was set: each costs what it concerns, with a line that says why."""
+"""Damaged records and clock faults: only the affected part is lost, with a line that gives the reason."""
 
 import gzip
 import os
@@ -89,7 +89,7 @@ def test_a_slocum_clock_set_back_costs_the_profiles_of_both_clocks(tmp_path):
 
 @pytest.mark.parametrize("year", [1600, 1677, 2263, 9999])
 def test_years_that_nanoseconds_do_not_reach_are_dropped(tmp_path, year):
-    """They had come out as 2185 and 1815."""
+    """They used to be read as 2185 and 1815."""
     folder = write_mission(tmp_path / "m")
 
     def change(lines):
@@ -254,7 +254,7 @@ SILENCE = "import sys, time\nsys.stdin.readline()\ntime.sleep(60)\n"
 
 @pytest.mark.parametrize(("script", "words"), [(CRASH, "dbdreader ended by signal SIGSEGV"), (SILENCE, "within 1 s")])
 def test_a_library_that_dies_is_one_line(dbd, tmp_path, monkeypatch, script, words):
-    """Compiled code that trusts a file can end its process, which is not ours."""
+    """Compiled code that trusts a file can crash its process, which must not be ours."""
     stand = tmp_path / "script.py"
     stand.write_text(script)
     monkeypatch.setattr(slocum_binary, "_SCRIPT", stand)

@@ -1,4 +1,4 @@
-"""Importers and wrong units: headings in radians, positions in another form than declared, depth positive up."""
+"""Importers and wrong units: headings in radians, positions in an undeclared form, depth positive up."""
 
 import netCDF4
 import numpy as np

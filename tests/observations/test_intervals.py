@@ -1,4 +1,4 @@
-"""Sample intervals by time: a rate that changes with depth, gaps, bursts, and records that are sampled evenly."""
+"""Sample intervals by time: rates that change with depth, gaps, bursts, and evenly sampled records."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SETTINGS = EstimationSettings.model_validate({"seawater": "depth_slope"})
 
 
 def times(*stretches: tuple[float, float]) -> np.ndarray:
-    """Lay sample times over stretches of (interval, duration), s, one after the other."""
+    """Return sample times over consecutive stretches of (interval, duration), s."""
     intervals = np.concatenate([np.full(round(duration / interval), interval) for interval, duration in stretches])
     return np.concatenate([[0.0], np.cumsum(intervals)])
 

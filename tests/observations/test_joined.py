@@ -1,4 +1,4 @@
-"""Observation files that contain each other: the fullest ones are used, whatever the order of their arrival."""
+"""Overlapping observation files: the fullest ones are used, in whatever order they arrive."""
 
 from itertools import permutations
 from pathlib import Path

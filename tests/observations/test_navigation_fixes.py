@@ -1,4 +1,4 @@
-"""Doubts about the fixes of profiles among many whose fixes lie under water."""
+"""Doubtful fixes of profiles among many whose fixes lie under water."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The observation format: what is written is read back, and every bad input gets one clear line."""
+"""Observation format: round trip of records, and one clear line for every invalid input."""
 
 import gzip
 import pickle
@@ -366,7 +366,7 @@ def test_profile_in_two_pieces(tmp_path):
     numbers = mission()["profile"]
     numbers[first_sample(2) + 200] = 0
     text = fault(write(tmp_path, profile=numbers))
-    assert f"has the number 2 again at sample {first_sample(2) + 201}" in text
+    assert f"not contiguous: number 2 reappears at sample {first_sample(2) + 201}" in text
 
 
 def test_all_profiles_faulty_still_opens(tmp_path):

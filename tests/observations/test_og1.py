@@ -166,7 +166,7 @@ def test_a_temperature_with_every_value_flagged_is_left_out(tmp_path):
 
 
 def test_flags_of_a_temperature_that_were_never_set_are_not_used(tmp_path):
-    """As those of the flight: every value is flagged missing, although it is there."""
+    """As for the flight variables: every value is flagged missing, although it is present."""
     summary, found = imported(tmp_path, TEMP_QC=np.full(2 * ROWS, 9.0))
     assert summary.remarks == ()
     assert summary.ctd_samples == 2 * (ROWS - 3)
@@ -287,7 +287,7 @@ def test_a_bad_file_takes_one_line_and_the_rest_is_imported(tmp_path, corrupt, w
 
 
 def test_attitude_by_other_names(tmp_path):
-    """Slocum's GLIDER_PITCH, small letters, and the standard names of before CF 1.8 (`*_angle`)."""
+    """Slocum's GLIDER_PITCH, lower case, and the standard names before CF 1.8 (`*_angle`)."""
     path = made.write_og1(tmp_path / "plain.nc")
     import_og1([path], tmp_path / "plain-out.nc")
     with xr.open_dataset(path, decode_times=False) as dataset:

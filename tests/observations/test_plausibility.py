@@ -51,7 +51,7 @@ def changed_fixes(**changes):
     ("index", "profiles"), [(0, [1]), (2, [1, 2]), (3, [1, 2]), (6, [3])], ids=["first", "between", "entry", "last"]
 )
 def test_a_fix_far_off_is_left_out_and_reported(tmp_path, index, profiles):
-    """Its neighbours on both sides say which fix of a pair is the bad one."""
+    """The neighbours on both sides show which fix of a pair is wrong."""
     off = mission()["fix_latitude"][index] + 27.0
     for number, (text, _) in enumerate(notes(write(tmp_path, **changed_fixes(latitude={index: off}))), start=1):
         assert ("m/s over ground (glider and current together reach at most 4 m/s)" in text) == (number in profiles)
@@ -69,7 +69,7 @@ def test_a_whole_surfacing_far_off_leaves_both_dives_without_current(tmp_path):
 
 
 def test_two_surfacings_that_contradict_each_other_are_both_left_out():
-    """Nothing says which of the two is wrong."""
+    """It is not known which of the two is wrong."""
     time = START + np.array([0, 60, 4000, 4060]) * np.timedelta64(1, "s")
     found = screen_fixes(time, np.array([50.0, 50.0, 77.0, 77.0]), np.full(4, -128.0), np.ones(4, dtype=bool))
     assert len(found.time) == 0
@@ -77,7 +77,7 @@ def test_two_surfacings_that_contradict_each_other_are_both_left_out():
 
 
 def test_a_record_of_two_places_keeps_its_fixes_but_no_pair_across(tmp_path):
-    """A glider that was carried from one place to another within a file: each place proves itself."""
+    """A glider carried from one place to another within a file: the fixes at each place confirm each other."""
     made = mission(4)
     made["fix_latitude"][4:] += 0.2
     path = write_observations(made, tmp_path / "two.nc", attributes=ATTRIBUTES)
@@ -672,7 +672,7 @@ def test_a_trim_that_differs_between_dive_and_climb_and_is_balanced_is_no_fault(
 
 
 def test_a_controller_of_roll_is_no_reversed_sign():
-    """The battery moves against a heel that varies; the heel that is left is opposite to the rotation."""
+    """The battery compensates a varying heel; the remaining heel is opposite to the rotation."""
     heel = 4.0 * np.sin(np.arange(1800.0) / 60.0)
     roll = heel / (1.0 + 0.4 * 4.0)
     rotation = -4.0 * roll

@@ -1,4 +1,4 @@
-"""Profiles and dive-climb cycles found from depth alone."""
+"""Detection of profiles and dive-climb cycles from depth alone."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Quality flags: values flagged bad or missing are not used, by the meanings in the file or the convention of Argo."""
+"""Quality flags: values flagged bad or missing are not used, by the file's own meanings or the Argo convention."""
 
 import numpy as np
 import pytest

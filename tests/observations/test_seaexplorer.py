@@ -114,7 +114,7 @@ def test_a_fix_may_lie_on_the_equator_but_not_at_null_island():
 
 @pytest.mark.parametrize(("pause", "taken"), [(30, [20, 40, 70, 90]), (31, [20, 71, 91])])
 def test_a_position_before_a_pause_is_of_its_end(pause, taken):
-    """The row after the pause has a fix of its own at that time, and that one stays."""
+    """The row after the pause has its own fix at that time, which is retained."""
     seconds = np.cumsum([0, 20, 20, pause, 20])
     found = find_fixes(navigation(seconds, [4830.0, 4830.01, 4830.02, 4830.03, 4830.04], np.full(5, -12330.0)))
     np.testing.assert_array_equal((found.time - START) / np.timedelta64(1, "s"), taken)
@@ -297,7 +297,7 @@ def test_a_pressure_that_is_absent_is_made_from_depth(tmp_path):
 
 
 def test_the_full_record_of_the_payload_goes_before_the_sub_sampled(tmp_path):
-    """Delayed mode: rows of other sensors between the CTD's; what the full record lacks comes from the other."""
+    """Delayed mode: rows of other sensors between the CTD's; values missing in the full record come from the other."""
     folder = write_mission(tmp_path / "m")
     full = {-4: "20.0;9.1;;;", -1: "20.0;;35.0;9.5;20.2", 1: "20.0;9.1;;;", 4: "20.0;;35.0;9.6;20.3"}
     raw = write_payload(folder, "sea099.3.pld1.raw.5", LEGATO, full)

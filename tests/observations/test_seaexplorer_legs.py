@@ -1,4 +1,4 @@
-"""The profiles of a SeaExplorer mission, from the states and depths of its navigation rows."""
+"""Profiles of a SeaExplorer mission, from the states and depths of its navigation rows."""
 
 import numpy as np
 import pytest

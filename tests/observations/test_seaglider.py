@@ -278,7 +278,7 @@ def test_a_declination_of_the_fixes_is_used_where_that_of_the_dive_is_missing(tm
     ],
 )
 def test_water_in_an_unknown_unit_is_left_out_and_the_dives_stay(tmp_path, name, unit, column):
-    """An Absolute Salinity (g/kg) had cost every dive."""
+    """Every dive was lost if salinity was Absolute Salinity (g/kg)."""
     folder = write_mission(tmp_path / "m", columns=True)
     for dive in (2, 3):
         with netCDF4.Dataset(folder / f"p099000{dive}.nc", "a") as file:

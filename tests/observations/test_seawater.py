@@ -348,7 +348,7 @@ def flown():
 
 
 def common_heave(record, way):
-    """Filter's heave disturbance that dive and climb share (N): what buoyancy does, and lift and drag do not."""
+    """Filter's heave disturbance common to dive and climb (N): due to buoyancy, and not to lift and drag."""
     settings = EstimationSettings(seawater=way)
     series = on_steps(record, settings)
     prepared = prepare_profile(Glider(SOFT), series)
@@ -359,7 +359,7 @@ def common_heave(record, way):
 
 
 def test_the_heave_bias_of_a_stratified_ocean_vanishes_with_density_and_not_with_the_slope(flown):
-    """No disturbance is there; what buoyancy is out by, the heave channel has to supply."""
+    """There is no disturbance, so the heave channel has to compensate the error of buoyancy."""
     record, truth = flown
     assert np.abs(truth.disturbances).max() == 0.0
     assert abs(common_heave(record, "density")) < 0.06
@@ -560,7 +560,7 @@ def test_a_hull_is_neutral_in_the_fresh_water_that_it_flies_in(ocean_segments):
     _, density, _, pressure = lake.seawater.T
     assert hull.buoyancy.water_density == pytest.approx(np.median(density / (1.0 + 4.5e-6 * pressure)), abs=0.1)
     assert hull.buoyancy.neutral_volume == PETREL.buoyancy.neutral_volume
-    assert "its neutral volume is taken as that in this water" in reported[0]
+    assert "its neutral volume is referred to this density" in reported[0]
     assert choose_buoyancy(SOFT, lake, none, "auto")[0] == SOFT
 
 

@@ -144,7 +144,7 @@ def test_science_may_share_the_flight_computers_clock(tmp_path):
 
 
 def test_the_engine_that_moves_is_the_ballast(tmp_path):
-    """A deep glider has both sensors, but only that of the oil says anything."""
+    """A deep glider has both sensors, but only that of the oil has values."""
     flown = flight()
     flown["m_de_oil_vol"] = flown["m_ballast_pumped"] + 20.0
     flown["m_ballast_pumped"] = np.zeros_like(flown["m_de_oil_vol"])
@@ -474,7 +474,7 @@ def test_a_missing_cache_file_is_named(card, tmp_path):
 
 
 def test_a_file_cut_short_gives_what_it_holds(card, tmp_path):
-    """The record in which the cut falls would be junk; a header cut short would be read forever."""
+    """The truncated record would be garbage; a truncated header would be read forever."""
     path = card / "ammonite-2015-175-0-1.dbd"
     whole = path.read_bytes()
     expected = import_slocum([card], tmp_path / "whole.nc")
@@ -595,7 +595,7 @@ def test_a_lake_has_a_salinity_and_a_wet_sensor_in_the_air_has_none(tmp_path):
 
 
 def test_modena(shared_data, tmp_path):
-    """The decoded twenty days: all profiles, and what the depth and the controls must look like."""
+    """Decoded record of twenty days: all profiles, and plausible depth and controls."""
     summary = import_slocum([shared_data / "slocum-modena-2015"], tmp_path / "out.nc")
     assert (len(summary.profiles), len(summary.complete)) == (121, 119)
     assert {profile.number for profile in summary.profiles if profile.fault} == {1, 2}

@@ -1,4 +1,4 @@
-"""A file that has not changed is read once, and the import is that of a reading of all files."""
+"""A file that has not changed is read once, and the import equals that of all files read afresh."""
 
 import functools
 import hashlib

@@ -1,4 +1,4 @@
-"""The stretches of a mask: they rebuild it, in order, and never touch."""
+"""Stretches of a mask: they rebuild it, in order, and never touch."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Files of other programs: recognised, read for currents, and refused in one line with what they lack for what."""
+"""Files of other programs: recognised, read for currents, or refused in one line that names the missing variables."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Rows of a file that are not in the order of time, or given twice."""
+"""Rows of a file that are out of time order, or repeated."""
 
 import numpy as np
 import pytest
@@ -144,7 +144,7 @@ def test_og1_dives_that_were_counted_in_the_order_of_the_file_are_not_sorted(tmp
 
 
 def test_slocum_rows_given_twice_are_taken_once_with_a_warning(tmp_path, caplog):
-    """Parts that overlap within a dive, one after the other in one file."""
+    """Consecutive parts of a file that overlap within a dive."""
     flown, sampled = joined([flight(0), flight(1), flight(2)]), joined([science(0), science(1), science(2)])
     whole = import_slocum([write_netcdf(tmp_path / "whole.nc", flown, sampled)], tmp_path / "expected.nc")
     assert not caplog.text

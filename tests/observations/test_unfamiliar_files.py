@@ -1,4 +1,4 @@
-"""Files as other programs write them: unusual types, attributes, spellings and orders."""
+"""Files of other programs: unusual types, attributes, spellings and orders."""
 
 import gzip
 
@@ -131,7 +131,7 @@ def test_a_usual_fill_that_is_not_declared_is_no_position_and_no_volume(tmp_path
 
 
 def test_rows_of_one_time_are_read_together():
-    """Tables of several sensors, one after the other: depth and attitude have rows of their own with equal times."""
+    """Concatenated tables of several sensors: depth and attitude are in separate rows with equal times."""
     records = mission(GLIDE)
     attitude, depth = (records.copy(deep=True) for _ in range(2))
     depth["pitch"].values[:] = depth["heading"].values[:] = np.nan

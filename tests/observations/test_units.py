@@ -1,4 +1,4 @@
-"""Factors between units, against the definitions of the units."""
+"""Unit conversion factors compared with the definitions of the units."""
 
 import re
 

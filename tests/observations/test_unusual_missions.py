@@ -1,4 +1,4 @@
-"""Unusual but plausible missions: counters, clocks, controls and files without content."""
+"""Unusual but plausible missions: counters, clocks, controls and empty files."""
 
 import gzip
 import logging
@@ -156,7 +156,7 @@ TABLE = "time,depth\nUTC,m\n2024-05-01T00:00:00Z,1.0\n"
     [
         (b"", "is empty; copy it again"),
         (gzip.compress(TABLE.encode(), mtime=0), r"is gzip-compressed; unpack it first \(gunzip\)"),
-        (TABLE.replace("m", "°").encode("latin-1"), "is not a text in UTF-8; convert its encoding"),
+        (TABLE.replace("m", "°").encode("latin-1"), "is not UTF-8 text; convert its encoding"),
         (f"# by a program\n{TABLE}".encode(), "begins with a comment; remove it"),
         (b"time;depth\nUTC;m\n2024-05-01T00:00:00Z;1,0\n", "its columns are separated by semicolons; write it with"),
         (f"{TABLE}2024-05-01T00:00:01Z,1.0,3,4\n".encode(), "line 4 has 4 columns instead of 2; correct it"),

@@ -1,4 +1,4 @@
-"""The programs behind the archive's page, on a small archive."""
+"""Programs that measure the archive, on a small archive."""
 
 import shutil
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The benchmarks' own arithmetic, and that every timed contender solves the stated problem."""
+"""Arithmetic of the benchmarks, and verification that every timed contender solves the stated problem."""
 
 import math
 import os
@@ -343,15 +343,16 @@ def test_the_readme_says_what_was_measured():
 
 
 def test_the_readmes_picture_is_small():
-    """Drawn by `benchmarks.front_picture`; whoever opens the README loads it."""
+    """Drawn by `benchmarks.front_picture`; every reader of the README loads it."""
     assert 20_000 < front_picture.PICTURE.stat().st_size < 200_000
     assert "docs/assets/mission.png" in README.read_text("utf-8")
-    assert "the study `drift` found" in " ".join(section_of(README.read_text("utf-8"), front_picture.SECTION).split())
+    section = section_of(README.read_text("utf-8"), front_picture.SECTION)
+    assert "the `drift` study detected" in " ".join(section.split())
 
 
 @pytest.fixture
 def pictured():
-    """An archive made by hand: three profiles, the last without a current, and an episode on the second."""
+    """A synthetic archive: three profiles, the last without a current, and an episode on the second."""
     profile = {"profile": [1, 2, 3]}
     table = xr.Dataset(
         {
@@ -380,7 +381,7 @@ def pictured():
 def test_the_caption_is_of_the_archive(pictured):
     text = " ".join(front_picture.caption(pictured).split())
     assert "currents of 2 dives, 0.10 to 0.22 m/s, with a median standard deviation of 0.015 m/s" in text
-    assert "found this episode by itself: on climbs the drag rose by up to 50%" in text
+    assert "study detected this episode automatically: on climbs the drag rose by up to 50%" in text
 
 
 def test_the_picture_shows_currents_ellipses_and_changes(pictured):

@@ -1,4 +1,4 @@
-"""The documentation: it builds without a warning, fetches nothing, and the instructions on its pages work."""
+"""Documentation: it builds without a warning, fetches nothing, and its instructions work."""
 
 import inspect
 import os

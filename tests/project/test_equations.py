@@ -1,4 +1,4 @@
-"""The page that ties the paper's equations to functions and tests, and the names that pages and docstrings cite."""
+"""Page that links the paper's equations to functions and tests, and the names cited in pages and docstrings."""
 
 import ast
 import importlib

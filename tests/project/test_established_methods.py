@@ -1,4 +1,4 @@
-"""The page that compares speeds and vertical velocities with the established methods: its arithmetic, and the peers."""
+"""Arithmetic of the comparison of speeds and vertical velocities with established methods, and the peers."""
 
 import math
 
@@ -75,7 +75,7 @@ def test_gliderflight_agrees_in_straight_and_level_flight(mission):
 
 
 def test_gliderflight_fitted_by_itself_finds_the_hull(mission):
-    """In water of the platform's own density it should find no net mass that is not there."""
+    """In water of the platform's own density it should find no spurious net mass."""
     pytest.importorskip("gliderflight", reason="extra bench")
     density = mission.platform.buoyancy.water_density
     water = [np.full(len(one.known), density) for one in mission.profiles]

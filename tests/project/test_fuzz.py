@@ -1,4 +1,4 @@
-"""Odd inputs, damaged archives and kills: invariants, by a corpus of what once broke them and by drawn inputs."""
+"""Unusual inputs, damaged archives and kills: invariants, on earlier failures and on drawn inputs."""
 
 import json
 from pathlib import Path

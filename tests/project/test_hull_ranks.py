@@ -54,7 +54,7 @@ def test_a_mission_without_values_is_counted_with_its_reason():
 
 
 def drawn(factor):
-    """Return missions whose errors are a factor times what is stated."""
+    """Return missions whose errors are the stated ones times a factor."""
     rng = np.random.default_rng(2)
     return [
         MissionRanks(seed, {"u": factor * rng.standard_normal()}, factor**2 * rng.chisquare(2))

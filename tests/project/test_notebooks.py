@@ -1,4 +1,4 @@
-"""The notebooks: their cells run from top to bottom, and they are stored without outputs."""
+"""Notebooks: their cells run from top to bottom, and they are stored without outputs."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""The distributed files: wheel and source archive, built, inspected, and run from a folder of their own."""
+"""Wheel and source archive: built, inspected, and run from a separate folder."""
 
 import os
 import re

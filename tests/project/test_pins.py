@@ -1,4 +1,4 @@
-"""The pins that a change of structure is held against: what they see, and what they must not see."""
+"""Pins for changes of structure: differences that they detect, and differences that they ignore."""
 
 import json
 

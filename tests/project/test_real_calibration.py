@@ -1,4 +1,4 @@
-"""The arithmetic of the page on real missions: which profiles tell what, and what is counted of them."""
+"""Arithmetic of the page on real missions: choice of profiles and counts."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The examples for SLURM, as far as they can be tried without it."""
+"""Examples for SLURM, as far as they can be tested without it."""
 
 import importlib.util
 import os
@@ -30,7 +30,7 @@ wait
 
 @pytest.fixture
 def slurm(tmp_path):
-    """Environment in which `srun` starts two processes here and `scontrol` says what it was asked."""
+    """Environment in which `srun` starts two processes here and `scontrol` prints its arguments."""
     tools = tmp_path / "tools"
     tools.mkdir()
     python = "-c 'import sys; from gliderhpc.cli import main; main(sys.argv[1:])'"

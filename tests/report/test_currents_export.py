@@ -1,4 +1,4 @@
-"""`gliderhpc export currents`: what is in the file, and what is refused."""
+"""`gliderhpc export currents`: content of the file, and refused requests."""
 
 import shutil
 

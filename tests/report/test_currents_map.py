@@ -1,4 +1,4 @@
-"""Map of depth-averaged currents: arrows and ellipses to scale, and what cannot be drawn."""
+"""Map of depth-averaged currents: arrows and ellipses to scale, and refused input."""
 
 import numpy as np
 import pytest

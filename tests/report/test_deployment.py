@@ -1,4 +1,4 @@
-"""The deployment file of `gliderhpc export og1`: attributes from it, and what is refused."""
+"""Deployment file of `gliderhpc export og1`: its attributes, and refused content."""
 
 import netCDF4
 import pytest
@@ -40,8 +40,8 @@ def test_a_flat_file_is_read_alike(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("- a\n- b\n", "holds no attributes"),
-        ("metadata: none\n", "holds no attributes"),
+        ("- a\n- b\n", "contains no attributes"),
+        ("metadata: none\n", "contains no attributes"),
         ("two words: x\n", "not a valid attribute name"),
         ("contributor: {name: A}\n", "contributor is not text"),
     ],

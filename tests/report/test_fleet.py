@@ -1,4 +1,4 @@
-"""Report of a fleet: a page for each mission, a row for each, a map of all, and faults that cost one archive alone."""
+"""Report of a fleet: a page and a row for each mission, a map of all, and faults confined to one archive."""
 
 import csv
 import shlex
@@ -33,7 +33,7 @@ ODD_NAME = "b<i>&#?% $1$2"
 
 @pytest.fixture(scope="module")
 def archives(brief_store, swift_store, tmp_path_factory):
-    """Two missions, one of an odd name and with the study of the hull."""
+    """Two missions, one with an unusual name and with the study of the hull."""
     folder = tmp_path_factory.mktemp("fleet")
     one, other = folder / "one.zarr", folder / f"{ODD_NAME}.zarr"
     shutil.copytree(brief_store, one)

@@ -1,4 +1,4 @@
-"""Prediction of the next surfacing: what the drifts at the surface add to the current."""
+"""Prediction of the next surfacing: contribution of the surface drifts to the current."""
 
 import numpy as np
 import pytest

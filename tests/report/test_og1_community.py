@@ -1,4 +1,4 @@
-"""Strict OG1 file for data centres: terms of the manual alone, one current a dive, and who can read it."""
+"""Strict OG1 file: terms of the manual alone, one current per dive, and reading with other software."""
 
 import re
 import shutil

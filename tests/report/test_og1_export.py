@@ -1,4 +1,4 @@
-"""Results as OceanGliders OG1: what is in the file, what our own importer reads back, and what is refused."""
+"""OceanGliders OG1 export: content of the file, round trip through the importer, and refused requests."""
 
 import shutil
 from collections import namedtuple

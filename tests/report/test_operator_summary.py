@@ -1,4 +1,4 @@
-"""The first section of the mission's page, and what it is made of: trend of the currents, trim, remarks in common."""
+"""First section of the mission's page: trend of the currents, trim, and shared remarks."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The page a profile: it shows the archive's numbers, all of them the archive's."""
+"""Profile page: the numbers on it are those of the archive."""
 
 from contextlib import contextmanager
 
@@ -155,7 +155,7 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
             (band,) = [patch for patch in axes.collections if patch.get_alpha() == 0.15]
             adjoint = line(axes, "adjoint").get_ydata()[:-1]
             assert np.ptp(band.get_paths()[0].vertices[:, 1]) == pytest.approx(np.ptp(adjoint) + 0.2, abs=1e-3)
-    assert "north +0.100 ± 0.003, east −0.200 ± 0.004 m/s (by the smoother)" in words(figure)
+    assert "north +0.100 ± 0.003, east −0.200 ± 0.004 m/s (from the smoother)" in words(figure)
     assert {"adjoint, 68 %", "smoother, 68 %"} < {text.get_text() for text in figure.legends[0].get_texts()}
 
 
@@ -253,14 +253,14 @@ def test_axis_limits():
 
 
 def test_the_title_names_the_profile_and_its_accuracy(tmp_path, truth):
-    content = Content(1, table={"message": "12 s of gaps in the record have no weight"})
+    content = Content(1, table={"message": "gaps totalling 12 s were ignored"})
     figure = drawn(tmp_path, content, truth)
     for part in (
         "cost $1 and $2 · petrel-l · profile 1", "preset recommended", "20 windows, 95.0% converged",
         "depth-averaged current 0.221 m/s towards 298°: north +0.103 ± 0.050, east −0.196 ± 0.060 m/s "
-        "(by the inversion)",
+        "(from the adjoint)",
         "true current 0.224 m/s towards 297°: north +0.100, east −0.200 m/s  (error 0.0050 m/s)",
-        "note: 12 s of gaps",
+        "note: gaps totalling 12 s",
     ):  # fmt: skip
         assert part in words(figure)
     figure.savefig(tmp_path / "dollars.png", dpi=20)

@@ -1,4 +1,4 @@
-"""The report: every section is there, everything on it is the archive's, and a browser shows it whole."""
+"""Report: every section is present, all content comes from the archive, and a browser displays it fully."""
 
 import csv
 import re
@@ -129,12 +129,12 @@ def test_overview_is_the_archives(report, studied):
     np.testing.assert_allclose(written, table["dac_north"].values, rtol=1e-7)
     taken = [(float(row["current_east, m s-1"]), row["current_by"]) for row in rows]
     assert taken == [(pytest.approx(value, rel=1e-7), "smoothed") for value in table["dac_east_smoothed"].values]
-    assert "by the smoother" in text
+    assert "from the smoother" in text
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
-    """The command is taken from the page and given to the program; then the section is filled."""
+    """The command is taken from the page and run; then the section is filled."""
     page = read(report / "index.html")
     for name in set(SHOWN) - set(STUDIED):
         verb = "validate" if name == "validation" else f"analyze .* {name}"
@@ -191,7 +191,7 @@ def arrows(archive):
     with open_for_reading(archive) as opened:
         figure = map_figure(MissionTable.of(opened))
     return next(
-        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, by the smoother"
+        one for one in figure.axes[0].collections if one.get_label() == "depth-averaged current, from the smoother"
     )
 
 
@@ -383,7 +383,7 @@ def test_demo_scenario_gives_trends_and_groups():
 
 
 def write_twins(folder):
-    """Leave what `twin windows` would leave, with one comparison."""
+    """Write the files of `twin windows`, with one comparison."""
     folder.mkdir()
     content = {"quick": True, "platforms": ["petrel-l"], "seeds": [1, 2]}
     compared = {"petrel-l, paper": comparisons_as_json([Comparison("yaw RMSE", "N m", 0.07, 0.15)])}
@@ -474,7 +474,7 @@ def test_a_browser_shows_the_page_whole(tab, report, profile_report, page, size)
 
 
 def test_the_browser_check_detects_each_fault(tab, tmp_path):
-    """A page with each fault gives each of them, on which the test above relies."""
+    """Each fault is detected on a page that has it, as the test above requires."""
     wide = '<p style="width: 500px" id="a">wide</p><p id="a"><a href="#gone">x</a></p>'
     script = "<script>console.error('bad'); throw new Error('worse')</script>"
     page = tmp_path / "bad.html"

@@ -1,4 +1,4 @@
-"""The gust field's own statistics: what the cascade promises and its Gaussian twin does not."""
+"""Statistics of the gust field: those of the cascade, compared with its Gaussian twin."""
 
 from functools import cache
 

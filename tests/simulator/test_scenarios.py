@@ -1,4 +1,4 @@
-"""Scenarios: their files, the worlds they make, and missions in parts that do not depend on who makes them."""
+"""Scenarios: files, simulated worlds, and missions made in parts by any number of workers."""
 
 from datetime import datetime
 

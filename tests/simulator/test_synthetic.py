@@ -1,4 +1,4 @@
-"""The synthetic mission: reproducible, consistent with its own truth, and readable as any other mission."""
+"""Synthetic mission: reproducible, consistent with its own truth, and readable like any other mission."""
 
 import json
 from dataclasses import replace
@@ -344,7 +344,7 @@ def test_default_net_masses_fight_the_depth_slope(petrel):
     ("values", "message"),
     [
         ({"actuation": {"dive_net_mass": 0.09}}, r"stalls at 177 m with \+0\.090 kg and cannot reach 200 m"),
-        ({"actuation": {"pitch": 5.0}}, "no steady glide at a pitch of -5.0 degree.*least glide angle is 15"),
+        ({"actuation": {"pitch": 5.0}}, "no steady glide at a pitch of -5.0 degree.*minimum glide angle is 15"),
         (
             {
                 "actuation": {"dive_net_mass": 0.11},

@@ -1,4 +1,4 @@
-"""The commit protocol: what says that a profile is complete, what of an archive is trusted, and what is mended."""
+"""Commit protocol: completeness, verification and repair."""
 
 import json
 import os
@@ -106,7 +106,7 @@ SPOT = {
 @pytest.mark.long
 @pytest.mark.parametrize("damage", [truncate, empty, flip, delete])
 def test_check_names_damaged_chunks_and_resume_restores_them(swift, swift_store, own_copy, damage):
-    """Each chunk alone is named; all at once are mended, to the byte of what was written."""
+    """Each damaged chunk is named; all together are restored, byte for byte as written."""
     for chunk, fragment in SPOT.items():
         damage(own_copy / chunk)
         answer = program("check", own_copy, "--deep")
@@ -171,7 +171,7 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     flip(own_copy / "state" / "u" / "c.1.0")
     answer = resume(swift, own_copy)
     assert "1 profile is valid; to be computed: 1 missing, 1 damaged" in answer.err
-    assert "profile 2, state/u: the chunk is damaged; it is computed again" in answer.err
+    assert "profile 2, state/u: the chunk is damaged; it will be recomputed" in answer.err
     assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
 
 
@@ -194,7 +194,7 @@ def test_resume_removes_nothing_else(swift, own_copy):
 
 
 def test_the_table_is_true_of_what_is_pending(own_copy, swift):
-    """A run that goes on and is stopped at once leaves no row of a profile that is to be recomputed."""
+    """A resumed run that is stopped at once leaves no row of a profile that is to be recomputed."""
     ArchiveRows(own_copy).begin(1)
 
     @contextmanager
@@ -229,7 +229,7 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     "place", ["series/B_cu", "series", "profile", "status", "commits/marker", "windows/start", "series/sample", ""]
 )
 def test_damaged_metadata_is_named_and_mended(own_copy, swift, swift_store, place):
-    """All chunks are sound, and the schema is known: nothing is computed again."""
+    """All chunks are intact, and the schema is known: nothing is recomputed."""
     metadata = own_copy / place / "zarr.json"
     metadata.write_bytes(metadata.read_bytes()[:-20])
     answer = program("check", own_copy)
@@ -293,7 +293,7 @@ def test_a_chunk_from_elsewhere_is_damage(own_copy):
 
 
 def test_the_table_is_what_was_committed(own_copy, swift_store):
-    """After SIGKILL the table lags behind, and a chunk of it may be lost; readers see what is committed."""
+    """After SIGKILL the table is behind, and a chunk of it may be lost; readers see the committed profiles."""
     for name in ("status", "dac_north", "start_time"):
         (own_copy / name / "c.0").unlink()
     with xr.open_datatree(own_copy, engine="zarr") as plain:

@@ -1,4 +1,4 @@
-"""Consolidated metadata: what zarr's own function writes, without indentation."""
+"""Consolidated metadata: identical to zarr's own, without indentation."""
 
 import json
 import os

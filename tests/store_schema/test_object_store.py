@@ -1,4 +1,4 @@
-"""An archive in an object store, over the S3 protocol of a server process on loopback."""
+"""Archive in an object store, over the S3 protocol of a server process on loopback."""
 
 import hashlib
 import os
@@ -40,7 +40,7 @@ def bucket(server, monkeypatch):
 
 
 def stored(address: str) -> dict[str, str]:
-    """MD5 of every object below an address, but for what tells how long a run took; a listing has it as the tag."""
+    """MD5 of every object below an address, except run times; a listing has it as the tag."""
     names = [one for batch in obstore.list(obstore.store.from_url(address)) for one in batch]
     timed = ("run_seconds/", "commits/marker/")
     return {one["path"]: one["e_tag"].strip('"') for one in names if not one["path"].startswith(timed)}
@@ -89,7 +89,7 @@ def test_an_archive_there_is_refused_and_replaced(swift, bucket):
 
 
 def _make_and_fail(address):
-    """A study that ends in an error leaves what there was of it before, here and on disk."""
+    """A study that ends in an error leaves its earlier results unchanged, here and on disk."""
     create_study(address, "vertical")
     finish_study(address, "vertical", {"run": 1})
     before = stored(address)

@@ -1,4 +1,4 @@
-"""The archive: created whole, written by rows, opened by xarray alone, held against its schema."""
+"""Archive: created whole, written by rows, opened with xarray alone, checked against its schema."""
 
 import errno
 import json
@@ -474,7 +474,7 @@ def test_a_text_chunk_claims_no_more_than_it_holds(content):
 
 
 def test_a_damaged_text_chunk_takes_no_memory(tmp_path):
-    """Zarr would make room for as many texts as the chunk's first bytes say."""
+    """Zarr would allocate memory for the number of strings stated in the chunk's first bytes."""
     texts = zarr.create_array(store=str(tmp_path), shape=(4,), dtype="string", name="marker", compressors=None)
     texts[:] = np.array(["a", "b", "c", "d"])
     (chunk,) = [path for path in (tmp_path / "marker" / "c").rglob("*") if path.is_file()]

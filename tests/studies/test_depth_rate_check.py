@@ -1,4 +1,4 @@
-"""Hull of a mission compared with the depth rate of its steady glides, in water that moves vertically."""
+"""Hull of a mission compared with the depth rate of its steady glides, in vertically moving water."""
 
 from types import SimpleNamespace
 

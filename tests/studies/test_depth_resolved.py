@@ -1,4 +1,4 @@
-"""The study ``currents``: equation 41, its filters, bins, draws and ellipses, and the study over an archive."""
+"""Study ``currents``: equation 41, its filters, bins, draws and ellipses, and the study over an archive."""
 
 import csv
 import json
@@ -150,7 +150,7 @@ def test_bins_average_what_lies_in_them():
 
 @pytest.mark.compiled
 def test_draws_scale_the_solution_as_solving_again_does(motion):
-    """To first order: held against equation 41 with the drawn coefficients themselves."""
+    """To first order: compared with equation 41 with the drawn coefficients themselves."""
     straight = straight_flight(motion)
     moment = np.full(200, 2e-4)
     scales = scale_draws(PETREL.platform, np.arctan2(straight[:, 2], straight[:, 0]), 0.05, 4, seed=11)

@@ -1,4 +1,4 @@
-"""The drift study: its statistics against others' and known answers, and a mission that fouls."""
+"""Study ``drift``: its statistics compared with independent and known results, and a mission with fouling."""
 
 import shutil
 
@@ -399,7 +399,7 @@ def test_an_episode_of_climbs_that_decays_is_found():
 
 
 def test_an_episode_that_fades_fast_and_is_gone_at_once_is_one():
-    """As on a real Slocum: within three profiles half of it is gone, and what is left does not fade to the end."""
+    """As on a real Slocum: half of it disappears within three profiles, and the rest remains to the end."""
     course = np.zeros(55)
     course[27:41] = 0.75 * np.array([1, 0.97, 0.87, 0.54, 0.61, 0.5, 0.58, 0.46, 0.44, 0.47, 0.43, 0.36, 0.42, 0.4])
     (one,) = changed(55, {"climb": course}, seed=3)[1].found
@@ -409,7 +409,7 @@ def test_an_episode_that_fades_fast_and_is_gone_at_once_is_one():
 
 @pytest.mark.long
 def test_the_trace_of_a_climb_episode_in_the_dives_is_not_a_second_episode():
-    """A third of it, of the other sign and some dives later, as estimates may leave there: one episode, of climbs."""
+    """A third of the change remains with opposite sign some dives later, as in estimates: one episode, on climbs."""
     course = drift_series.planted_course(40, 12, 10, 0.9, remaining=0.3)
     for seed in range(3):
         (one,) = changed(40, {"climb": course, "dive": -0.3 * np.roll(course, 3)}, seed=seed)[1].found

@@ -320,7 +320,7 @@ def test_the_verdict_says_whether_lateral_disturbances_are_gaussian():
     found, sure, settle = conclusion(verdict)
     assert "lateral disturbances that are not Gaussian in 4 of the 4 profiles in which this can be tested" in found
     assert "4 profiles of Gaussian lateral disturbances would exceed the kurtosis of 9 nulls" in sure
-    assert "rejects 0 of these nulls, as its level allows" in sure
+    assert "rejects 0 of these nulls, consistent with the test's level" in sure
     assert (
         "rejected at the 5% level; to exclude trains of impulses, false samples, actuators that move unrecorded"
         in settle
@@ -332,7 +332,7 @@ def test_without_tested_nulls_nothing_is_settled():
     for verdict in (judged([5.0, 6.0]), judged([5.0, 6.0], [np.nan] * 9, [np.nan] * 9)):
         found, sure, settle = conclusion(verdict)
         assert "not Gaussian in 2 of the 2 profiles" in found
-        assert "as many would be found with p = 0.00250" in sure
+        assert "this many detections would occur by chance with p = 0.00250" in sure
         assert "of these nulls" not in sure
         assert "actuators that move unrecorded" not in settle
 
@@ -350,9 +350,8 @@ def test_gaussian_and_untested_profiles_are_not_reported_as_non_gaussian():
 def test_a_test_that_rejects_too_many_nulls_leaves_the_comparison():
     verdict = judged([5.0, 6.0, 7.0, 8.0], [2.0] * 9)
     assert not verdict.gaussianity.nulls.holds
-    assert (
-        "rejects 9 of these nulls, more than its level allows, so only the comparison counts" in conclusion(verdict)[1]
-    )
+    expected = "rejects 9 of these nulls, more than the test's level allows, so rely on the comparison"
+    assert expected in conclusion(verdict)[1]
 
 
 def test_studies_of_an_earlier_version_have_no_test():

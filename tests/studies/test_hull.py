@@ -1,4 +1,4 @@
-"""Study `hull`: its sum, its columns in the mission's group, its verdict, and what stays when it fails."""
+"""Study `hull`: sum, columns in the mission's group, verdict, and state of the archive after a failure."""
 
 import math
 import shutil
@@ -171,7 +171,7 @@ def test_lost_metadata_of_the_study_are_mended(empty):
 
 @pytest.fixture(scope="module")
 def studied(brief_store, tmp_path_factory):
-    """Copy of the brief mission's archive after the study, and the program's answer."""
+    """Copy of the brief mission's archive after the study, and the program's output."""
     store = tmp_path_factory.mktemp("hull") / "mission.zarr"
     shutil.copytree(brief_store, store)
     return store, program("analyze", store, "hull", "--workers", 0)
@@ -246,7 +246,7 @@ def test_the_study_is_shown_from_the_archive_alone(studied, tmp_path):
 
 @pytest.mark.compiled
 def test_a_study_that_was_not_run_is_not_shown(brief_store):
-    with pytest.raises(InputError, match="does not hold the study hull"):
+    with pytest.raises(InputError, match="does not contain the study hull"):
         shown(brief_store, NAME)
 
 

@@ -1,4 +1,4 @@
-"""Study `reanalysis`: models' files as they are, exact sampling of known fields, nothing outside them, and the verb."""
+"""Study `reanalysis`: model files in their own layouts, exact sampling of known fields, and the command."""
 
 import csv
 import json
@@ -184,7 +184,7 @@ def test_a_global_file_closes_on_itself_and_is_read_at_both_ends_only(tmp_path, 
 
 
 class _Recorder:
-    """A file that says what was read of it."""
+    """A file that records which parts of it were read."""
 
     def __init__(self, file, boxes):
         self._file, self._boxes = file, boxes

@@ -1,4 +1,4 @@
-"""Study `reconstruction`: known residuals, lags and impulses come out of it; and the verb from archive to files."""
+"""Study `reconstruction`: known residuals, lags and impulses are recovered; the command from archive to files."""
 
 import json
 import shutil
@@ -197,7 +197,7 @@ def test_only_finished_profiles_can_be_chosen(tmp_path):
         assert chosen_profiles(archive, "5:9", quick=True) == (5, 7, 9)
         with pytest.raises(InputError, match="no profile 2"):
             chosen_profiles(archive, "2")
-        with pytest.raises(InputError, match="holds no platform"):
+        with pytest.raises(InputError, match="platform cannot be read by this version"):
             platform_of(archive)
 
 
@@ -250,7 +250,7 @@ def without_fix(data):
 
 @pytest.fixture(scope="module")
 def studied(brief, brief_store, tmp_path_factory):
-    """A copy of the brief mission's archive, what the verb answered, and the folder of its files."""
+    """Copy of the brief mission's archive, output of the command, and folder of its files."""
     folder = tmp_path_factory.mktemp("studied")
     store = folder / "brief.zarr"
     shutil.copytree(brief_store, store)

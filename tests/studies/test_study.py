@@ -1,4 +1,4 @@
-"""The common form of a study: the table, the files, the registry, the trend; and studies' groups in an archive."""
+"""Common form of a study: table, files, registry and trend; groups of studies in an archive."""
 
 import csv
 import json
@@ -214,7 +214,7 @@ def test_an_archive_lists_its_studies_and_outdated_ones(archive):
     create_study(archive, "validation")
     with open_for_reading(archive) as opened:
         assert studies_in(opened) == []
-        with pytest.raises(InputError, match="does not hold the study validation"):
+        with pytest.raises(InputError, match="does not contain the study validation"):
             show_study("validation", opened)
         with pytest.raises(InputError, match="not a study"):
             show_study("nothing", opened)

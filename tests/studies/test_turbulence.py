@@ -1,4 +1,4 @@
-"""The statistics of turbulence on plain arrays: each known series gives what theory says of it."""
+"""Statistics of turbulence on plain arrays: each known series gives its theoretical values."""
 
 from dataclasses import astuple
 
@@ -160,7 +160,7 @@ def test_a_surrogate_keeps_the_values_and_nearly_the_spectrum():
 
 
 def test_the_cascade_passes_the_rank_test_and_a_shot_train_may():
-    """A train of pulses is no turbulence: what the test excludes is Gaussian and linear, and no more."""
+    """A train of pulses is not turbulence: the test rules out only Gaussian linear processes."""
     rng = np.random.default_rng(7)
     assert ranked(cascade(COUNT // 2, rng), rng)[0] == pytest.approx(0.05)
     assert ranked(shot_train(COUNT // 2, 200.0, 6.0, rng), rng, lag=4)[0] < 0.25
@@ -300,7 +300,7 @@ NULL = {
 
 
 def judged(measured=(), nulls=None, profiles=4):
-    """Verdict over profiles that pass everything but for what is changed in the first, and eleven nulls."""
+    """Verdict over profiles that pass every test except for the changes in the first, and eleven nulls."""
     rows = [dict(MEASURED) for _ in range(profiles)]
     rows[0] |= dict(measured)
     artefacts = pd.DataFrame([NULL | {"zeta_ratio": 1.0 + 0.1 * i} for i in range(11)]) if nulls is None else nulls
@@ -385,13 +385,13 @@ def test_the_conclusion_is_three_sentences(flatness, settles):
     verdict = judged(nulls=nulls, profiles=2 if flatness is not None and len(flatness) == 1 else 4)
     found, sure, settle = conclusion(verdict)
     assert found.startswith("Found: ")
-    assert "of the publication's 3 features" in found
+    assert "of the paper's 3 features" in found
     assert settles in settle
     if flatness is None:
         assert "no nulls of these settings" in sure
     else:
         assert "4 of 4 nulls without any disturbance pass" in sure
-        assert "decides nothing here" in sure
+        assert "the test is inconclusive here" in sure
     assert verdict.as_json()["conclusion"] == [found, sure, settle]
 
 

@@ -1,4 +1,4 @@
-"""The studies spectra, intermittency, nulls and events over an archive, and what the nulls are flown from."""
+"""Studies spectra, intermittency, nulls and events over an archive, and the simulations of the nulls."""
 
 import csv
 import json
@@ -57,7 +57,7 @@ def own_copy(recommended, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def studied(own_copy):
-    """Archive after all four studies of two profiles, and what the program answered each time."""
+    """Archive after all four studies of two profiles, and the program's output each time."""
     common = ("--workers", 0, "--profiles", "1:2")
     return own_copy, {
         "spectra": program("analyze", own_copy, "spectra", *common, "--set", "spectra.draws=20"),

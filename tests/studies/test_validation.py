@@ -1,4 +1,4 @@
-"""The forward model against the records: what it finds on known flights, and the verb from file to archive."""
+"""Forward model compared with the records: results on known flights, and the command from file to archive."""
 
 import json
 import shutil
@@ -125,7 +125,7 @@ def test_horizontal_errors(dive):
 
 @pytest.fixture(scope="module")
 def validated(brief, brief_store, tmp_path_factory):
-    """A copy of the brief mission's archive, what the verb answered, and the folder of its files."""
+    """Copy of the brief mission's archive, output of the command, and folder of its files."""
     folder = tmp_path_factory.mktemp("validated")
     store = folder / "brief.zarr"
     shutil.copytree(brief_store, store)

@@ -1,4 +1,4 @@
-"""Study `vertical`: its filter, the glide in still water, rising water found again on a twin, its errors, the verb."""
+"""Study `vertical`: filter, glide in still water, rising water recovered on a twin, errors, and the command."""
 
 import json
 import math
@@ -351,7 +351,7 @@ def test_errors_that_do_not_belong_together_are_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def studied(brief, brief_store, tmp_path_factory):
-    """A copy of the brief mission's archive, what the verb answered, and the folder of its files."""
+    """Copy of the brief mission's archive, output of the command, and folder of its files."""
     folder = tmp_path_factory.mktemp("vertical")
     store = folder / "brief.zarr"
     shutil.copytree(brief_store, store)

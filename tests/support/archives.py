@@ -1,4 +1,4 @@
-"""Archives and truth files of known content, written without estimating anything."""
+"""Archives and truth files of known content, written without any estimation."""
 
 import hashlib
 import os
@@ -49,7 +49,7 @@ def clear_marker(place, profile_index):
 
 
 def schema_digest(path: Path) -> str:
-    """Digest of what `check_archive` reads: all metadata, and all values of one dimension."""
+    """Digest of the data that `check_archive` reads: all metadata, and all values of one dimension."""
     digest, folders = hashlib.blake2b(), [str(path)]
     while folders:
         with os.scandir(folders.pop()) as entries:
@@ -150,7 +150,7 @@ def _named(names, columns):
 
 
 def write_unestimated(path: Path, observations: Path, platform: Platform) -> Path:
-    """Write an archive that holds what was measured of a mission, with its vibration and gaps, and no estimate."""
+    """Write an archive with the measurements of a mission, its vibration and gaps, and no estimate."""
     settings = MissionSettings()
     every = settings.steps_per_record
     with open_observations(observations) as opened:
@@ -187,7 +187,7 @@ def put_profile(path: Path, index: int, group: str, values: dict) -> None:
 
 
 def put_table_rows(path: Path, rows: dict, group: str = "/") -> None:
-    """Write values into a table, the mission's or a study's, with the commits or digests that go with them."""
+    """Write values into a table, the mission's or a study's, with the corresponding commits or digests."""
     write_table_rows(path, rows, group)
     if group == "/":
         for index, row in rows.items():
@@ -203,7 +203,7 @@ def put_whole(path: Path, group: str, values: dict) -> None:
 
 
 def _digest_study(path: Path, name: str) -> None:
-    """Take what is stored of a study for what was left by it."""
+    """Commit the stored values of a study as its results."""
     group, node = study_called(name), zarr.open_group(path, mode="r+", path=name, use_consolidated=False)
     if MANIFEST in node:
         node[MANIFEST][:] = np.full(node[MANIFEST].shape, "", dtype=np.dtypes.StringDType())
@@ -213,7 +213,7 @@ def _digest_study(path: Path, name: str) -> None:
 
 
 def _commit(path: Path, index: int, changes: dict) -> None:
-    """Commit what is stored of a profile, with some values of its row of the table changed."""
+    """Commit the stored values of a profile, with some values of its table row changed."""
     store = store_at(path)
     root = zarr.open_group(store, mode="r+", use_consolidated=False)
     before = committed_rows(path).get(index, {})

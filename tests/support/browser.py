@@ -1,4 +1,4 @@
-"""A headless Chromium, driven by its DevTools protocol: opens a page, reports what it finds, takes pictures."""
+"""Headless Chromium, driven by its DevTools protocol: opens a page, inspects it, and takes screenshots."""
 
 import base64
 import itertools
@@ -72,7 +72,7 @@ class Tab:
     events: list[dict[str, Any]] = field(default_factory=list)
 
     def ask(self, method: str, **parameters: object) -> dict[str, Any]:
-        """Send a command and wait for its answer; events of the page are collected meanwhile."""
+        """Send a command and wait for its reply; events of the page are collected meanwhile."""
         number = next(self.numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
@@ -99,7 +99,7 @@ class Tab:
         )  # fmt: skip
 
     def picture(self, path: Path, top: float = 0.0, height: float | None = None) -> Path:
-        """Save a picture of the page, or of a stretch of it, `top` and `height` in pixels."""
+        """Save a screenshot of the page, or of a part of it, `top` and `height` in pixels."""
         size = self.ask("Page.getLayoutMetrics")["cssContentSize"]
         tall = size["height"] - top if height is None else min(height, size["height"] - top)
         clip = {"x": 0, "y": top, "width": size["width"], "height": tall, "scale": 1}
@@ -108,7 +108,7 @@ class Tab:
         return path
 
     def print(self, path: Path) -> Path:
-        """Save what a printer would get, as PDF."""
+        """Save the printed page as PDF."""
         path.write_bytes(base64.b64decode(self.ask("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"]))
         return path
 

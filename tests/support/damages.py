@@ -1,4 +1,4 @@
-"""Damages of an archive, one after the other: what disks, copies and people do to the files of a Zarr store."""
+"""Damages of an archive, one after the other, as disks, copying and users cause them in a Zarr store."""
 
 import json
 import shutil
@@ -67,7 +67,7 @@ def _rewriting(name: Path, change: Callable[[bytes], bytes]) -> Damage:
 
 
 def _put(path: Path, content: bytes) -> None:
-    """Replace a file, which may be a link of a sound archive's."""
+    """Replace a file, which may be a link to a file of an intact archive."""
     path.unlink()
     path.write_bytes(content)
 

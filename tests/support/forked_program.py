@@ -1,4 +1,4 @@
-"""The program and Python without their start: forks of one process that has loaded all that they need.
+"""Program and Python without start-up time: forks of one process that has loaded all modules.
 
 A page of the documentation calls the program ten times, or runs as many blocks of Python; by itself each call spends
 seconds on imports and on loading compiled kernels. What runs is the program's own ``main``, or the text after ``-c``,

@@ -1,4 +1,4 @@
-"""A short dive as a profile with its hull, and derivatives by the hull's errors from the second implementation."""
+"""Short dive with its hull, and derivatives by the hull's errors from the second implementation."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The kernels in each of their implementations, under one set of names: whom the oracle and the dot products ask.
+"""Each implementation of the kernels, under one set of names, for the oracle and the dot-product tests.
 
 Every function takes and gives plain arrays: hull (24,), mass properties (n, 11), states of ten or twelve.
 """
@@ -143,7 +143,7 @@ class Numba:
 
 
 class Fortran:
-    """The library's. What it does in lanes alone is asked of all lanes, and each must give the same bits."""
+    """The library's. Functions for lanes only are run in all lanes, and each must give the same bits."""
 
     name = "fortran"
 
@@ -220,7 +220,7 @@ def _spread(array: Array) -> Array:
 
 
 def _common(array: Array) -> Array:
-    """Content common to all lanes, to the bit."""
+    """Content common to all lanes, bit for bit."""
     np.testing.assert_array_equal(array, np.broadcast_to(array[..., :1], array.shape))
     return array[..., 0].copy()
 

@@ -1,4 +1,4 @@
-"""Results of a machine's lanes: a program for a process of its own, where the processor can be made to seem narrower.
+"""Results of a machine's lanes, from a separate process in which the processor can be made to appear narrower.
 
 Writes, as JSON, the lane count, cost, gradient and solution of one window, and what its machine code is made of.
 """

@@ -1,4 +1,4 @@
-"""Content of a kernel's machine code: its arithmetic on doubles, by the width of the registers it works on."""
+"""Machine code of a kernel: its arithmetic on doubles, by register width."""
 
 import re
 from collections import Counter
@@ -30,7 +30,7 @@ def arithmetic_of(code: str) -> Counter[int]:
 
 
 def compiled_kernels() -> dict[str, Any]:
-    """Kernels that run over lanes, compiled afresh: what comes from the cache shows no machine code."""
+    """Kernels that run over lanes, compiled afresh: those from the cache show no machine code."""
     p, d, progress = allocate(8, 3)
     arguments = {
         window.forward: (p.hull, p.bodies, p.state0, p.trial, p.durations, p.states, p.tape),

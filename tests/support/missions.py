@@ -1,4 +1,4 @@
-"""Missions for the tests of the spine: simulated, put through the library or the program, changed, and compared."""
+"""Missions for end-to-end tests: simulated, processed by the library or the program, changed, and compared."""
 
 import contextlib
 import io
@@ -72,7 +72,7 @@ def program(*arguments: object) -> Answer:
 
 
 def program_apart(*arguments: object) -> Answer:
-    """Run the program in a process of its own, as worker processes need it."""
+    """Run the program in a separate process, as worker processes need it."""
     code = "import sys; from gliderhpc.cli import main; main(sys.argv[1:])"
     done = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, timeout=300, check=False
@@ -81,7 +81,7 @@ def program_apart(*arguments: object) -> Answer:
 
 
 def with_xarray_alone(code: str, *arguments: object) -> object:
-    """Run code that cannot import gliderhpc in another process; what it prints is JSON."""
+    """Run code that cannot import gliderhpc in another process; its output is JSON."""
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.modules['gliderhpc'] = None\n{code}", *map(str, arguments)],
         capture_output=True, text=True, timeout=120, check=False,

@@ -1,4 +1,4 @@
-"""Files of ocean models in the two layouts that users bring, with a field that is known everywhere."""
+"""Ocean-model files in the two usual layouts, with a field that is known everywhere."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

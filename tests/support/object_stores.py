@@ -1,4 +1,4 @@
-"""An S3 server on loopback for tests: moto's, in a process of its own."""
+"""S3 server on loopback for tests: moto's, in a separate process."""
 
 import contextlib
 import socket

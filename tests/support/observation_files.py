@@ -1,4 +1,4 @@
-"""Small observation files of a mission made up sample by sample."""
+"""Small observation files of a synthetic mission, sample by sample."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The documentation's pages as programs: their blocks of code, in order, run in a folder of their own."""
+"""Documentation pages as programs: their code blocks, in order, run in a separate folder."""
 
 import contextlib
 import os
@@ -58,7 +58,7 @@ def blocks_of(page: Path) -> list[Block]:
 
 
 def run_page(page: Path, folder: Path, commands: Path | None = None, **environment: str) -> None:
-    """Run a page's blocks in a folder, each as its language and title say; the first that fails is named.
+    """Run a page's blocks in a folder, each according to its language and title; the first that fails is named.
 
     Commands are looked for in ``commands`` first, then where this Python's are.
 
@@ -109,7 +109,7 @@ def _write(block: Block, path: Path) -> None:
 
 
 def _remembering(text: str) -> str:
-    """Stop at the first command that fails, and hand on what is exported."""
+    """Stop at the first command that fails, and pass on exported variables."""
     return f"set -euo pipefail\n[ ! -f {_KEEP} ] || . ./{_KEEP}\n{text}\nexport -p > {_KEEP}\n"
 
 

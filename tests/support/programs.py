@@ -1,4 +1,4 @@
-"""Programs in a process of their own."""
+"""Programs in a separate process."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 
 def python(code: str, *arguments: object, **environment: object) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process of its own that must succeed; a variable of None is removed."""
+    """Run a program in a separate process that must succeed; a variable of None is removed."""
     given = {**os.environ, **environment}
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],

@@ -1,4 +1,4 @@
-"""The model written out from the paper a second time: matrices and cross products, eqs. 1-14, 20 and 28, classical RK4.
+"""Second implementation of the model from the paper: matrices and cross products, eqs. 1-14, 20 and 28, classical RK4.
 
 Nothing here is shared with ``gliderhpc.kernels``. Every function takes complex numbers, so that the imaginary part of
 ``f(x + 1e-30j d)`` is its derivative along ``d`` free of cancellation (the complex step).

@@ -1,4 +1,4 @@
-"""Small files in the layouts of Seaglider's basestation and of OceanGliders OG1, with what went into them."""
+"""Small files in the layouts of Seaglider's basestation and of OceanGliders OG1, with their true values."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def pitches() -> np.ndarray:
 
 
 def phases(dive: int) -> dict[str, np.ndarray]:
-    """Guidance and control of a dive: into it, battery round at a quarter of it, and the turn into the climb.
+    """Guidance and control of a dive: start, battery rotation at a quarter of it, and the turn into the climb.
 
     In the first the battery runs from 430 counts to 2100 in 20 s, then oil from 1000 to 3400 in 30 s, then the battery
     rolls from 2300 to 3900 in 4 s.

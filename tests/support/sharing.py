@@ -1,4 +1,4 @@
-"""Files that several tests read, made once for all workers of a test run."""
+"""Files shared by several tests, made once for all workers of a test run."""
 
 import os
 import subprocess

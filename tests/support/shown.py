@@ -1,4 +1,4 @@
-"""Findings that an archive shows of its studies, compared with the files of a run and after a changed value."""
+"""Findings shown from an archive, compared with the files of a run and after a changed value."""
 
 import shutil
 from collections.abc import Callable
@@ -22,7 +22,7 @@ def shown(store: Path, name: str) -> Findings:
 
 
 def check_shown_as_left(store: Path, name: str, left: Path, out: Path) -> Findings:
-    """Show a study and hold every file of it but the figures, which are not drawn, against what its run left."""
+    """Show a study and compare its files, except the figures, which are not drawn, with those of its run."""
     findings = shown(store, name)
     with pytest.MonkeyPatch.context() as patch:
         leave_studies_undrawn(patch)
@@ -59,7 +59,7 @@ def _of_collection(one: Collection) -> list[np.ndarray]:
 
 
 def check_figure_follows(before: Findings, after: Findings, stem: str) -> None:
-    """See that a figure shows something else than before."""
+    """Check that a figure has changed."""
     assert not np.array_equal(drawn(before.figures[stem]), drawn(after.figures[stem]), equal_nan=True)
 
 

@@ -1,4 +1,4 @@
-"""Slocum files made by the tests: a mission flown on paper, as netCDF of native sensors and as binary records."""
+"""Slocum files made by the tests: a synthetic mission as netCDF of native sensors and as binary records."""
 
 import struct
 from collections.abc import Mapping, Sequence
@@ -68,14 +68,14 @@ def science(segment: int = 0) -> Columns:
 
 
 def joined(segments: Sequence[Columns]) -> Columns:
-    """Several segments, one after the other."""
+    """Several consecutive segments."""
     return {name: np.concatenate([segment[name] for segment in segments]) for name in segments[0]}
 
 
 def write_netcdf(
     path: Path, flown: Columns, sampled: Columns | None = None, *, units: Mapping[str, str | None] | None = None
 ) -> Path:
-    """Write native sensors; `units` replaces what the vehicle declares, None leaves a sensor without."""
+    """Write native sensors; `units` replaces the units declared by the vehicle, None leaves a sensor without."""
     declared = UNITS | dict(units or {})
     data = {}
     for dimension, columns in (("eng", flown), ("sci", sampled or {})):
@@ -95,7 +95,7 @@ def write_binary(path: Path, columns: Columns, *, name: str, factored: bool = Fa
 
 
 def binary(columns: Columns, *, name: str, factored: bool = False, crc: str = "0badcafe") -> bytes:
-    """Text of the header, what tells the order of bytes, then a record a cycle: two bits of state a sensor, values."""
+    """Header text, byte-order marker, then one record per cycle: two state bits per sensor, values."""
     count = len(columns)
     tags = {
         "dbd_label": "DBD(dinkum_binary_data)file", "encoding_ver": 5, "num_ascii_tags": 14, "all_sensors": "T",

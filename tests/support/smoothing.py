@@ -1,4 +1,4 @@
-"""Short dives for the smoother's tests: flown, measured, posed as a MAP problem."""
+"""Short simulated dives for the smoother's tests, as MAP problems."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ Uncompiled, the case in the middle is left out; each of its two values is in ano
 
 @dataclass(frozen=True)
 class Flown:
-    """A dive of ``n`` steps and what was measured of it.
+    """A dive of ``n`` steps and its measurements.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def fly(seed, n, every=10, turn=0.0):
 
 
 def with_measured(dive, measured):
-    """Give a problem with other measurements, and variances of its own."""
+    """Return a problem with other measurements and their variances."""
     fed = np.isfinite(measured).any(axis=1)
     return dive._replace(measured=measured, fed=fed, variance=dive.variance.copy(), noise=dive.noise.copy())
 

@@ -1,4 +1,4 @@
-"""Hulls and flight states to hold the kernels against, and the hypothesis strategies that draw states."""
+"""Hulls and flight states for the kernel tests, and hypothesis strategies of states."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Segments of exact steady glides, as `gliderhpc.tuning.steady_segments` makes them of records."""
+"""Segments of exact steady glides, in the form of `gliderhpc.tuning.steady_segments`."""
 
 import math
 

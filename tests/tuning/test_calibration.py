@@ -1,4 +1,4 @@
-"""Calibration: what a fit determines, steady segments of a record, hulls found again on twins, and the verb."""
+"""Calibration: parameters that a fit determines, steady segments, hulls recovered on twins, and the command."""
 
 import math
 from dataclasses import replace
@@ -77,7 +77,7 @@ def test_independent_errors_give_the_usual_covariance():
 
 
 def test_errors_shared_within_a_cluster_count_once():
-    """Forty clusters of 25 samples that share almost all their error tell no more than forty samples."""
+    """Forty clusters of 25 samples that share almost all their error contain no more information than forty samples."""
     design, residuals, cluster = regression(shared=3.0)
     found = jackknife_covariance(design, residuals, cluster)
     one_each = np.linalg.inv(design[::25].T @ design[::25]) * np.mean(residuals.reshape(40, 25).mean(axis=1) ** 2)
@@ -139,7 +139,7 @@ SQUEEZED = with_values(PETREL, {"buoyancy.compressibility": 4.5e-6, "buoyancy.th
 
 @pytest.mark.parametrize("steps", [-PARAMETER_BOUND, PARAMETER_BOUND])
 def test_every_number_at_its_bound_is_one_that_a_platform_may_have(steps):
-    """A calibration by density wrote a negative thermal expansion, which the next verb refused."""
+    """A calibration by density wrote a negative thermal expansion, which the next command refused."""
     for parameter in {*PARAMETERS, *PARAMETERS_BY_DENSITY}:
         hull = with_values(SQUEEZED, {parameter.key: parameter.moved(SQUEEZED, steps)})
         Platform.model_validate(hull.model_dump())
@@ -365,7 +365,7 @@ def test_errors_of_the_attitude_act_as_in_the_correction_of_a_record():
 
 @pytest.mark.long
 def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
-    """An offset of the pitch of one degree moves the fit by about what the platform file states."""
+    """An offset of the pitch of one degree moves the fit by about the amount stated in the platform file."""
     segments = glides(TRUTH, PETREL)
     offset = replace(segments, pitch=segments.pitch + math.radians(1.0))
     straight, off = (calibrate(PETREL, each, each.empty(), CalibrationSettings()) for each in (segments, offset))
@@ -393,7 +393,7 @@ def test_a_larger_added_mass_acts_in_a_steady_glide_like_a_smaller_pitch_moment(
 
 
 def test_the_stated_pitch_moment_allows_for_an_error_of_the_added_mass():
-    """A hull that is given another added mass gets a pitch moment that is off by what the platform file states."""
+    """A hull with another added mass gets a pitch moment that is wrong by the amount stated in the platform file."""
     given = with_values(PETREL, {"added_mass.2": 1.1 * PETREL.added_mass[2]})
     hold = ("K_D", "K_L", "K_M0", "position.reservoir.0", "depth_slope")
     segments = glides(TRUTH, PETREL)
@@ -522,7 +522,7 @@ def test_an_error_that_nothing_explains_is_named():
     ("key", "steps"), [("position.reservoir.0", 3.0), ("position.battery", -3.0), ("battery_eccentricity", -3.0)]
 )
 def test_a_hull_three_plausible_deviations_off_is_fitted(key, steps):
-    """Whatever is held on the way, what is left of the errors is small, and never more than there was."""
+    """Whatever is held on the way, the remaining errors are small, and never larger than at the start."""
     parameter = next(p for p in PARAMETERS if p.key == key)
     segments = glides(with_values(TRUTH, {key: parameter.moved(PETREL, steps)}), PETREL)
     found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
@@ -545,7 +545,7 @@ def test_parameters_whose_platform_value_is_refuted_are_held_elsewhere():
 
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
-    """A fit caught far off, as from the platform's own hull here, does not win."""
+    """A fit caught in a distant minimum, as from the platform's own hull here, is not selected."""
     segments = glides(TRUTH, PETREL)
     errors = SegmentErrors(PETREL, PARAMETERS, segments)
     fit, starts = CalibrationSearch.fit_everything, []
@@ -589,14 +589,14 @@ def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
 
 
 def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
-    """The profiles held out were flown by another hull, the platform's own."""
+    """The profiles held out were flown with another hull, the platform's own."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
     with pytest.raises(CalibrationError, match="error of pitch than the platform on the profiles held out"):
         calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
 
 
 def test_one_segment_that_hardly_balances_does_not_decide():
-    """Nineteen errors have halved, and one turns by 95 degrees a second: reported, and not judged by."""
+    """Nineteen errors have halved, and one segment turns at 95 degrees a second: it is reported, and not judged by."""
     before, after = np.full(20, 0.014), np.full(20, 0.007)
     after[7] = 1.66
     found = [
@@ -644,7 +644,7 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
 
 @pytest.mark.parametrize("better", [True, False])
 def test_a_fit_that_knows_less_than_the_platform_is_repeated_with_the_lateral_terms_held(monkeypatch, better):
-    """If less is then in doubt, and the turns fit about as well."""
+    """If fewer parameters remain undetermined, and the turns fit about as well."""
     monkeypatch.setattr(calibration, "reason_to_hold", lambda *_, **__: CalibrationVerdict.CONFOUNDED)
     monkeypatch.setattr(calibration, "is_better_held", lambda *_: better)
     segments = glides(TRUTH, PETREL)
@@ -710,7 +710,7 @@ def mission(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(mission):
-    """The program's answer, and the file it wrote."""
+    """Output of the program, and the file that it wrote."""
     out = mission.with_name("calibrated.yaml")
     wrong = [word for key, value in OFF.items() for word in ("--set", f"{key}={value}")]
     return program("calibrate", mission, "--platform", "petrel-l", "--out", out, *GLIDES_ALONE, *wrong), out
@@ -830,7 +830,7 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
     ],
 )
 def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, fragment):
-    """Exit status 0 with a file that the next verb refuses is the worst of answers."""
+    """A file that the next command refuses must not come with exit status 0."""
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     corrupted = replace(found, platform=with_values(found.platform, values))
     monkeypatch.setattr(hulls, "fit", lambda *_: corrupted)

@@ -1,4 +1,4 @@
-"""Lateral terms in the fit of steady glides: held where turns do not prove them, then without effect on the rest."""
+"""Lateral terms in the fit of steady glides: held unless turns confirm them, then without effect on the rest."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A compass's errors by the currents of legs (restricted likelihood), against dense algebra."""
+"""Compass errors from the currents of legs (restricted likelihood), compared with dense algebra."""
 
 import re
 
@@ -53,7 +53,7 @@ def restricted_likelihood(legs, memory, ratio):
 
 
 def test_the_likelihood_is_that_of_the_contrasts():
-    """Harville (1974): equal up to what does not depend on the covariance."""
+    """Harville (1974): equal up to terms that do not depend on the covariance."""
     drawn = legs(3, np.random.default_rng(1).uniform(0.0, 360.0, 14))
     system = _System(drawn, NO_TURNS, CHECKS)
     design = np.column_stack([system._by_error, system._nuisance])
@@ -211,7 +211,7 @@ def _numbers(suggestion):
     ("headings", "directions", "rank"), [(ALL_HEADINGS, MODELS[0], 4), (THREE_HEADINGS, MODELS[1], 2)]
 )
 def test_the_deviation_counts_by_the_f_distribution(headings, directions, rank):
-    """Its error is that of the amplitude along what was found: amplitude over the root of Wald's statistic."""
+    """Its error is that of the amplitude in the estimated direction: amplitude over the root of Wald's statistic."""
     drawn, checks = legs(4, headings, (0.0, 15.0, -10.0, 0.0, 0.0)), CheckSettings(least_deviation=0.0)
     fit = _System(drawn, NO_TURNS, checks).fitted(directions)
     found = compass_findings(drawn, NO_TURNS, checks)[1]

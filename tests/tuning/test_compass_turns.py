@@ -1,4 +1,4 @@
-"""A compass's errors by turns: stretches cut, and their information against least squares with a profile left out."""
+"""Compass errors from turns: selected stretches, and their information compared with leave-one-out least squares."""
 
 import numpy as np
 import pytest
@@ -99,7 +99,7 @@ def test_turns_without_noise_give_the_deviation_itself():
 
 @pytest.mark.parametrize("profiles", [10, 24])
 def test_errors_of_the_turn_estimate_agree_with_its_covariance(profiles):
-    """Over 60 draws the error squared over what is stated, four harmonics together: one each, within a half."""
+    """Over 60 draws, squared error over stated variance, for four harmonics together: one each, within a half."""
     distances = []
     for seed in range(60):
         found = turn_information(banked_turns(DEVIATION, 1e-3, profiles=profiles, seed=seed), np.radians(20.0))
@@ -147,7 +147,7 @@ def test_the_prior_is_subtracted_in_directions_that_the_turns_determine():
 
 @pytest.mark.parametrize(("turning", "enough"), [(39, False), (40, True)])
 def test_forty_stretches_must_turn(turning, enough):
-    """Of 320 stretches, as many as that turn at a hundred times the rate that counts, the rest at a tenth of it."""
+    """Of 320 stretches, the given number turn at a hundred times the threshold rate, the rest at a tenth of it."""
     parts, place = banked_turns(DEVIATION, 0.0), np.arange(320)
     signs, limit = np.where(place % 2, 1.0, -1.0), np.radians(0.3)
     size = np.where(place < turning, 100.0 * limit, 0.1 * limit)

@@ -1,4 +1,4 @@
-"""Climbs of likelihoods whose maximum is known."""
+"""Maximisation of likelihoods with known maxima."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Changes of the hull during a mission: evidence against the augmented chain, onset, size, and false alarms."""
+"""Changes of the hull during a mission: evidence compared with the augmented chain, onset, size, and false alarms."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def test_two_sizes_are_two_unknowns_of_the_chain():
 
 
 def test_a_change_that_comes_with_another_one_has_its_own_size():
-    """Without the other one it takes over a part of it, and its interval is too narrow."""
+    """Without the other parameter it absorbs a part of that change, and its interval is too narrow."""
     rng = np.random.default_rng(12)
     both, alone = [], []
     for _ in range(8):
@@ -115,7 +115,7 @@ def test_a_walk_that_is_too_large_does_not_pass_for_dives_that_agree():
 
 
 def _agreeing(seed, total):
-    """Find the change of 20 dives, four of them after it, that scatter by half of what they state."""
+    """Find the change in 20 dives, four of them after it, that scatter by half of their stated deviation."""
     rng = np.random.default_rng([21, seed])
     dives = []
     for n, truth in enumerate(_course(20, 16, total, "step")):

@@ -1,4 +1,4 @@
-"""Likelihood of a prior by the innovations: the likelihood against a dense Gaussian's, and what rejected data cost."""
+"""Likelihood of a prior from the innovations: compared with a dense Gaussian, and the cost of rejected data."""
 
 import dataclasses
 import logging
@@ -181,7 +181,7 @@ def test_an_interpolated_record_counts_as_often_as_it_was_sampled(record):
 
 
 def test_evaluations_side_by_side_equal_single_ones(record):
-    """Two profiles with ten priors: each evaluation as it comes out alone, and as the platform's own filter run."""
+    """Two profiles with ten priors: each evaluation equals a separate one and the platform's own filter run."""
     requests = [request(record), request(noisy(glide_record(1200), 1))]
     priors = [
         USUAL.model_copy(update={"deviation": tuple(factor * value for value in USUAL.deviation)})
@@ -283,7 +283,7 @@ class Records:
 
 @pytest.fixture
 def records(monkeypatch, record):
-    """Profile 1, which flies; 2, which no sample is left of outside the vibration set; 3, not there."""
+    """Profile 1, which flies; 2, without a sample outside the vibration set; 3, absent."""
     # The battery moves all the way.
     moving = record.controls.copy()
     moving[:, 0] = np.linspace(-0.05, 0.05, len(moving))

@@ -1,4 +1,4 @@
-"""The mission's sum against dense algebra, and its behaviour on dives that agree, walk, scatter or do not fit."""
+"""Sum over the mission compared with dense algebra, on dives that agree, drift, scatter or do not fit."""
 
 from dataclasses import replace
 
@@ -83,7 +83,7 @@ def test_about_a_point_is_the_same_likelihood():
 
 
 def test_dives_of_one_hull_find_it_within_their_deviations():
-    """The chi-square of estimates against the truth, over seeds, is what its degrees of freedom make it."""
+    """The chi-square of estimates against the truth, over seeds, agrees with its degrees of freedom."""
     totals = []
     for seed in range(30):
         rng = np.random.default_rng([5, seed])
@@ -166,7 +166,7 @@ def currents_of(rng, error, headings, *, drift=(0.05, -0.1), noise=0.005):
 
 @pytest.mark.parametrize(("headings", "separate"), [(np.linspace(0.0, 6.0, 12), True), (np.full(12, 0.4), False)])
 def test_turns_separate_speed_and_compass_from_a_current(headings, separate):
-    """A gain of 0.03 m/s and an offset of 0.05 rad appear in the current; only turns tell them from it."""
+    """A gain of 0.03 m/s and an offset of 0.05 rad appear in the current; only turns distinguish them from it."""
     rng = np.random.default_rng(11)
     error, nothing = np.array([0.03, 0.05]), np.zeros((P, P))
     dives = [
@@ -236,7 +236,7 @@ def test_widening_equals_that_of_an_error_common_to_all_dives():
 
 
 def test_the_estimate_stays_at_the_prior_if_the_assumptions_contradict_each_other():
-    """By far: the dives say nothing there, and everything elsewhere."""
+    """By far: the dives contain no information there, and all of it elsewhere."""
     direction = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     before = Gaussian(np.zeros(P), np.eye(P))
     after, _ = before.updated(Information(np.full(P, 2.0), np.diag([4.0] * P)))

@@ -1,4 +1,4 @@
-"""Checks of the records: errors put in are found within the errors stated, clean records raise no alarm."""
+"""Checks of records: planted errors are found within their stated errors, and clean records raise no alarm."""
 
 import json
 import logging
@@ -159,7 +159,7 @@ def test_no_number_of_legs_is_named_that_is_out_of_reach():
 
 
 def stretches(seed, deviation=(0.0,) * 4, profiles=24):
-    """Stretches of turning flight whose rate goes with the roll, read by a compass with a deviation (degree)."""
+    """Stretches of turning flight whose rate depends on roll, measured by a compass with a deviation (degree)."""
     rng = np.random.default_rng(seed)
     parts = []
     for number in range(profiles):
@@ -457,7 +457,7 @@ def test_derivatives_of_a_leg_by_compass_errors_agree_with_differences(record):
 
 
 def test_the_derivative_of_a_leg_by_the_speed_agrees_with_a_difference(record):
-    """By a track that is a hundredth too short: the current is what the fixes say less the way through the water."""
+    """With a track that is 1 % too short: the current is the displacement between fixes less that through the water."""
     settings = EstimationSettings()
     series, errors = on_steps(record, settings), SETTINGS.current.errors(PETREL)
     leg = leg_of(PETREL, record, series, errors)

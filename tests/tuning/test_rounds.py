@@ -1,4 +1,4 @@
-"""Errors that all dives of a mission share: what they leave of the dives' information."""
+"""Errors common to all dives of a mission, and their effect on the dives' information."""
 
 import numpy as np
 import pytest

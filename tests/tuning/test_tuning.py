@@ -1,4 +1,4 @@
-"""Tuning: the climb itself, a prior found again on a twin drawn from it, and the verb."""
+"""Tuning: maximisation of the likelihood, a prior recovered on a twin drawn from it, and the command."""
 
 from dataclasses import dataclass, replace
 
@@ -85,7 +85,7 @@ def numbers(prior):
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
-    """Mission of two short dives whose disturbance is drawn from a prior of its own."""
+    """Mission of two short dives whose disturbance is drawn from a known prior."""
     scenario = read_scenario(
         {
             "name": "drawn", "profiles": 2, "depth": 60.0, "sensors": {"attitude": "white"},
@@ -187,7 +187,7 @@ BRIEFLY = (
 
 @pytest.fixture(scope="module")
 def written(drawn):
-    """The program's answer, and the file it wrote."""
+    """Output of the program, and the file that it wrote."""
     out = drawn.with_name("tuned.yaml")
     return program("tune", drawn, "--platform", "petrel-l", "--out", out, *BRIEFLY), out
 
@@ -212,7 +212,7 @@ def test_tune_prints_the_changed_prior_and_the_output_file(written):
 
 
 def test_runs_smooth_with_the_written_prior(drawn, written, tmp_path):
-    """Yaw comes out surer than under the platform's own prior, which is wider, where the dive does not tell its own."""
+    """Yaw has a smaller deviation than with the platform's wider prior, where the dive does not determine its own."""
     _, out = written
     assert load_platform(out).prior.deviation[YAW] < 0.8 * default_prior(PETREL).deviation[YAW]
     widths = []

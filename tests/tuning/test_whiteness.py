@@ -1,4 +1,4 @@
-"""Whiteness of the filter's innovations: the level of the test, and its statistic by loops."""
+"""Whiteness of the filter's innovations: level of the test, and its statistic computed with loops."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_white_noise_passes_the_whiteness_test():
 
 
 def test_the_portmanteau_keeps_its_level():
-    """Of 400 white records a twentieth comes out below 5 %."""
+    """Of 400 white records a twentieth has a p-value below 5 %."""
     rng = np.random.default_rng(2)
     small = [whiteness([rng.standard_normal(300)], 10).p < 0.05 for _ in range(400)]
     assert 0.025 < np.mean(small) < 0.085

@@ -107,7 +107,7 @@ def median(scored, score):
 
 
 def test_the_scored_twin_has_long_glides_and_strong_impulses(by_recommended):
-    """Four profiles of at least 40 minutes, most of it steady glide, with impulses of the size the missions show."""
+    """Four profiles of at least 40 minutes, mostly steady glide, with impulses as large as on real missions."""
     assert len(by_recommended) >= 4
     for profile in by_recommended:
         assert len(profile.truth) * profile.step >= 2400.0
@@ -145,7 +145,7 @@ def test_recommended_tracks_the_record(by_recommended, name, most):
 
 
 def test_recommended_beats_the_paper_where_it_claims_to(by_paper, by_recommended):
-    """The control-variable transform is there for the channels that unit scale leaves to noise."""
+    """The control-variable transform improves the channels that are noise at unit scale."""
     for channel in (SURGE, PITCH_MOMENT, YAW_MOMENT):
         ours = np.median([profile.rmse(profile.adjoint, channel) for profile in by_recommended])
         theirs = np.median([profile.rmse(profile.adjoint, channel) for profile in by_paper])
@@ -163,7 +163,7 @@ def test_the_current_comes_back(preset, request):
 
 @pytest.mark.parametrize("preset", ["by_paper", "by_recommended"])
 def test_the_filter_alone_lags_the_impulses(preset, request):
-    """Causal as it is, it sees an impulse late and, when that peaks, in part; the adjoint sees it in time."""
+    """Being causal, the filter shows an impulse late and attenuated; the adjoint shows it in time."""
     scored = request.getfixturevalue(preset)
     assert median(scored, lambda p: p.lag(p.prior, YAW_MOMENT)) >= 0.5
     assert median(scored, lambda p: abs(p.lag(p.adjoint, YAW_MOMENT))) <= 0.2

@@ -1,4 +1,4 @@
-"""``twin currents``: coverage, transfer functions and the passband on plain arrays, and the study at its smallest."""
+"""``twin currents``: coverage, transfer functions and the passband on plain arrays, and a minimal study."""
 
 import json
 
@@ -119,7 +119,7 @@ def test_a_mean_error_along_the_track_is_estimated_and_removed():
 
 
 def _series(retrieved_of_rate, noise=0.0, seed=6):
-    """White lateral water on a straight dive at a steady vertical speed, and what is made of its rate of change."""
+    """White lateral current on a straight dive at a steady vertical speed, and the response to its rate of change."""
     rng = np.random.default_rng(seed)
     time = np.arange(4000.0)
     periods = np.geomspace(5.0, 150.0, 40)

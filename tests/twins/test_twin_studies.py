@@ -1,4 +1,4 @@
-"""The twin studies at their smallest size, run by the program as a user runs it."""
+"""Twin studies at their smallest size, run with the program."""
 
 import json
 
@@ -206,7 +206,7 @@ def test_estimators(estimators, out):
     wrong = lines["coefficients within 15%", "smoother"]
     assert wrong["offset_B_cu"] > impulsive["smoother"]["offset_B_cu"]
     assert "For the yaw moment where there are impulses: " in result.out
-    assert (out / "estimators.md").read_text("utf-8").startswith("# Which estimator for what")
+    assert (out / "estimators.md").read_text("utf-8").startswith("# Choosing an estimator")
 
 
 def test_twin_pages_have_a_section_for_every_study(windows, sensitivity, recoverability, estimators, out, tmp_path):

@@ -1,4 +1,4 @@
-"""Alerts: which messages break a rule, and what a command and an address get."""
+"""Alerts: messages that break a rule, and the data sent to a command and to an address."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""A watch reports each dive once, whatever happens to the files and to itself, and its archive is a fresh run's."""
+"""Watch: each dive is reported once, whatever happens to files or process, and the archive equals that of a new run."""
 
 import functools
 import json
@@ -94,7 +94,7 @@ def _once(folder: Path, **changes: object) -> _Reports:
 
 
 def _assert_as_fresh(store: Path, fresh: Path) -> None:
-    """Every value of an archive is that of another; times of computing are not compared."""
+    """Check that two archives have equal values; computing times are not compared."""
     with xr.open_datatree(store, engine="zarr") as one, xr.open_datatree(fresh, engine="zarr") as other:
         assert set(one.children) == set(other.children)
         for node in other.subtree:
@@ -284,7 +284,7 @@ def _annotate(file: Path, _: Path) -> None:
     [(_cut_bytes, "cannot be used"), (_cut_record, "has fewer samples of dive 2"), (_annotate, None)],
 )
 def test_a_version_that_is_worth_less_does_not_replace_a_dive(change, words, swift, dives, swift_store, tmp_path):
-    """A damaged or shorter one is named once; neither it nor an equal one costs the dive, and later ones are used."""
+    """A damaged or shorter file is named once; neither it nor an equal one loses the dive, and later ones are used."""
     _watched(tmp_path)
     for dive in dives:
         shutil.copy(dive, tmp_path / "land")
@@ -676,7 +676,7 @@ def test_a_decimated_record_gives_way_to_the_full_one(dives, tmp_path, full_firs
 
 @pytest.mark.long
 def test_a_new_file_that_overlaps_a_reported_dive_is_the_one_left_out(dives, tmp_path):
-    """Its clock is wrong: it begins before the dive that is there, and carries the number of the next one."""
+    """Its clock is wrong: it begins before the dive in the archive, and has the number of the next one."""
     (tmp_path / "land").mkdir()
     shutil.copy(dives[0], tmp_path / "land" / "b.nc")
     assert _once(tmp_path).numbers == [(1, 0)]

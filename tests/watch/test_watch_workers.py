@@ -1,4 +1,4 @@
-"""A watch inverts one new dive in its own process, and several on all cores."""
+"""Watch: one new dive is inverted in the watch's own process, several on all cores."""
 
 from contextlib import closing
 

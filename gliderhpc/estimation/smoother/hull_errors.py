@@ -13,10 +13,10 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 _UNINFORMATIVE = 1e-3
-"""Information of a dive below which a direction is left out of its comparison with what is known of the errors."""
+"""Information of a dive below which a direction is left out of its comparison with the known errors."""
 
 _MIN_PROBABILITY = 0.01
-"""Probability of a chi-square below which a dive contradicts what is known of the errors."""
+"""Probability of a chi-square below which a dive contradicts the known errors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ _SIMPLER_METHODS: dict[str, dict[str, bool | str]] = {
     "the noise is the prior's, not fitted to the dive": {"adaptive": False},
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
 }
-"""Changes of the settings that are tried in turn where no estimate was found, by what they mean."""
+"""Changes of the settings that are tried in turn where no estimate was found, by their description."""
 _KNOWN = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
 """Errors that a record may cause in the smoother; any other error is a fault of the program."""
 

@@ -157,7 +157,7 @@ def _share(part: Array, deviation: Array) -> Array:
     return np.asarray(np.median(share, axis=0))
 
 
-# Standard deviation of the windows' disturbances, by the smoother's posterior
+# Standard deviation of the windows' disturbances, from the smoother's posterior
 
 AVERAGED = 30.0
 """Interval over which the squared difference from the smoother's estimate is averaged, s; the length of a window."""

@@ -79,7 +79,7 @@ class Gusts(NamedTuple):
     """Gusts that roll the glider."""
 
     with_bursts: bool
-    """Whether yaw moments also turn it, in bursts with quiet stretches between."""
+    """True if yaw moments also turn it, in bursts with quiet stretches between."""
 
 
 def pose_dive(
@@ -255,7 +255,7 @@ def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = 
 
 
 def steps_of_mean_shifts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each segment the number of steps that the mean shift of its first step stands for (`Segments`).
+    """Return for each segment the number of steps that the mean shift of its first step represents (`Segments`).
 
     One of five segments stands for all five, unless segments are single steps. The mean shift rises and falls between
     samples, which are usually two segments apart: an even number would always take it from the same phase.

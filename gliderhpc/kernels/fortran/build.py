@@ -21,7 +21,7 @@ COMPILER = "gfortran"
 FLAGS = "-O3 -march=native"
 
 _LANGUAGE = ("-std=f2018", "-cpp", "-fPIC", "-shared", "-fopenmp-simd", "-Wall", "-Wextra", "-Wno-compare-reals")
-# Follows the caller's flags: what is not a number must stay visible, and (x + c) - c is no x. Sums of products
+# Follows the caller's flags: NaN must stay visible, and (x + c) - c is no x. Sums of products
 # may be fused, and a quotient may be a product with a reciprocal, as Numba's kernels have it.
 _ARITHMETIC = (
     "-fno-finite-math-only", "-fno-associative-math", "-freciprocal-math", "-fno-signed-zeros", "-fno-math-errno",

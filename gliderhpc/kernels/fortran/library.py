@@ -122,7 +122,7 @@ def _provenance(library: ctypes.CDLL) -> list[str]:
 
 
 def _check(path: Path, layout: tuple[int, ...], sources: str) -> None:
-    """Refuse what was made for others."""
+    """Reject a library that was built for other sources, lanes, layout or processor."""
     for (name, wanted), found in zip(_LAYOUT.items(), layout, strict=False):
         if found != wanted:
             raise LibraryError(f"{path}: was built for {name} {found}, but {wanted} is needed here; {HOW}")

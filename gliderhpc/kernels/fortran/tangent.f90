@@ -13,7 +13,7 @@ contains
 
   ! Step k of a block: from row k of `path` to the next, the stages' Jacobians left in `partials`.
   !
-  ! A row of `path` holds the sensed states, the disturbances, X and Y. A step of no length changes nothing, to the bit.
+  ! A row of `path` holds the sensed states, the disturbances, X and Y. A step of no length leaves every bit unchanged.
   subroutine advance(m, hull, bodies, durations, decay, path, partials, k)
     integer, intent(in) :: m, k
     real(dp), intent(in) :: hull(LANES, HULL_SIZE), bodies(LANES, BODY_SIZE, m), durations(LANES, m), decay(LANES, 6)

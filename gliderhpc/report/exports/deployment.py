@@ -36,7 +36,7 @@ def read_deployment(path: str | Path) -> dict[str, str]:
     if isinstance(content, Mapping) and SECTION in content:
         content = content[SECTION]
     if not isinstance(content, Mapping):
-        raise InputError(f"{path}: holds no attributes; write one per line, for example contributor_name: A. Name")
+        raise InputError(f"{path}: contains no attributes; write one per line, for example contributor_name: A. Name")
     texts = {_name(name, path): _text(name, value, path) for name, value in content.items() if value is not None}
     return {name: text for name, text in texts.items() if text}
 

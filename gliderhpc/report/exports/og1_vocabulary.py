@@ -235,7 +235,7 @@ _STANDARD_NAMES = {
     "Q": "platform_pitch_rate_fore_up",
     "R": "platform_yaw_rate_fore_starboard",
 }
-"""CF standard names of what is estimated; forces, moments and displacements through the water have none."""
+"""CF standard names of estimated quantities; forces, moments and displacements through the water have none."""
 
 
 def _estimates(estimator: str) -> Iterator[Term]:

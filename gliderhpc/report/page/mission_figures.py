@@ -349,12 +349,12 @@ def _draw_current(axes: Axes, table: MissionTable, along: str) -> None:
         color=GLIDE_ANGLE,
         markersize=9,
         markeredgewidth=1.6,
-        label="by the glide angle",
+        label="from the glide angle",
     )
-    axes.plot(table.number, inverted, "_", color=ESTIMATE, markersize=9, markeredgewidth=1.6, label="by the inversion")
+    axes.plot(table.number, inverted, "_", color=ESTIMATE, markersize=9, markeredgewidth=1.6, label="from the adjoint")
     for chosen, colour, name in (
-        (adopted.smoothed, SMOOTHER, "adopted: by the smoother, with 1 sigma"),
-        (adopted.known & ~adopted.smoothed, ESTIMATE, "adopted: by the inversion, with 1 sigma"),
+        (adopted.smoothed, SMOOTHER, "adopted: from the smoother, with 1 sigma"),
+        (adopted.known & ~adopted.smoothed, ESTIMATE, "adopted: from the adjoint, with 1 sigma"),
     ):
         if chosen.any():
             axes.errorbar(

@@ -71,7 +71,7 @@ def mission_page(
     truth: Path | None,
     executor: Executor,
 ) -> Page:
-    """Assemble the mission's page: answers, overview, representative profile, every study, and reproduction."""
+    """Assemble the mission's page: operator's summary, overview, representative profile, studies, and reproduction."""
     example = f"{_command(place, out, None, truth)} --profile N"
     # First, since a wrong folder of twins should not be refused only after everything is drawn.
     windows = windows_section(twins, platform_option(archive))
@@ -142,7 +142,7 @@ def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) ->
 
 
 def made_line(source: Place) -> str:
-    """Return the line at the foot of a page made from an archive, or from what is described."""
+    """Return the line at the foot of a page made from an archive, or from the described source."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return f"Made by gliderhpc {__version__} from {source} on {now}."
 

@@ -89,7 +89,7 @@ def _mission_current(table: MissionTable) -> dict[str, str]:
     if known.sum() >= _MIN_TREND_DIVES and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
         texts = [with_deviation(slope, error) for slope, error in slopes]
-        found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, by the dives' scatter"
+        found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, from the scatter of the dives"
     return found
 
 

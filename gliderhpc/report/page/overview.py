@@ -132,9 +132,9 @@ def _map_alternative(table: MissionTable) -> str:
 
 _PROFILES_CAPTION = (
     "For every profile: the maximum measured depth, with its outcome; the share of its windows that converged; and "
-    "the two components of the depth-averaged current with error bars of one standard deviation, by the smoother "
-    "where it is usable and otherwise by the inversion; for comparison those by the inversion and, without a model of "
-    "the forces, by the glide angle."
+    "the two components of the depth-averaged current with error bars of one standard deviation, from the smoother "
+    "where it is usable and otherwise from the adjoint; for comparison those from the adjoint and, without a model of "
+    "the forces, from the glide angle."
 )
 
 

@@ -76,7 +76,7 @@ def track_figure(archive: Archive, data: ProfileData) -> Figure:
     axes.plot(east - east[0], north - north[0], "--", color=ESTIMATE, linewidth=1.0, label="through the water")
     if tracks is not None:
         axes.plot(*tracks.estimate.T[::-1], color=ESTIMATE, linewidth=1.6, label="over the ground, ending on the fixes")
-        axes.plot(*tracks.glide_angle.T[::-1], color=GLIDE_ANGLE, linewidth=0.9, label="the same by the glide angle")
+        axes.plot(*tracks.glide_angle.T[::-1], color=GLIDE_ANGLE, linewidth=0.9, label="the same from the glide angle")
         axes.plot(*tracks.fixes.T[::-1], "^", color=TRUTH, markersize=7, linestyle="none", label="GPS fix")
     axes.margins(0.12)
     _draw_current(axes, data)

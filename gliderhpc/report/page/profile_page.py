@@ -102,7 +102,7 @@ def _quality_rows(data: ProfileData) -> list[dict[str, Any]]:
 def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...]:
     windows = windows_of(archive, data)
     if windows.empty:
-        return (Notice("the archive holds no window of this profile"),)
+        return (Notice("the archive contains no window of this profile"),)
     caption = (
         "Iterations, final cost and optimality measure of every window of the inversion, drawn at the middle of the "
         f"window and marked by outcome. {_describe_outcomes(windows)}"
@@ -140,9 +140,9 @@ def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> t
     caption = (
         "Tracks under the identified disturbances: through the water and, with the residual drift distributed so that "
         "the track ends on the fixes, over the ground; the arrow is the adopted depth-averaged current. For "
-        "comparison, the track by the glide angle, without disturbances. The tracks over the ground meet the exit fix "
-        "by construction, so this validates neither; their separation in between shows how far the two displacements "
-        "through the water differ."
+        "comparison, the track from the glide angle, without disturbances. The tracks over the ground meet the exit "
+        "fix by construction, so this validates neither; their separation in between shows how far the two "
+        "displacements through the water differ."
     )
     blocks: list[Block] = [
         Table(
@@ -181,7 +181,7 @@ def _table_value(data: ProfileData, name: str) -> float:
 _MOTION_CAPTION = (
     "Top: measured attitude and depth, and those of the model under the adjoint's disturbances; the residual is that "
     "in steady glide. Below: the three forces and three moments of the water not explained by the hull's "
-    "coefficients, by the adjoint (windows, the primary estimate), by the extended Kalman filter and by the smoother. "
+    "coefficients, from the adjoint (windows, the primary estimate), the extended Kalman filter and the smoother. "
     "Bands are one standard deviation on either side. The smoother's includes the uncertainty of prior and sensors "
     "and, where it was computed, that of the hull's parameters; the adjoint's also the difference from the smoother; "
     "axial and heave force are only weakly observed. Grey: actuators moving."
@@ -198,7 +198,7 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
         return None
     introduction = Paragraph(
         f"Profile {number}, of median depth among the estimated profiles, serves as an example (as in the "
-        "publication's Figures 2 and 3)."
+        "paper's Figures 2 and 3)."
     )
     figure = motion_picture(archive, number, "representative_profile", truth)
     other = Commands("To write the page of any profile, with its windows, controls and currents:", (command,))
@@ -236,7 +236,7 @@ def _alternative(number: int) -> str:
 _CURRENTS = "currents"
 
 _BY_DEPTH_CAPTION = (
-    "Depth-resolved current (the publication's Figure 7): the shear-sensitive part inferred from the yaw moment, plus "
+    "Depth-resolved current (the paper's Figure 7): the shear-sensitive part inferred from the yaw moment, plus "
     "the depth-averaged current, with two standard deviations from sampled coefficients and identification noise. It "
     "is a lower bound in a band of vertical scales, given below the panels, and not the absolute profile: slow shear "
     "is not observable."
@@ -247,7 +247,7 @@ def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str
     """Show Figure 7 and the depth bins of a profile, or the reason why there are none."""
     if _CURRENTS not in studies_in(archive) or number not in provenance_of(archive, _CURRENTS).profiles:
         command = study_command(_CURRENTS, archive, place)
-        return (Commands("The archive holds no depth-resolved current of this profile. To compute it:", (command,)),)
+        return (Commands("The archive contains no depth-resolved current of this profile. To compute it:", (command,)),)
     bins = archive[_CURRENTS].to_dataset().sel(profile=number).load()
     made = provenance_of(archive, _CURRENTS)
     outdated = outdated_because(archive, _CURRENTS)

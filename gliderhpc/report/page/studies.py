@@ -1,4 +1,4 @@
-"""Sections of the studies and of the twin experiment on windows; index of the publication's figures and tables."""
+"""Sections of the studies and of the twin experiment on windows; index of the paper's figures and tables."""
 
 import csv
 import json
@@ -34,7 +34,7 @@ from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.wording import counted
 
 _MAX_COLUMNS = 14
-"""Maximum number of columns of a study's table on the page, except for the publication's own tables."""
+"""Maximum number of columns of a study's table on the page, except for the paper's own tables."""
 
 
 HEADINGS = {
@@ -50,11 +50,11 @@ HEADINGS = {
     "hull": ("Hull estimated from the dives", ""),
     "drift": ("Drift of the hull over the mission", "Figure 9, Tables 5 and 6"),
 }
-"""Heading of each study's section and the publication's figures and tables in it, in the publication's order."""
+"""Heading of each study's section and the paper's figures and tables in it, in the paper's order."""
 
 
 def study_names() -> list[str]:
-    """Return the names of all studies in the order of the publication."""
+    """Return the names of all studies in the order of the paper."""
     return [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
 
 
@@ -64,7 +64,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
-    title, reference = study_title(name), f" ({published} of the publication)" if published else ""
+    title, reference = study_title(name), f" ({published} of the paper)" if published else ""
     introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
     return Section(name, heading_text, (introduction, *blocks))
 
@@ -132,7 +132,7 @@ def _study_blocks(name: str, found: Findings, headings: Mapping[str, str]) -> li
 
 
 _COMPARISON_CAPTION = (
-    "The publication's values and this mission's, with their ratio (to the nearest end of a range). Another "
+    "The paper's values and this mission's, with their ratio (to the nearest end of a range). Another "
     "hull, place or season need not give the same."
 )
 
@@ -146,7 +146,7 @@ def _alternative(name: str, stem: str, found: Findings) -> str:
 
 
 def comparison_block(stem: str, rows: Sequence[Comparison], title: str = "") -> Table:
-    """Return a table that compares the publication's values with ours."""
+    """Return a table that compares the paper's values with ours."""
     return Table(stem, f"{title}{_COMPARISON_CAPTION}", [comparison_row(row) for row in rows])
 
 
@@ -169,13 +169,13 @@ _WINDOWS_TITLE = "Window length, from twin experiments"
 
 _WINDOWS_INTRODUCTION = (
     "Simulated dives whose disturbance is known, inverted with windows of several lengths, margins and tolerances, "
-    "sliding and not sliding (Figure 5 of the publication). The study does not depend on the mission; the default "
+    "overlapping and non-overlapping (Figure 5 of the paper). The study does not depend on the mission; the default "
     "windows were chosen from it."
 )
 _WINDOWS_CAPTION = (
-    "(a) and (b): the identified yaw moment and the truth, with windows sliding and not sliding. (c): errors relative "
-    "to the truth, cost and discontinuities at the seams, as functions of the window length; (d) to (f): as functions "
-    "of other settings. Markers are medians over the twins, whose number is in the table."
+    "(a) and (b): the identified yaw moment and the truth, with overlapping and non-overlapping windows. (c): errors "
+    "relative to the truth, cost and discontinuities at the seams, as functions of the window length; (d) to (f): as "
+    "functions of other settings. Markers are medians over the twins, whose number is in the table."
 )
 
 
@@ -191,7 +191,7 @@ def windows_section(twins: Path | None, platform: str) -> Section:
         blocks.append(Notice("a quick study with few twins and settings: a preview, not a result"))
     hulls, seeds = ", ".join(content["platforms"]), len(content["seeds"])
     caption = f"{hulls}, {counted(seeds, 'twin')} per setting. {_WINDOWS_CAPTION}"
-    shown = "Yaw moment by sliding and by separate windows with the truth, and scores over the windows' length."
+    shown = "Yaw moment from overlapping and non-overlapping windows with the truth, and scores over the window length."
     blocks.append(FigureBlock("windows_windows", caption, shown, twins / f"{_WINDOWS}.png"))
     blocks += [
         comparison_block(f"windows_comparison_{index}", [comparison_from_json(row) for row in table], f"{title}. ")
@@ -254,16 +254,16 @@ PUBLISHED = (
     ("Table 5", "statistics of the drift", "drift"),
     ("Table 6", "robustness of the drift", "drift"),
 )
-"""Name, subject and study of the publication's figures and tables; the study is the anchor of its section."""
+"""Name, subject and study of the paper's figures and tables; the study is the anchor of its section."""
 
 
 def published_section(archive: Archive, with_windows: bool) -> Section:
-    """Return an index of the publication's figures and tables, with a remark on those that are missing."""
+    """Return an index of the paper's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
     missing = "missing; its section gives the command that creates it"
     entries = tuple(
         {"name": name, "subject": subject, "anchor": study, "remark": "" if study in present else missing}
         for name, subject, study in PUBLISHED
     )
-    words = Paragraph("The publication's figures and tables for this mission.")
-    return Section("published", "Index of the publication's figures and tables", (words, Index(entries)))
+    words = Paragraph("The paper's figures and tables for this mission.")
+    return Section("published", "Index of the paper's figures and tables", (words, Index(entries)))

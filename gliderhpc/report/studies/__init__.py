@@ -75,7 +75,7 @@ def show_study(name: str, archive: Archive) -> Findings:
     if name not in SHOWN:
         raise InputError(f"{name}: not a study that an archive can show; there are {', '.join(SHOWN)}")
     if name not in studies_in(archive):
-        raise InputError(f"the archive does not hold the study {name}, or it was interrupted; run it first")
+        raise InputError(f"the archive does not contain the study {name}, or it was interrupted; run it first")
     if find_spec(f"{__package__}.{name}") is None:
         return show_table(name, archive)
     show: Callable[[Archive], Findings] = importlib.import_module(f"{__package__}.{name}").show

@@ -273,7 +273,7 @@ _MEDIANS = (
 
 
 def reference_rows(table: pd.DataFrame) -> tuple[Comparison, ...]:
-    """Return the comparisons with a reference, if there is one; the publication has no counterpart."""
+    """Return the comparisons with a reference, if there is one; the paper has no counterpart."""
     medians = [
         Comparison(quantity, unit, float(table[name].median()))
         for name, unit, quantity in _MEDIANS

@@ -76,9 +76,9 @@ _COLOURS = {"dive": MODEL, "climb": FILTER}
 _MARKS = {PRIOR: "+", ADJOINT: "o", SMOOTHED: "^"}
 
 _NOTE = (
-    "Medians over the steady glide of each profile: circles by the adjoint, triangles by the smoother, crosses by the "
-    "filter where it is used for the verdict. Lines are Theil-Sen slopes: solid where the robust verdict is a drift "
-    "(Mann-Kendall by the moving-block bootstrap, Holm's correction, interval of the slope without zero), dotted "
+    "Medians over the steady glide of each profile: circles from the adjoint, triangles from the smoother, crosses "
+    "from the filter where it is used for the verdict. Lines are Theil-Sen slopes: solid where the robust verdict is a "
+    "drift (Mann-Kendall by the moving-block bootstrap, Holm's correction, interval of the slope without zero), dotted "
     "where only the paper's plain test and interval show one, dashed where neither does. Bars: two standard "
     "deviations within epochs. Axial and heave force are weakly observed; their levels depend on the prior and on the "
     "hull's coefficients."
@@ -259,8 +259,8 @@ def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
         return (line,)
     return (
         line,
-        "the two disagree: the medians include every force along the hull, and episodes; study hull includes only "
-        "what acts like a hull error throughout a dive, and at most one change per parameter",
+        "the two disagree: the medians include every force along the hull, and episodes; study hull "
+        "includes only errors that persist throughout a dive, and at most one change per parameter",
     )
 
 
@@ -342,7 +342,7 @@ def _inputs(found: DriftFindings) -> tuple[str, ...]:
             "force"
         )
     if all(drag.estimate != SMOOTHED for drag in found.verdict.drags):
-        remarks.append("the archive holds no smoothed estimate: the verdict is that of the adjoint alone")
+        remarks.append("the archive contains no smoothed estimate: the verdict is that of the adjoint alone")
     return tuple(remarks)
 
 
@@ -568,7 +568,7 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
         return "The coefficients were not drawn (drift.coefficients.draws = 0).\n"
     heading = (
         f"Slopes per day for {settings.draws} hulls whose viscous and added-mass coefficients are in error by up to "
-        f"{settings.error:.0%}, by the adjoint. Inverted again, through filter and windows: {settings.segments} "
+        f"{settings.error:.0%}, from the adjoint. Inverted again, through filter and windows: {settings.segments} "
         f"steady segment(s) of {settings.length:g} s per profile and phase, the first {settings.settling:g} s not "
         f"counted.\nPitch up and down: slope with a constant pitch error of {settings.pitch_offset:g} degree; shift: "
         "its effect on the level.\n\n"

@@ -78,7 +78,7 @@ def _comparable_profiles(
     measured, of_measured = stored_measured(archive, made.estimate)
     if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):
         return measured, made.remarks
-    alone = "the archive holds no intermittency of this estimate and these settings: the nulls are shown alone"
+    alone = "the archive contains no intermittency of this estimate and these settings: the nulls are shown alone"
     return pd.DataFrame(), (*made.remarks, alone)
 
 

@@ -181,7 +181,7 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
     glider = f"depth-averaged current by {estimate_label(made)}"
     return {
         "figure_8": (
-            f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that by the glide angle, and those of "
+            f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that from the glide angle, and those of "
             f"{models} averaged over the same dive in time and depth: {panels}. {_DISTANCE_NOTE}"
         ),
         "table_4": (

@@ -74,7 +74,7 @@ def captions(
             f"residuals given. {_NO_ERROR}"
         ),
         "figure_3": (
-            f"Yaw moment by {estimate} and by the filter, with heading and battery rotation: "
+            f"Yaw moment from {estimate} and from the filter, with heading and battery rotation: "
             f"{describe_profiles(drawn)}. {_lag_text(made, table)} Neither is shown with its uncertainty; with the "
             "battery rotated (blue) errors of the hull's model appear in both."
         ),
@@ -82,7 +82,7 @@ def captions(
     truth = f"{describe_data(made)} of a synthetic mission whose truth is known"
     if not channels.empty:
         own["recovery"] = (
-            f"Lag and gain of every disturbance by {estimate} and by the filter, and delay and height of "
+            f"Lag and gain of every disturbance from {estimate} and from the filter, and delay and height of "
             f"{len(impulses)} yaw impulses, against the truth: {truth}. The truth was simulated with the estimator's "
             "equations, so errors of the model itself are not included."
         )

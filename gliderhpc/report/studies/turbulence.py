@@ -159,7 +159,7 @@ def table_3_text(ensembles: Ensembles) -> str:
         for _, row in table_3(ensembles).iterrows()
     ]
     return (
-        "# Intermittency and nulls\n\nRanges over each ensemble; those of the publication, from its own ensembles, in "
+        "# Intermittency and nulls\n\nRanges over each ensemble; those of the paper, from its own ensembles, in "
         "brackets.\n\n" + markdown(("ensemble", "number", *heads), lines, heads) + "\n"
     )
 

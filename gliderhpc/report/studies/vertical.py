@@ -152,7 +152,7 @@ def comparisons(table: pd.DataFrame, errors: ParameterErrors) -> tuple[Compariso
         Comparison("window of the filter", "s", window, remark=f"half power at {1e3 * half_power() / window:.1f} mHz"),
         *(_leg_comparison(table, leg, whose) for leg in PHASES),
         Comparison("root mean square of the water's vertical velocity", "m/s", rms),
-        Comparison("its standard deviation by the depth sensor's noise", "m/s", median_of(table, "noise_std")),
+        Comparison("its standard deviation due to the depth sensor's noise", "m/s", median_of(table, "noise_std")),
         *_differences(table, whose),
         *(
             _parameter_comparison(table, parameter.key.rpartition(".")[2], leg)

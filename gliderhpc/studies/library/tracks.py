@@ -37,7 +37,7 @@ BY_GLIDE_ANGLE = ("dac_north_glide_angle", "dac_east_glide_angle")
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Displacements of a profile through the water on the records, by the estimate and by the glide angle."""
+    """Displacements of a profile through the water on the records, from the estimate and from the glide angle."""
 
     estimate: SelfMotion
     glide_angle: SelfMotion

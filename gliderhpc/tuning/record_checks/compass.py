@@ -35,7 +35,7 @@ MIN_LENGTH = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A profile's information on the compass: its current by the glide angle, and the current's sensitivities.
+    """A profile's information on the compass: its current from the glide angle, and the current's sensitivities.
 
     Attributes
     ----------

@@ -313,7 +313,7 @@ def _draw_offsets(axes: Axes, summary: Sequence[Row]) -> None:
         "_",
         ms=40,
         color=TRUTH,
-        label="standard deviation by the smoother",
+        label="standard deviation from the smoother",
     )
     axes.set_yscale("log")
     axes.set_xticks(np.arange(len(CHANNELS)), list(CHANNELS))

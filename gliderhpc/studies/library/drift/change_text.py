@@ -286,7 +286,7 @@ def _percent(change: Change, size: Size, reference: float) -> str:
 
 
 def _meaning(change: Change, reference: float) -> str:
-    """Describe what a change may be, in view of the phases that show it."""
+    """Describe possible causes of a change, given the phases that show it."""
     if change.is_drag:
         return "the same direction on dives and climbs, as for a change of the hull's drag"
     if not change.is_opposite:

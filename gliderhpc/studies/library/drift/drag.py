@@ -125,7 +125,7 @@ def _best_onset(t: Array, y: Array, candidates: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class DragDrift:
-    """Change of drag over the mission by one estimate.
+    """Change of drag over the mission according to one estimate.
 
     Attributes
     ----------

@@ -254,7 +254,7 @@ def _describe_phase_difference(drag: DragDrift) -> str:
     trend = drag.phase_difference
     low, high = drag.weight_interval
     return (
-        f"{drag.estimate}: dive and climb drift apart as if by {number(trend.drift)} N of weight in water (95 % "
+        f"{drag.estimate}: dive and climb diverge, equivalent to {number(trend.drift)} N of in-water weight (95 % "
         f"interval {number(low)} to {number(high)} N)"
     )
 

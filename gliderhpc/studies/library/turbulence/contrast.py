@@ -1,6 +1,6 @@
 """Test of intermittency with the nominal level: measured profiles against Gaussian nulls of the same pipeline.
 
-The rank test of the publication compares a profile with surrogates of its own series. It cannot distinguish impulses
+The rank test of the paper compares a profile with surrogates of its own series. It cannot distinguish impulses
 that the pipeline itself makes from intermittency, and even records without any disturbance pass it. Nulls with
 Gaussian disturbances of the measured spectra go through the same instrument and the same inversion. If the measured
 disturbance is Gaussian too, profiles and nulls are draws from one distribution, whatever the pipeline does to them, and

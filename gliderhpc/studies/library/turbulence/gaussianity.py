@@ -82,7 +82,7 @@ class Noise:
     roll: Array
 
     def counted(self, channel: str) -> NDArray[np.bool_]:
-        """Mask ``(m,)`` of the records that are used of a channel."""
+        """Mask ``(m,)`` of a channel's records that are used."""
         return self.channels[channel].counted(actuated=False) & self.sampled
 
     @property

@@ -2,8 +2,8 @@
 
 The paper requires three features together. Each is passed, failed or not tested. A feature is passed only if every
 profile shows it; a statistic that the records do not resolve is not tested. One feature that is not passed refutes the
-claim. Two comparisons with Gaussian nulls (`gaussianity` and `contrast`), which have their level whatever the pipeline
-does, and a conclusion in three sentences are added.
+claim. Two comparisons with Gaussian nulls (`gaussianity` and `contrast`), whose level does not depend on the pipeline,
+and a conclusion in three sentences are added.
 """
 
 from dataclasses import asdict, dataclass
@@ -41,8 +41,8 @@ ASSUMPTIONS = (
     "for other lags are in the study's table of ranges",
     "the probability is that of one feature under one hypothesis, artefacts of the kinds tested, and not the "
     "probability that the events are turbulence",
-    "a passed rank test excludes a Gaussian linear process seen through a fixed distortion, and nothing else: a train "
-    "of independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
+    "passing the rank test rules out only a linear Gaussian process seen through a static nonlinearity: a train of "
+    "independent impulses, a sensor's false samples or a variance that changes along the profile may pass it too",
     "lateral disturbances are Gaussian only as far as the force is linear in the gust, the rounding of roll acts like "
     "independent noise, and the strength is constant within some minutes",
 )
@@ -155,7 +155,7 @@ def conclusion(verdict: TurbulenceVerdict) -> tuple[str, str, str]:
 
 def _describe_finding(verdict: TurbulenceVerdict) -> str:
     passed = [feature.name for feature in verdict.features if feature.outcome == PASSED]
-    features = f"{len(passed)} of the publication's {len(verdict.features)} features"
+    features = f"{len(passed)} of the paper's {len(verdict.features)} features"
     parts = [f"Found: {features}" + (f" ({', '.join(passed)})" if passed else "")]
     if verdict.gaussianity is not None:
         parts.append(_describe_noise_finding(verdict.gaussianity))
@@ -189,18 +189,26 @@ def _describe_certainty(verdict: TurbulenceVerdict) -> str:
             f"as much with p = {number(contrast.p_value)}"
         )
     if passes is not None:
-        use = "as its level allows" if passes.holds else "more than its level allows, so the test decides nothing here"
+        use = (
+            "consistent with the test's level"
+            if passes.holds
+            else "more than the test's level allows, so the test is inconclusive here"
+        )
         parts.append(
-            f"{passes.passed} of {passes.count} nulls without any disturbance pass the publication's rank test, {use}"
+            f"{passes.passed} of {passes.count} nulls without any disturbance pass the paper's rank test, {use}"
         )
     return f"Certainty: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
 
 
 def _describe_noise_certainty(found: Gaussianity) -> str:
     if found.nulls is None or found.contrast is None:
-        return f"if all of them were Gaussian, as many would be found with p = {_p_text(found.count_p_value)}"
+        return (
+            f"this many detections would occur by chance with p = {_p_text(found.count_p_value)} if all were Gaussian"
+        )
     allowed = (
-        "as its level allows" if found.nulls.holds else "more than its level allows, so only the comparison counts"
+        "consistent with the test's level"
+        if found.nulls.holds
+        else "more than the test's level allows, so rely on the comparison"
     )
     return (
         f"{counted(found.contrast.profiles, 'profile')} of Gaussian lateral disturbances would exceed the kurtosis of "
