@@ -390,7 +390,7 @@ def test_gusts_that_the_calm_prior_cannot_follow_are_followed_by_the_second():
     estimate = estimate_profile(request(series), SETTINGS)
     assert estimate.filtered.prior_name == "rough_water"
     assert estimate.filtered.rejected_fraction <= 0.05
-    assert any("gusts" in line for line in remarks(PETREL, estimate))
+    assert any("gust prior" in line for line in remarks(PETREL, estimate))
     with pytest.raises(ProfileError, match="more than 5%"):
         estimate_profile(request(series, PETREL.model_copy(update={"prior": default_prior(PETREL)})), SETTINGS)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
@@ -20,6 +21,7 @@ from gliderhpc.estimation.smoother.vertical_motion import (
     correlation,
     depth_rates,
     displacement_basis,
+    is_probable,
     motion_deviation,
 )
 from gliderhpc.flight.glider import Glider
@@ -66,6 +68,34 @@ def test_depth_rate_of_a_glider_in_still_water_does_not_vary_more_than_its_model
 @pytest.mark.parametrize("scenario", ["paper", "fouling", "demo"])
 def test_shear_gusts_and_fouling_are_not_vertical_motion(scenario):
     assert motion_deviation(flown(scenario)[0]) == 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_slow_forces_vary_the_depth_rate_but_are_not_taken_for_motion(seed):
+    profile, _ = flown("impulses", seed=seed)
+    smoothed = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
+    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
+    assert motion_deviation(profile) > 0.003
+    assert found.vertical_motion == 0.0
+    assert found.record is None
+    without = smoothed_dive_information(profile, smoothed, smoothed.last_pass, still())
+    np.testing.assert_allclose(found.information, without.information, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.states, without.states, rtol=1e-9, atol=1e-12)
+
+
+def test_evidence_of_the_motion_is_that_of_a_normal_distribution():
+    """A record that is linear in three errors, the last of which is the motion's."""
+    rng = np.random.default_rng(6)
+    by_errors, others = rng.standard_normal((20, 3)), np.diag([0.5, 2.0])
+    for size, probable in ((0.0, False), (3.0, True)):
+        record = by_errors @ np.array([0.3, -0.5, size]) + rng.standard_normal(20)
+        score, matrix = by_errors.T @ record, by_errors.T @ by_errors
+        wide = np.eye(20) + by_errors @ np.diag([0.5, 2.0, 1.0]) @ by_errors.T
+        narrow = np.eye(20) + by_errors[:, :2] @ others @ by_errors[:, :2].T
+        gained = multivariate_normal(cov=wide).logpdf(record) - multivariate_normal(cov=narrow).logpdf(record)
+        assert is_probable(score, matrix, others, 0.0) == (gained > 0.0) == probable
+        assert is_probable(score, matrix, others, 1e-6 - gained)
+        assert not is_probable(score, matrix, others, -1e-6 - gained)
 
 
 def test_deviation_of_a_known_motion(calm):

@@ -107,7 +107,7 @@ def test_the_table_says_which_disturbance_prior_stands(archive, rough_store):
         assert variable.attrs["flag_meanings"] == "usual rough_water"
     assert usual.values.tolist() == [0, 0, 0]
     assert rough["disturbance_prior"].values.tolist() == [1]
-    assert "gusts" in str(rough["message"].values[0])
+    assert "gust prior" in str(rough["message"].values[0])
     assert check_archive(rough_store) == []
 
 

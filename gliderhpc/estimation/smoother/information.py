@@ -27,7 +27,13 @@ from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import information_path
-from gliderhpc.estimation.smoother.vertical_motion import displacement_basis, motion_deviation
+from gliderhpc.estimation.smoother.vertical_motion import (
+    STILL,
+    MotionPrior,
+    displacement_basis,
+    is_probable,
+    motion_prior,
+)
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.kernels import sensitivity as kernel
@@ -73,6 +79,11 @@ class Sensitivity:
     displacement: Array
     states: Array
     disturbances: Array
+
+    def first(self, count: int) -> "Sensitivity":
+        """Return the sensitivity to the first errors alone."""
+        columns = (self.displacement, self.states, self.disturbances)
+        return Sensitivity(*(np.ascontiguousarray(each[..., :count]) for each in columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,19 +194,19 @@ def smoothed_dive_information(
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
     return dive_information(
         profile, last, settings.records, path, every=settings.steps_per_record,
-        velocity_error=settings.smoother.velocity_error, vertical_motion=_vertical_motion(profile, settings),
+        velocity_error=settings.smoother.velocity_error, motion=_motion_prior(profile, settings),
     )  # fmt: skip
 
 
-def _vertical_motion(profile: PreparedProfile, settings: EstimationSettings) -> float:
-    """Standard deviation of the water's vertical velocity: the setting, by default from the record, m/s."""
+def _motion_prior(profile: PreparedProfile, settings: EstimationSettings) -> MotionPrior:
+    """Vertical motion of the water: that of the settings, by default what the record suggests."""
     given = settings.smoother.vertical_motion
-    return motion_deviation(profile) if given is None else given
+    return motion_prior(profile) if given is None else MotionPrior(given)
 
 
 def dive_information(
     profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int,
-    velocity_error: float, vertical_motion: float = 0.0,
+    velocity_error: float, motion: MotionPrior = STILL,
 ) -> DiveInformation:  # fmt: skip
     """Compute the information of a smoothed dive on its hull.
 
@@ -211,8 +222,8 @@ def dive_information(
         Number of steps from record to record.
     velocity_error : float
         Plausible deviation of a constant error of the measured velocity relative to the water, m/s.
-    vertical_motion : float
-        Standard deviation of the water's vertical velocity, m/s; zero for water without vertical motion.
+    motion : MotionPrior
+        Vertical motion of the water.
 
     Notes
     -----
@@ -232,7 +243,7 @@ def dive_information(
     further: list[Array] = []
     if channels > len(MEASURED):
         further.append(velocity_offsets(len(fed), velocity_error))
-    displacement = vertical_motion * displacement_basis(profile.series.time) if vertical_motion > 0.0 else None
+    displacement = motion.deviation * displacement_basis(profile.series.time) if motion.deviation > 0.0 else None
     if displacement is not None:
         further.append(vertical_motion_slopes(displacement[fed], channels))
 
@@ -251,14 +262,19 @@ def dive_information(
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
-    (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
+    stated = stated_errors(platform, parameters).covariance
     if displacement is not None:
-        # The glider is as much deeper than in water at rest as the water has moved.
-        by_all.states[:, MEASURED[3], -displacement.shape[1] :] += displacement[rows]
+        others_than_motion = len(found[0].score) - displacement.shape[1]
+        if _has_motion(found[0], stated, others_than_motion, motion.log_odds):
+            # The glider is as much deeper than in water at rest as the water has moved.
+            by_all.states[:, MEASURED[3], others_than_motion:] += displacement[rows]
+        else:
+            motion = STILL
+            found, by_all = _first(found, others_than_motion), by_all.first(others_than_motion)
+    (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
     by_hull, record = by_all, None
     if len(found[0].score) > len(parameters):
-        stated = stated_errors(platform, parameters).covariance
         by_hull, record = split_sensitivity(by_all, found[0], stated)
     return DiveInformation(
         parameters=tuple(parameters),
@@ -271,8 +287,23 @@ def dive_information(
         states=by_hull.states,
         disturbances=by_hull.disturbances,
         record=record,
-        vertical_motion=vertical_motion,
+        vertical_motion=motion.deviation,
     )
+
+
+def _first(found: Sequence[Information], count: int) -> tuple[Information, ...]:
+    """Return the information on the first errors alone."""
+    return tuple(one._replace(matrix=one.matrix[:count, :count], score=one.score[:count]) for one in found)
+
+
+def _has_motion(found: Information, hull_covariance: Array, others: int, log_odds: float) -> bool:
+    """Return whether vertical motion, whose errors follow the `others`, is probable (`is_probable`)."""
+    matrix = symmetric(found.matrix)
+    if not _is_sound(found.score, matrix):
+        return False
+    before = np.eye(others)
+    before[: len(hull_covariance), : len(hull_covariance)] = hull_covariance
+    return is_probable(found.score, matrix, before, log_odds)
 
 
 def marginal_information(found: Information, parameters: int) -> tuple[Array, Array]:

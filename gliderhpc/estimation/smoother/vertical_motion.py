@@ -3,8 +3,9 @@ r"""Vertical motion of the water during a dive, as errors of the measured depth.
 Water that moves vertically carries the glider along, which adds to its depth rate without a force. The record shows
 how much: in each leg the depth rate of a steady glide in still water, at the measured attitude and ballast, differs
 from the measured one by the water's velocity, and by errors of the hull, which hardly vary within a leg. If the
-difference varies by more than in still water, the water's vertical velocity becomes one more unknown of the dive. It is
-linear between knots, with the prior of an exponentially correlated process. Its integral is the displacement
+difference varies by more than in still water, and the rest of the record does not contradict such a motion
+(`is_probable`), the water's vertical velocity becomes one more unknown of the dive. It is linear between knots, with
+the prior of an exponentially correlated process. Its integral is the displacement
 
 .. math:: \zeta(t) = \sum_k z_k(t) \, \eta_k,
 
@@ -12,7 +13,9 @@ with constant, independent errors :math:`\eta_k`. The measured depth less this d
 at rest.
 """
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +33,9 @@ CORRELATION_TIME = 300.0
 MIN_MOTION = 0.003
 """Smallest variation of the depth rate (m/s) that is attributed to the water. Without vertical motion it is 0.0002 to
 0.001 on twins with shear, gusts, fouling, or a wrong hull."""
+
+_LOG_ODDS = 3.0
+"""Logarithm of the prior odds of motion where the depth rate varies: internal waves are the usual reason."""
 
 _SPACING, _MAX_KNOTS = 150.0, 23
 """Smallest distance of two knots, s, and largest number of knots."""
@@ -92,6 +98,30 @@ def correlation(time: Array) -> Array:
     return np.asarray(np.exp(-np.abs(time[:, None] - time) / CORRELATION_TIME))
 
 
+class MotionPrior(NamedTuple):
+    """Vertical motion of the water before a dive is smoothed.
+
+    Attributes
+    ----------
+    deviation : float
+        Standard deviation of its velocity, m/s; zero for water that does not move vertically.
+    log_odds : float
+        Logarithm of the odds of motion; infinite if it is certain.
+    """
+
+    deviation: float
+    log_odds: float = math.inf
+
+
+STILL = MotionPrior(0.0)
+"""Water that does not move vertically."""
+
+
+def motion_prior(profile: PreparedProfile) -> MotionPrior:
+    """Return the motion that the depth rates of a profile suggest."""
+    return MotionPrior(motion_deviation(profile), _LOG_ODDS)
+
+
 def motion_deviation(profile: PreparedProfile) -> float:
     """Standard deviation of the water's vertical velocity that the record suggests, m/s; zero if it shows no motion."""
     variation, share = depth_rates(profile).variation()
@@ -140,6 +170,37 @@ def _straight_lines(time: Array, values: Array) -> tuple[Array, Array, float]:
     lever = time - time.mean()
     squares = float(lever @ lever)
     return values.mean(axis=0), lever @ values / squares, float(np.sqrt(squares))
+
+
+def is_probable(score: Array, information: Array, others: Array, log_odds: float) -> bool:
+    """Return whether motion is more probable than its absence, in which forces alone vary the depth rate.
+
+    Parameters
+    ----------
+    score, information : (q+k,), (q+k, q+k)
+        Score of, and information on, ``q`` other errors and the ``k`` errors of the motion, with unit deviations.
+    others : (q, q)
+        Covariance of the other errors before the dive.
+    log_odds : float
+        Logarithm of the odds of motion before the dive.
+
+    Notes
+    -----
+    Forces that vary slowly change the depth rate as well, but they also pitch the glider and take time to act. The log
+    evidence ``g' (1 + C I)^-1 C g / 2 - log det (1 + C I) / 2`` with the motion among the unknowns is compared with
+    that without it. In slow records the two are alike.
+    """
+    count = len(others)
+    everything = np.eye(len(score))
+    everything[:count, :count] = others
+    still = _log_evidence(score[:count], information[:count, :count], others)
+    return _log_evidence(score, information, everything) - still > -log_odds
+
+
+def _log_evidence(score: Array, information: Array, covariance: Array) -> float:
+    spread = np.eye(len(score)) + covariance @ information
+    gained = score @ np.linalg.solve(spread, covariance @ score)
+    return float(0.5 * gained - 0.5 * np.linalg.slogdet(spread)[1])
 
 
 def displacement_basis(time: Array) -> Array:
