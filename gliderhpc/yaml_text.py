@@ -32,6 +32,21 @@ def shown(value: object) -> str:
     return _SHORT.repr(value)
 
 
+def without_boolean_numbers(model: type[BaseModel], values: Any) -> Any:
+    """Return the values of a model unchanged, if none of them is a boolean in place of a number.
+
+    Raises
+    ------
+    ValueError
+        A value is true or false, and its field is not; pydantic would take it for 1 or 0.
+    """
+    for name, value in values.items() if isinstance(values, Mapping) else ():
+        field = model.model_fields.get(name)
+        if isinstance(value, bool) and field is not None and "bool" not in str(field.annotation):
+            raise ValueError(f"{name} is {str(value).lower()}, but must be a number or one of the words for it")
+    return values
+
+
 def read_yaml_text(path: Path, kind: str) -> str:
     """Read a user's YAML file.
 

@@ -34,6 +34,7 @@ from gliderhpc.observations.navigation import (
 )
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.regions import wrapped_longitude
+from gliderhpc.observations.series import describe_false_samples
 from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
@@ -121,7 +122,8 @@ def estimate_currents(
             notes.append("; ".join([*record.notes, str(error)]))
             continue
         tracks.append(track)
-        doubts = [] if track.current is None else describe_implausible_current(track.current.velocity)
+        doubts = describe_false_samples(track.series)
+        doubts += [] if track.current is None else describe_implausible_current(track.current.velocity)
         notes.append("; ".join([*record.notes, *doubts]))
     if not any(tracks):
         raise InputError(f"{navigation.source}: no profile can be used; {most_frequent_reason(faults)}")
@@ -173,14 +175,17 @@ def navigation_of(
     return with_dives(merge_navigation(parts))
 
 
+_MAX_DECLINATION = 180.0
+
+
 def _degrees(declination: Any) -> float:
     """Return a declination as a number; `InputError` if it is none."""
     try:
         number = float("nan") if isinstance(declination, bool | str) else float(declination)
     except (TypeError, ValueError):
         number = float("nan")
-    if not np.isfinite(number):
-        raise InputError(f"declination={declination!r}: give a number of degrees")
+    if not abs(number) <= _MAX_DECLINATION:
+        raise InputError(f"declination={declination!r}: give a number of degrees from -180 to 180")
     return number
 
 

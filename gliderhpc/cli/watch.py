@@ -169,7 +169,8 @@ def _option(text: str) -> tuple[str, Any]:
 def _folder(store: Place) -> Path:
     if is_address(store):
         raise click.UsageError("--out is required when the archive is in an object store")
-    return Path(store).with_name(f"{Path(store).name.removesuffix('.zarr')}-watch")
+    path = Path(store) if Path(store).stem.strip(".") else Path(store).resolve()
+    return path.with_name(f"{path.name.removesuffix('.zarr')}-watch")
 
 
 @dataclass

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import DepthAveragedCurrent, current_from_displacement
-from gliderhpc.estimation.record_screening import jointly_sampled
+from gliderhpc.estimation.record_screening import jointly_sampled, without_false_samples
 from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
 from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
@@ -128,20 +128,23 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
 
 
 def on_points(record: ProfileRecord) -> ProfileSeries:
-    """Interpolate a record to the points of a track; a noisy depth is smoothed first (`noise_window`).
+    """Interpolate a record to the points of a track.
+
+    Isolated false samples are left out first, and a noisy depth is smoothed (`noise_window`).
 
     Raises
     ------
     ProfileError
         Depth, pitch and heading have no time in common.
     """
-    record = jointly_sampled(record)
+    record, false_samples = without_false_samples(jointly_sampled(record))
     window = noise_window(record.time, record.depth)
     if window > 0.0:
         record = replace(record, depth=smoothed_depth(record.time, record.depth, window))
     duration = float(record.time[-1])
     step = duration / math.ceil(duration / STEP)
-    return resample(record, step, longest_bridged(sampling_intervals(record)))
+    series = resample(record, step, longest_bridged(sampling_intervals(record)))
+    return replace(series, false_samples=false_samples)
 
 
 def _motion(platform: Platform, series: ProfileSeries, pitch_offset: float = 0.0) -> SelfMotion:

@@ -13,7 +13,7 @@ from gliderhpc.estimation.sensor_noise import noisier_than_stated
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.profiles import stretches
-from gliderhpc.observations.series import ProfileSeries
+from gliderhpc.observations.series import ProfileSeries, describe_false_samples
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
 from gliderhpc.vocabulary import QUALITY
@@ -140,9 +140,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"values of {', '.join(series.filled)} are repeated or interpolated between measurements; only the "
             f"measurements are used, every {interval:.3g} s"
         )
-    if series.false_samples:
-        samples = counted(series.false_samples, "isolated false sample is", "isolated false samples are")
-        lines.append(f"{samples} left out")
+    lines += describe_false_samples(series)
     if louder := noisier_than_stated(platform, series):
         units = {"depth": "m"}
         found = ", ".join(f"{name} {value:.2g} {units.get(name, 'degree')}" for name, value in louder.items())

@@ -1,6 +1,6 @@
 """All numbers of the estimation that a user may change: frozen, validated once, stored with the archive."""
 
-from typing import Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from gliderhpc.estimation.priors import is_slow_and_untuned
 from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import SixPositive
-from gliderhpc.yaml_text import shown
+from gliderhpc.yaml_text import shown, without_boolean_numbers
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window length is a number of samples (docs/theory/estimate.md)."""
@@ -29,6 +29,11 @@ class Settings(BaseModel):
     """Base of every settings object: frozen, without unknown keys, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_boolean_numbers(cls, values: Any) -> Any:
+        return without_boolean_numbers(cls, values)
 
     @model_validator(mode="after")
     def _not_huge(self) -> Self:

@@ -21,6 +21,7 @@ from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.version import __version__
+from gliderhpc.wording import counted
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "zarr", "xarray", "dask", "distributed")
 """Packages whose versions are reported."""
@@ -101,7 +102,8 @@ def processor() -> Check:
 
     features = llvmlite.binding.get_host_cpu_features()
     width = next((text for feature, text in _BY_WIDTH if features.get(feature)), "vector width unknown")
-    found = f"{llvmlite.binding.get_host_cpu_name()}, {default_workers()} cores, {width}, {LANES} lanes per kernel"
+    cores = counted(default_workers(), "core")
+    found = f"{llvmlite.binding.get_host_cpu_name()}, {cores}, {width}, {LANES} lanes per kernel"
     return Check("processor", State.OK, found)
 
 

@@ -251,7 +251,7 @@ def frozen_profiles(
             share = count / sizes[number]
             if number > 0 and count >= MIN_OVERLAP and lasts >= (LEAST_TIME if share >= FROZEN_SHARE else FROZEN_TIME):
                 found[int(number)] = (
-                    f"profile {number}: heading is constant over {count} of the samples ({lasts / 60.0:.0f} min in "
+                    f"profile {number}: heading is constant over {count} samples ({lasts / 60.0:.0f} min in "
                     "total) while pitch varies: the compass was stuck; mark the heading missing (NaN) there"
                 )
     return found

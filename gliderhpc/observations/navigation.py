@@ -252,10 +252,8 @@ def read_part(dataset: xr.Dataset, source: str, declination: float | None = None
         remarks.append(_describe_dropouts(time, depth, impossible))
         depth = np.where(impossible, np.nan, depth)
     if len(order) < dataset.sizes[columns.dimension]:
-        remarks.append(
-            f"{counted(dataset.sizes[columns.dimension] - len(order), 'sample')} without a valid time, or with the "
-            "time of another sample, are left out"
-        )
+        lost = counted(dataset.sizes[columns.dimension] - len(order), "sample")
+        remarks.append(f"left out: {lost} without a valid time, or with the time of another sample")
     dives = _profiles(columns, order, time, depth)
     profile = _usable(dives, depth, pitch, heading)
     remarks += [*describe_short_dives(time, depth, dives, profile, MIN_SAMPLES)]

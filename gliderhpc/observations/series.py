@@ -6,6 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
+
+
+def describe_false_samples(series: "ProfileSeries") -> list[str]:
+    """Describe in one sentence the isolated false samples that were left out; empty if there were none."""
+    if not series.false_samples:
+        return []
+    return [f"{counted(series.false_samples, 'isolated false sample is', 'isolated false samples are')} left out"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """Sections of a scenario: all numbers of the simulator, which are validated once and stored with the truth."""
 
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from gliderhpc.yaml_text import shown
+from gliderhpc.yaml_text import shown, without_boolean_numbers
 
 LARGEST_VALUE = 1e9
 """Largest number in a scenario, in any unit; a larger one is a typing error."""
@@ -30,6 +30,11 @@ class Section(BaseModel):
     """Immutable section of finite values, without unknown names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_boolean_numbers(cls, values: Any) -> Any:
+        return without_boolean_numbers(cls, values)
 
     @model_validator(mode="after")
     def _not_huge(self) -> Self:

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,16 @@ from zarr.storage import MemoryStore
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import write_values
 from gliderhpc.store_schema.consolidation import consolidate, consolidate_store
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, wait_for_all, write_group
+from gliderhpc.store_schema.place import (
+    ROOT,
+    Place,
+    group_at,
+    is_address,
+    is_archive,
+    is_empty,
+    wait_for_all,
+    write_group,
+)
 from gliderhpc.store_schema.replacement import new_token, replace, replacing
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
@@ -93,8 +103,10 @@ def check_place(place: Place, overwrite: bool) -> None:
     Raises
     ------
     InputError
-        Something other than an archive exists there, or an archive that may not be replaced.
+        Something other than an archive exists there, an archive that may not be replaced or has foreign content, or
+        the place is within another archive.
     """
+    _refuse_within_archive(place)
     if is_empty(place):
         return
     if not is_archive(place):
@@ -103,6 +115,30 @@ def check_place(place: Place, overwrite: bool) -> None:
         )
     if not overwrite:
         raise InputError(f"{place}: this archive exists; finish it with --resume or start again with --overwrite")
+    if (foreign := _foreign_entry(place)) is not None:
+        raise InputError(
+            f"{place}: contains {foreign}, which is not part of the archive, so it is not replaced; move {foreign} "
+            "elsewhere, or give another --store"
+        )
+
+
+def _refuse_within_archive(place: Place) -> None:
+    if is_address(place):
+        return
+    within = next((str(folder) for folder in Path(place).absolute().parents if is_archive(folder)), None)
+    if within is not None:
+        raise InputError(f"{place}: is within the archive {within}; give another --store")
+
+
+def _foreign_entry(place: Place) -> str | None:
+    """Return the name of a file, folder or archive in an archive's folder that is not part of it; None without any."""
+    if is_address(place):
+        return None
+    for entry in sorted(Path(place).iterdir()):
+        is_node = (entry / ROOT).is_file() and not is_archive(entry)
+        if entry.name != ROOT and not entry.name.startswith(".") and not is_node:
+            return entry.name
+    return None
 
 
 def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> Callable[[Place], None]:

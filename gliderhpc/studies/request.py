@@ -85,7 +85,9 @@ def archive_on_disk(place: str | Path) -> Path:
     check_is_path(place)
     if is_address(place):
         raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
-    return Path(place)
+    path = Path(place)
+    # `.` and `..` have no name, from which the folder of the results is named.
+    return path if path.stem.strip(".") else path.resolve()
 
 
 def default_folder(archive: str | Path, study: str, estimate: str = ADJOINT) -> Path:

@@ -298,3 +298,20 @@ def test_depth_and_attitude_in_different_rows_leave_no_gap():
 def test_a_table_of_another_library_is_not_taken_for_paths():
     with pytest.raises(InputError, match="records: a DataFrame cannot be used"):
         currents(mission(Glide(dives=1))[["depth", "pitch"]].to_dataframe())
+
+
+@pytest.mark.parametrize(("name", "value"), [("heading", -1.0), ("pitch", 80.0)])
+def test_isolated_false_samples_are_left_out_and_counted(name, value):
+    records = mission(Glide(interval=1.0))
+    records["heading"] += 0.3 * np.random.default_rng(1).standard_normal(records.sizes["time"])
+    clean = currents(records)
+    records[name][::50] = value
+    found = currents(records)
+    assert _largest_change(found, clean) < 0.004
+    assert all("isolated false samples are left out" in message for message in _messages(found))
+
+
+@pytest.mark.parametrize("declination", [1000.0, -180.5, float("nan")])
+def test_a_declination_is_an_angle(declination):
+    with pytest.raises(InputError, match="from -180 to 180"):
+        currents(mission(GLIDE), declination=declination)

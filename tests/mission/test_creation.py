@@ -171,3 +171,20 @@ def test_workers_are_asked_whether_they_see_the_lock(tmp_path):
     with lock.locked(tmp_path / "new.zarr"):
         assert lock.lock_name(tmp_path / "new.zarr") == str(tmp_path / "new.zarr.lock")
         assert (tmp_path / "new.zarr.lock").exists()
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "inner.zarr"])
+def test_an_archive_with_foreign_content_is_not_replaced(swift, swift_store, own_copy, foreign):
+    if foreign.endswith(".zarr"):
+        shutil.copytree(swift_store, own_copy / foreign)
+    else:
+        (own_copy / foreign).write_text("mine", "utf-8")
+    with pytest.raises(InputError, match=f"contains {foreign}, which is not part of the archive"):
+        overwrite(swift, own_copy, lambda: stopping(AssertionError("nothing is run")))
+    assert (own_copy / foreign).exists()
+
+
+def test_no_archive_is_made_within_another(swift, own_copy):
+    with pytest.raises(InputError, match="is within the archive"):
+        overwrite(swift, own_copy / "smoothed" / "inner.zarr", lambda: stopping(AssertionError("nothing is run")))
+    assert not (own_copy / "smoothed" / "inner.zarr").exists()

@@ -870,6 +870,7 @@ def test_assignments_reach_their_settings():
             r"no such setting, did you mean 'window\.length'\?; the settings of window are [^;]*window\.length",
         ),
         ("window=60", "no such setting"),
+        ("window.length=true", "length is true, but must be a number"),
         ("window.length=-1", "greater than 0"),
         ("window.length=long", "valid number"),
         ("window.length=.nan", "finite number"),

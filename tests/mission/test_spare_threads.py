@@ -88,9 +88,8 @@ def test_a_profile_of_which_only_the_fixes_changed_is_not_counted(brief):
     """A dive that lands gives the one before it another fix; the two are one job."""
     with open_observations(brief) as observations:
         work = jobs.RunInputs(observations, read_platform("petrel-l"), MissionSettings(), "mission.zarr", {0: None})
-        assert [work.job(tuple(each), None).estimated_count for each in ([(1, 0)], [(1, 0), (2, 1)], [(2, 1), (3, 2)])] == [
-            0, 1, 2,
-        ]  # fmt: skip
+        batches = ([(1, 0)], [(1, 0), (2, 1)], [(2, 1), (3, 2)])
+        assert [work.job(tuple(each), None).estimated_count for each in batches] == [0, 1, 2]
 
 
 def test_jobs_share_the_cores(monkeypatch):

@@ -55,7 +55,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.library.trends import find_trend, mann_kendall
 from gliderhpc.studies.registry import STUDIES, load_study, run_study
-from gliderhpc.studies.request import Request, default_folder
+from gliderhpc.studies.request import Request, archive_on_disk, default_folder
 
 
 @pytest.fixture
@@ -390,3 +390,10 @@ def test_python_refuses_an_archive_in_an_object_store_too(brief):
     ):
         with pytest.raises(InputError, match="copy it from the object store first"):
             call()
+
+
+def test_an_archive_named_by_a_dot_has_a_folder_of_results_beside_it(brief_store, monkeypatch):
+    monkeypatch.chdir(brief_store)
+    assert default_folder(archive_on_disk("."), "currents").parent == brief_store.with_name(
+        f"{brief_store.stem}-studies"
+    )
