@@ -8,7 +8,6 @@ Both use the smoother's final variances and noise.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from gliderhpc.estimation.smoother.steered_run import information_path
 from gliderhpc.estimation.smoother.vertical_motion import (
     STILL,
     MotionPrior,
-    displacement_basis,
+    displacements,
     is_probable,
     motion_prior,
 )
@@ -238,17 +237,12 @@ def dive_information(
     parameters = hull_parameters(platform)
     rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
     forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
-
-    fed, channels = np.flatnonzero(dive.fed), dive.measured.shape[1]
-    further: list[Array] = []
-    if channels > len(MEASURED):
-        further.append(velocity_offsets(len(fed), velocity_error))
-    displacement = motion.deviation * displacement_basis(profile.series.time) if motion.deviation > 0.0 else None
-    if displacement is not None:
-        further.append(vertical_motion_slopes(displacement[fed], channels))
+    velocity = _velocity_offsets(dive, velocity_error)
+    displacement = displacements(profile.series.time, motion.deviation)
+    moving = vertical_motion_slopes(displacement[dive.fed], dive.measured.shape[1])
 
     def with_all_errors(forcing: Forcing) -> Forcing:
-        return reduce(with_sample_errors, further, forcing)
+        return with_sample_errors(with_sample_errors(forcing, velocity), moving)
 
     between = segment_rows(dive, rows.tolist())
     about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
@@ -264,14 +258,11 @@ def dive_information(
     found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     by_all = _at_records(sensitivity, rows < len(dive.bodies))
     stated = stated_errors(platform, parameters).covariance
-    if displacement is not None:
-        others_than_motion = len(found[0].score) - displacement.shape[1]
-        if _has_motion(found[0], stated, others_than_motion, motion.log_odds):
-            # The glider is as much deeper than in water at rest as the water has moved.
-            by_all.states[:, MEASURED[3], others_than_motion:] += displacement[rows]
-        else:
-            motion = STILL
-            found, by_all = _first(found, others_than_motion), by_all.first(others_than_motion)
+    still = len(found[0].score) - displacement.shape[1]
+    # The glider is as much deeper than in water at rest as the water has moved.
+    by_all.states[:, MEASURED[3], still:] += displacement[rows]
+    if not _has_motion(found[0], stated, still, motion.log_odds):
+        motion, found, by_all = STILL, _first(found, still), by_all.first(still)
     (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
     by_hull, record = by_all, None
     if len(found[0].score) > len(parameters):
@@ -291,6 +282,12 @@ def dive_information(
     )
 
 
+def _velocity_offsets(dive: Dive, deviation: float) -> Array:
+    """Derivatives of the samples by constant errors of the measured velocity; by none if it is not measured."""
+    samples, channels = int(np.count_nonzero(dive.fed)), dive.measured.shape[1]
+    return velocity_offsets(samples, deviation) if channels > len(MEASURED) else np.zeros((samples, channels, 0))
+
+
 def _first(found: Sequence[Information], count: int) -> tuple[Information, ...]:
     """Return the information on the first errors alone."""
     return tuple(one._replace(matrix=one.matrix[:count, :count], score=one.score[:count]) for one in found)
@@ -299,7 +296,7 @@ def _first(found: Sequence[Information], count: int) -> tuple[Information, ...]:
 def _has_motion(found: Information, hull_covariance: Array, others: int, log_odds: float) -> bool:
     """Return whether vertical motion, whose errors follow the `others`, is probable (`is_probable`)."""
     matrix = symmetric(found.matrix)
-    if not _is_sound(found.score, matrix):
+    if len(found.score) == others or not _is_sound(found.score, matrix):
         return False
     before = np.eye(others)
     before[: len(hull_covariance), : len(hull_covariance)] = hull_covariance

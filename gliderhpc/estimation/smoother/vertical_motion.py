@@ -203,11 +203,17 @@ def _log_evidence(score: Array, information: Array, covariance: Array) -> float:
     return float(0.5 * gained - 0.5 * np.linalg.slogdet(spread)[1])
 
 
-def displacement_basis(time: Array) -> Array:
-    """Displacements ``(n, k)`` downwards at times ``(n,)``, m, by independent errors with a deviation of 1 m/s.
+def displacements(time: Array, deviation: float) -> Array:
+    """Displacements ``(n, k)`` of the water downwards at times ``(n,)``, m, by independent errors of unit deviation.
 
-    The displacement is zero at the first time (s).
+    The displacement is zero at the first time (s), and the water's velocity has the `deviation`, m/s. Without one there
+    are no errors, ``k = 0``.
     """
+    return deviation * displacement_basis(time) if deviation > 0.0 else np.zeros((len(time), 0))
+
+
+def displacement_basis(time: Array) -> Array:
+    """Displacements ``(n, k)`` as in `displacements`, for a deviation of 1 m/s."""
     count = int(np.clip(np.ceil((time[-1] - time[0]) / _SPACING), 1, _MAX_KNOTS - 1)) + 1
     knots = np.linspace(time[0], time[-1], count)
     velocity = np.column_stack([np.interp(time, knots, unit) for unit in np.eye(count)])
