@@ -173,7 +173,9 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         lines.append(f"the smoother did not converge with these settings; simplified: {estimate.smoothed.simplified}")
     if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
         reason = f" ({estimate.smoothed.failure})" if estimate.smoothed.failure else ""
-        lines.append(f"no smoothed estimate of this profile{reason}: the filter's is used, without standard deviations")
+        lines.append(
+            f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
+        )
     return lines
 
 
