@@ -298,7 +298,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(from_prior, engine="zarr") as before:
         table, row = tree.to_dataset().load(), tree["smoothed"].ds.sel(profile=1).load()
         assert table["status"].values.tolist() == ["done"] * 3
-        assert "no smoothed estimate of this profile (nothing to smooth)" in str(table["message"].values[0])
+        assert "the smoother has no estimate of this profile (nothing to smooth)" in str(table["message"].values[0])
         assert np.isnan(table["dac_north_smoothed"].values).all()
         assert row["outcome"] == Outcome.DIVERGED
         assert row["passes"] == 0
