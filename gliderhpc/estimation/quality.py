@@ -133,7 +133,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     lines = []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
-        lines.append(f"the default disturbance prior does not fit this record; {freed} given a gust prior")
+        lines.append(f"the default disturbance prior does not fit this record, so {freed} given a gust prior")
     if series.filled:
         interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval
         lines.append(
@@ -167,7 +167,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     if estimate.hull is not None and estimate.hull.information.vertical_motion > 0.0:
         lines.append(
             "the depth rate varies as in water that moves vertically by about "
-            f"{100.0 * estimate.hull.information.vertical_motion:.1f} cm/s (RMS); the smoothed estimate allows for it"
+            f"{100.0 * estimate.hull.information.vertical_motion:.1f} cm/s (RMS), which the smoothed estimate includes"
         )
     if estimate.smoothed is not None and estimate.smoothed.simplified:
         lines.append(f"the smoother did not converge with these settings; simplified: {estimate.smoothed.simplified}")

@@ -110,6 +110,8 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         if first["type"] == "extra_forbidden":
             known = sorted(_dotted_keys(model))
             raise InputError(_unknown(where, known)) from None
+        if first["type"] == "value_error":  # one of our own messages, which names the value
+            raise InputError(f"{where}: {first['ctx']['error']}") from None
         raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
 
 
