@@ -53,7 +53,7 @@ WAVES = {
     "gusts": {"kind": "gaussian", "rms": 0.01},
     "vertical": {"rms": 0.01},
 }
-"""Additions of the kind to the scenario ``stratified``: vertical motion that no estimator models, shear and weak gusts."""
+"""Additions of the kind to the scenario ``stratified``: vertical motion of the water, shear and weak gusts."""
 WAYS = {0: "steady glides", USUAL_ROUNDS: "rounds over the dives"}
 TEMPLATE = Path(__file__).with_suffix(".md")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "unknown-hull.md"

@@ -31,7 +31,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 TARGETS: dict[str, tuple[str, ...]] = {
     "gliderhpc.estimation.currents": ("estimation/test_currents.py", "studies/test_depth_resolved.py"),
     "gliderhpc.estimation.current_errors": ("estimation/test_currents.py",),
-    "gliderhpc.estimation.steady_balance": ("tuning/test_steady_balance.py",),
+    "gliderhpc.estimation.steady_balance": ("estimation/test_steady_balance.py",),
     "gliderhpc.observations.foreign": ("observations/test_units.py",),
     "gliderhpc.observations.slocum_files": ("observations/test_units.py",),
     "gliderhpc.observations.seaexplorer": ("observations/test_seaexplorer.py", "observations/test_seaexplorer_legs.py"),

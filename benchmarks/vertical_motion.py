@@ -51,7 +51,8 @@ DIVES: dict[str, tuple[str, dict[str, Any]]] = {
 """Scenarios and their changes by the name in the first table."""
 MISSIONS = ("calm", "waves of 0.5 cm/s", "waves of 1 cm/s", "waves of 2 cm/s", "slow forces and yaw impulses")
 """Dives of the second table."""
-SHOWN = {"u": (6, "m/s"), "w": (8, "m/s")}
+VELOCITIES = {"u": 6, "w": 8}
+"""Velocities in the first table, and their positions among the states."""
 DRAG = "viscous.K_D0"
 
 
@@ -82,10 +83,10 @@ def dive_errors(platform: Platform, name: str, seed: int, deviation: float | Non
     at = rows // settings.steps_per_record
     time = profile.series.time[rows]
     instants = truth.step * (np.arange(len(truth.disturbances)) + 0.5)
-    true = [np.interp(time, truth.time, truth.states[:, place]) for place, _ in SHOWN.values()]
+    true = [np.interp(time, truth.time, truth.states[:, place]) for place in VELOCITIES.values()]
     true.append(np.interp(time, instants, truth.disturbances[:, 0]))
-    found = [estimate.states[at, place] for place, _ in SHOWN.values()] + [estimate.disturbances[at, 0]]
-    stated = [estimate.states_std[at, place] for place, _ in SHOWN.values()] + [estimate.disturbances_std[at, 0]]
+    found = [estimate.states[at, place] for place in VELOCITIES.values()] + [estimate.disturbances[at, 0]]
+    stated = [estimate.states_std[at, place] for place in VELOCITIES.values()] + [estimate.disturbances_std[at, 0]]
     return Errors(np.column_stack(found) - np.column_stack(true), np.column_stack(stated))
 
 
@@ -103,7 +104,7 @@ def dive_rows(seeds: Sequence[int]) -> Iterator[Mapping[str, str]]:
         for way, deviation in WAYS.items():
             every = [dive_errors(platform, name, seed, deviation) for seed in seeds]
             error, stated = (np.vstack([getattr(each, part) for each in every]) for part in ("error", "deviation"))
-            for i, quantity in enumerate((*SHOWN, "B_cu")):
+            for i, quantity in enumerate((*VELOCITIES, "B_cu")):
                 share = np.mean(np.abs(error[:, i]) <= stated[:, i])
                 row[f"{quantity}, {way}"] = f"{np.sqrt(np.mean(error[:, i] ** 2)):.4f} ({share:.2f})"
         yield row

@@ -44,10 +44,10 @@ _AVERAGED = 60.0
 """Shortest interval over which the depth rate is determined, s."""
 _MIN_SAMPLES = 4
 """Smallest number of samples for a depth rate."""
-_MIN_DEPTH = 5.0
-"""Depth (m) above which the surface and its waves act on the glider."""
-_SETTLING = 20.0
-"""Time (s) after the actuators' motion in which the glider approaches its new glide."""
+MIN_DEPTH = 5.0
+"""Minimum depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
+SETTLING_TIME = 20.0
+"""Time after the vibration set that is left out, s: the hull is still approaching its new glide."""
 _MIN_RATES = 6
 """Smallest number of depth rates in a leg."""
 _LINE = 2
@@ -133,7 +133,7 @@ def depth_rates(profile: PreparedProfile) -> DepthRates:
     series = profile.series
     rows = np.flatnonzero(recorded_samples(series) & np.isfinite(series.measurements).all(axis=1))
     interval = max(_AVERAGED, _MIN_SAMPLES * series.sample_interval)
-    usable = _undisturbed(profile)[rows] & (series.measurements[rows, 3] > _MIN_DEPTH)
+    usable = _undisturbed(profile)[rows] & (series.measurements[rows, 3] > MIN_DEPTH)
     number = np.floor(series.time[rows] / interval).astype(np.int64)
     parts = [rows[part] for part in _parts(number, usable)]
     lines = [_straight_lines(series.time[part], series.measurements[part]) for part in parts]
@@ -152,7 +152,7 @@ def depth_rates(profile: PreparedProfile) -> DepthRates:
 
 def _undisturbed(profile: PreparedProfile) -> Mask:
     """Mask of the steps in steady glide, settled after the actuators' motion."""
-    reach = round(_SETTLING / profile.series.step)
+    reach = round(SETTLING_TIME / profile.series.step)
     count = np.cumsum(profile.vibrating)
     before = np.concatenate([np.zeros(reach, dtype=count.dtype), count[:-reach]])[: len(count)]
     return np.asarray((count == before) & (profile.series.weights > 0.0))

@@ -17,6 +17,7 @@ from gliderhpc.archive.profile import RecordedProfile, read_recorded_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.smoother.vertical_motion import MIN_DEPTH
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.estimation.still_water_glide import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
@@ -25,7 +26,6 @@ from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
 from gliderhpc.studies.library.vertical_velocity import (
     KEYS,
-    MIN_DEPTH,
     depth_rate_filter,
     undisturbed,
 )

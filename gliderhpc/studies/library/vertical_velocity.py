@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import RecordedProfile
 from gliderhpc.estimation.preparation import model_controls
+from gliderhpc.estimation.smoother.vertical_motion import MIN_DEPTH, SETTLING_TIME
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.estimation.still_water_glide import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
@@ -70,12 +71,6 @@ KEYS = (
 
 NAMES = tuple(key.rpartition(".")[2] for key in KEYS)
 """Names of these parameters in the tables."""
-
-MIN_DEPTH = 5.0
-"""Minimum depth of samples that are used, m; above, waves act on the glider, and its tail may be out of the water."""
-
-SETTLING_TIME = 20.0
-"""Time after the vibration set that is left out, s: the hull is still approaching its new glide."""
 
 _DIFFERENCE = 0.02
 
