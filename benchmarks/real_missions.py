@@ -33,11 +33,11 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import read_reference
-from gliderhpc.observations.importing import ImportSummary
-from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaglider import import_seaglider
-from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.observations.importing.workflow import ImportSummary
+from gliderhpc.observations.instruments.og1 import import_og1
+from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
+from gliderhpc.observations.instruments.seaglider import import_seaglider
+from gliderhpc.observations.instruments.slocum import import_slocum
 from gliderhpc.platform import Platform
 from gliderhpc.vocabulary import QUALITY
 

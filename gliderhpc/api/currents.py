@@ -22,9 +22,10 @@ from gliderhpc.estimation.glide_currents import (
 )
 from gliderhpc.estimation.measured_glide import with_measured_attack
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
-from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
-from gliderhpc.observations.foreign import name_compressed
-from gliderhpc.observations.navigation import (
+from gliderhpc.observations.files.discovery import CONVENTIONS, discovery_attributes, with_content_types
+from gliderhpc.observations.files.foreign import name_compressed
+from gliderhpc.observations.files.tables import is_table, read_table
+from gliderhpc.observations.navigation.records import (
     Navigation,
     merge_navigation,
     open_part,
@@ -35,7 +36,6 @@ from gliderhpc.observations.navigation import (
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.series import describe_false_samples
-from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
 from gliderhpc.version import __version__

@@ -17,21 +17,21 @@ from gliderhpc.archive.mission import check_is_path
 from gliderhpc.errors import InputError
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
-from gliderhpc.observations.file_content import describe_missing
-from gliderhpc.observations.foreign import ForeignFile, importer_of, refuse_compressed
-from gliderhpc.observations.importing import ImportSummary
+from gliderhpc.observations.checks.suitability import describe_suitability
+from gliderhpc.observations.files.file_content import describe_missing
+from gliderhpc.observations.files.foreign import ForeignFile, importer_of, refuse_compressed
+from gliderhpc.observations.files.stored_reads import Reads, read_directly
+from gliderhpc.observations.files.tables import is_table, read_table
+from gliderhpc.observations.importing.workflow import ImportSummary
 from gliderhpc.observations.in_memory import Records, opened_records, read_records
-from gliderhpc.observations.navigation_columns import NavigationColumns
-from gliderhpc.observations.og1 import import_og1
+from gliderhpc.observations.instruments.og1 import import_og1
+from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
+from gliderhpc.observations.instruments.seaexplorer_files import is_seaexplorer_file
+from gliderhpc.observations.instruments.seaglider import import_seaglider, is_seaglider_file
+from gliderhpc.observations.instruments.slocum import import_slocum
+from gliderhpc.observations.instruments.slocum_files import is_binary
+from gliderhpc.observations.navigation.columns import NavigationColumns
 from gliderhpc.observations.profile_numbers import select_profiles
-from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaexplorer_files import is_seaexplorer_file
-from gliderhpc.observations.seaglider import import_seaglider, is_seaglider_file
-from gliderhpc.observations.slocum import import_slocum
-from gliderhpc.observations.slocum_files import is_binary
-from gliderhpc.observations.stored_reads import Reads, read_directly
-from gliderhpc.observations.suitability import describe_suitability
-from gliderhpc.observations.tables import is_table, read_table
 from gliderhpc.platform import Platform
 from gliderhpc.report.record_checks import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records

@@ -18,11 +18,11 @@ from gliderhpc.cli.messages import echo, print_left_out
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.importing import ImportedProfile, ImportSummary
-from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.seaexplorer import import_seaexplorer
-from gliderhpc.observations.seaglider import import_seaglider
-from gliderhpc.observations.slocum import import_slocum
+from gliderhpc.observations.importing.workflow import ImportedProfile, ImportSummary
+from gliderhpc.observations.instruments.og1 import import_og1
+from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
+from gliderhpc.observations.instruments.seaglider import import_seaglider
+from gliderhpc.observations.instruments.slocum import import_slocum
 from gliderhpc.output_files import check_output, write_text
 from gliderhpc.report.record_checks import HEADINGS, content, finding_row
 from gliderhpc.tuning.record_checks import Inspection

@@ -13,7 +13,7 @@ from gliderhpc.cli.messages import echo
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
-from gliderhpc.observations.landing import folder_of
+from gliderhpc.observations.files.landing import folder_of
 from gliderhpc.report.dive_plan import read_plan
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema.place import Place, is_address

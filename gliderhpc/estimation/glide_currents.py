@@ -16,15 +16,15 @@ from gliderhpc.estimation.currents import DepthAveragedCurrent, current_from_dis
 from gliderhpc.estimation.record_screening import jointly_sampled, without_false_samples
 from gliderhpc.estimation.resample import resample, sampling_intervals
 from gliderhpc.estimation.self_motion import SelfMotion, angle_of_attack, depth_rate, glide_angle_motion
-from gliderhpc.observations.depth_screening import noise_window, smoothed_depth
+from gliderhpc.observations.checks.depth_screening import noise_window, smoothed_depth
+from gliderhpc.observations.checks.profile_checks import fault_of_pace
+from gliderhpc.observations.checks.sign_checks import fault_of_depth_rate
 from gliderhpc.observations.dive_phases import stationary_points
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.intervals import longest_bridged
-from gliderhpc.observations.profile_checks import fault_of_pace
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.series import ProfileSeries
-from gliderhpc.observations.sign_checks import fault_of_depth_rate
 from gliderhpc.platform import Platform
 
 Array = NDArray[np.float64]

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
+from gliderhpc.observations.files.headings import frozen_profiles, is_still
 from gliderhpc.observations.format import MEASURED
-from gliderhpc.observations.headings import frozen_profiles, is_still
+from gliderhpc.observations.importing.rows import onto_nearest, rarely_together
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.observations.records import FloatArray, ProfileRecord
-from gliderhpc.observations.rows import onto_nearest, rarely_together
 
 # Sensors that have stopped
 

@@ -15,9 +15,9 @@ from gliderhpc.estimation.filled_values import without_filled_values
 from gliderhpc.estimation.record_screening import check_sensors, jointly_sampled, without_false_samples
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.importing.rows import nearest_rows
 from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, ProfileRecord
-from gliderhpc.observations.rows import nearest_rows
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform, Sensors

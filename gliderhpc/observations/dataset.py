@@ -16,13 +16,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, ProfileError, first_line
-from gliderhpc.observations.control_gaps import stuck_ballast, unlogged_movements
+from gliderhpc.observations.checks.control_gaps import stuck_ballast, unlogged_movements
+from gliderhpc.observations.checks.profile_checks import constant_values
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.file_content import describe_failure, describe_missing
+from gliderhpc.observations.files.file_content import describe_failure, describe_missing
+from gliderhpc.observations.files.packed import open_dataset
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
 from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
-from gliderhpc.observations.packed import open_dataset
-from gliderhpc.observations.profile_checks import constant_values
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.observations.columns import bare_unit
+from gliderhpc.observations.files.columns import bare_unit
 
 CONVENTIONS = "CF-1.11"
 

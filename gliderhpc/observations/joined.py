@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.dataset import open_observations
+from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.in_memory import FIXES, read_records, write_records
-from gliderhpc.observations.stored_reads import Reads, read_directly
 from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.observations.writer import TIMES
 

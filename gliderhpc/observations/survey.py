@@ -10,20 +10,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
-from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
-from gliderhpc.observations.navigation_checks import check_depth_unit
-from gliderhpc.observations.profile_checks import (
+from gliderhpc.observations.checks.profile_checks import (
     check_extents,
     check_heading_unit,
     check_pace,
     check_variable_of_profiles,
 )
-from gliderhpc.observations.profiles import detect_profiles
-from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.sign_checks import GLIDE, check_signs
-from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
-from gliderhpc.observations.validation import (
+from gliderhpc.observations.checks.sign_checks import GLIDE, check_signs
+from gliderhpc.observations.checks.validation import (
     Span,
     check_clock,
     check_fixes,
@@ -33,6 +27,12 @@ from gliderhpc.observations.validation import (
     describe_unnumbered,
     profile_spans,
 )
+from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
+from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.navigation.checks import check_depth_unit
+from gliderhpc.observations.profiles import detect_profiles
+from gliderhpc.observations.records import FloatArray, TimeArray
+from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
 
 
 class StoredVariables:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.appended import AppendedFile, Column
+from gliderhpc.observations.files.appended import AppendedFile, Column
 from gliderhpc.observations.format import CONVENTIONS, SEAWATER, VARIABLES, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.truth import OF_PROFILE

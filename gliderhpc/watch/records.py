@@ -14,12 +14,12 @@ from gliderhpc.api.import_options import check_option_names, check_option_values
 from gliderhpc.api.records import IMPORTERS, import_as, kind_by_name, kind_of_file
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.foreign import ForeignFile, is_in_the_format
+from gliderhpc.observations.files.foreign import ForeignFile, is_in_the_format
+from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.format import REFERENCE
 from gliderhpc.observations.in_memory import read_records, write_records
+from gliderhpc.observations.instruments.slocum_binary import cache_files
 from gliderhpc.observations.joined import join_observations
-from gliderhpc.observations.slocum_binary import cache_files
-from gliderhpc.observations.stored_reads import Reads, read_directly
 
 OBSERVATIONS = "observations"
 """Kind of files that are already in the observation format."""

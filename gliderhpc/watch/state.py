@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gliderhpc.errors import InputError
-from gliderhpc.observations.landing import CopiedFile, FileState
+from gliderhpc.observations.files.landing import CopiedFile, FileState
 from gliderhpc.observations.times import SECOND
 from gliderhpc.output_files import write_text
 from gliderhpc.report.surfacing_message import SurfacingMessage

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.files.landing import CopiedFile
 from gliderhpc.observations.in_memory import read_records
-from gliderhpc.observations.landing import CopiedFile
 from gliderhpc.output_files import written_aside
 from gliderhpc.watch.records import FileImport
 from gliderhpc.watch.state import ReportedDive, WatchState

@@ -25,7 +25,7 @@ from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
-from gliderhpc.observations.landing import (
+from gliderhpc.observations.files.landing import (
     FileState,
     copy_file,
     duplicates,
@@ -35,8 +35,8 @@ from gliderhpc.observations.landing import (
     same_names,
     unchanged,
 )
+from gliderhpc.observations.files.stored_reads import StoredReads
 from gliderhpc.observations.profile_numbers import select_profiles
-from gliderhpc.observations.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
 from gliderhpc.report.dive_plan import DivePlan, read_plan

@@ -13,7 +13,7 @@ from support.slocum_files import flight, write_netcdf
 
 from gliderhpc.cli.console import logging_to
 from gliderhpc.errors import InputError
-from gliderhpc.observations.appended import AppendedFile
+from gliderhpc.observations.files.appended import AppendedFile
 from gliderhpc.output_files import check_output, write_text, written_aside
 
 VERBS = ("import", "simulate-mission", "calibrate", "tune", "inspect")

@@ -8,7 +8,7 @@ from support.records import record
 from gliderhpc.estimation.preparation import fed_samples
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.observations.importing import median_interval
+from gliderhpc.observations.importing.workflow import median_interval
 from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
 
 SETTINGS = EstimationSettings.model_validate({"seawater": "depth_slope"})

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gliderhpc.observations.discovery import discovery_attributes
+from gliderhpc.observations.files.discovery import discovery_attributes
 from gliderhpc.observations.regions import bounding_polygon, longitude_range, wrapped_longitude
 from gliderhpc.report.exports.og1_metadata import Extent
 

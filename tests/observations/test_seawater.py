@@ -21,7 +21,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
 from gliderhpc.mission.run import MissionResult, _warn_about_depth_slope
 from gliderhpc.observations import Fix, ProfileRecord, open_observations
-from gliderhpc.observations.seaexplorer import import_seaexplorer
+from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.platform import GRAVITY, platform_yaml, read_platform, with_overrides
 from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission

@@ -12,10 +12,10 @@ from support.observation_files import edited
 from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.columns import FACTORS, bare_unit
+from gliderhpc.observations.files.columns import FACTORS, bare_unit
 from gliderhpc.observations.format import VARIABLES
-from gliderhpc.observations.og1 import import_og1
-from gliderhpc.observations.slocum_files import conversion
+from gliderhpc.observations.instruments.og1 import import_og1
+from gliderhpc.observations.instruments.slocum_files import conversion
 
 DEFINED = {
     "m": {

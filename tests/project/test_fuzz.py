@@ -121,10 +121,10 @@ def test_a_changed_a_lost_and_a_new_file_are_found(tmp_path):
 
 def test_a_traceback_is_named_by_its_cause():
     text = (
-        'Traceback (most recent call last):\n  File "/a/gliderhpc/observations/og1.py", line 12, in times\n'
+        'Traceback (most recent call last):\n  File "/a/gliderhpc/observations/instruments/og1.py", line 12, in times\n'
         "    x()\nValueError: 17 is not 'x'\n"
     )
-    assert traced(text) == "ValueError: N is not N in gliderhpc/observations/og1.py:times"
+    assert traced(text) == "ValueError: N is not N in gliderhpc/observations/instruments/og1.py:times"
     assert traced("gliderhpc: in.nc: no such file") is None
 
 

@@ -12,7 +12,8 @@ from support.missions import program
 
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.observations import Fix, appended, open_observations
+from gliderhpc.observations import Fix, open_observations
+from gliderhpc.observations.files import appended
 from gliderhpc.observations.format import read_reference
 from gliderhpc.report.exports.og1 import export_og1
 from gliderhpc.report.exports.og1_vocabulary import CURRENT_ESTIMATES, PHASES, POSITION_METHODS, TERMS

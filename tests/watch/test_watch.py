@@ -25,8 +25,8 @@ from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission import resume
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import joined, open_observations
+from gliderhpc.observations.files.landing import CopiedFile, FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.joined import join_observations
-from gliderhpc.observations.landing import CopiedFile, FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surface_offset
 from gliderhpc.report.page.surfacing_page import write_surfacing_page

@@ -19,7 +19,7 @@ from gliderhpc.archive.profile import ADJOINT, SMOOTHED, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
-from gliderhpc.observations.discovery import CONVENTIONS, discovery_attributes, with_content_types
+from gliderhpc.observations.files.discovery import CONVENTIONS, discovery_attributes, with_content_types
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.output_files import output_file

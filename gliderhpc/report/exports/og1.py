@@ -11,8 +11,8 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.discovery import CONVENTIONS, MEASUREMENT, content_type
+from gliderhpc.observations.files.appended import AppendedFile, Column
+from gliderhpc.observations.files.discovery import CONVENTIONS, MEASUREMENT, content_type
 from gliderhpc.report.exports import check_place, unfit_profiles
 from gliderhpc.report.exports import og1_dives as dives
 from gliderhpc.report.exports.og1_community import COMMUNITY_TERMS, VOCABULARY, community_rows

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ProfileData
-from gliderhpc.observations.appended import Column
-from gliderhpc.observations.discovery import content_type
+from gliderhpc.observations.files.appended import Column
+from gliderhpc.observations.files.discovery import content_type
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.times import epoch_seconds

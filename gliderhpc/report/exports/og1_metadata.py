@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.observations.appended import AppendedFile, Column
-from gliderhpc.observations.discovery import SHARED_ATTRIBUTES
+from gliderhpc.observations.files.appended import AppendedFile, Column
+from gliderhpc.observations.files.discovery import SHARED_ATTRIBUTES
 from gliderhpc.observations.regions import bounding_polygon, longitude_range
 from gliderhpc.report.exports.og1_community import described_attributes
 from gliderhpc.report.exports.og1_rows import Rows

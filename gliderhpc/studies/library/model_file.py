@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.observations.columns import FACTORS
+from gliderhpc.observations.files.columns import FACTORS
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def times_of(label: str, coordinate: xr.Variable, name: str) -> NDArray[Any]:
 
 
 def factor_of(label: str, variable: xr.DataArray, unit: str) -> float:
-    """Return the factor that converts a variable's values to one of the units of `gliderhpc.observations.columns`.
+    """Return the factor to one of the units of `gliderhpc.observations.files.columns` from that of a variable.
 
     Raises
     ------

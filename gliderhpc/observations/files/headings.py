@@ -1,0 +1,274 @@
+"""Reference of a heading, magnetic or true, by the words of its file; and the declination that the file gives."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations.files.columns import NamedColumns, find_name
+from gliderhpc.observations.profiles import IntArray, equal_runs
+from gliderhpc.observations.records import FloatArray
+from gliderhpc.wording import counted
+
+
+class North(Enum):
+    """Reference of a heading."""
+
+    TRUE = "true"
+    MAGNETIC = "magnetic"
+    UNSTATED = "unstated"
+
+
+_ANGLE = r"(?:magnetic )?(?:declination|variation|deviation|magvar|m gps mag var)"
+_UNCORRECTED = re.compile(
+    rf"(?:\bnot|\bnever|\bwithout|\bno)\b[^.;]{{0,40}}?(?:correct\w*|\badd\w*|\bappl\w*|{_ANGLE})|\buncorrected\b"
+    rf"|\b(?:must|should|has|have|still)(?: still)?(?: to)? be added\b|\badd (?:the )?{_ANGLE}"
+    r"|\bnot (?:a )?true\b|\bleft magnetic\b|\b(?:relative|referred) to magnetic north\b"
+)
+_CORRECTED = re.compile(
+    rf"\bcorrected (?:for|with|by|using) (?:the )?(?:[\w']+ ){{0,2}}?{_ANGLE}|\bcorrected (?:to|for) true\b"
+    rf"|{_ANGLE}[^.;]{{0,20}}?\b(?:corrected|added|applied|included|removed|taken into account)\b"
+    rf"|\b(?:plus|less|added|adding|includes|including)(?: the)? (?:[\w']+ ){{0,2}}?{_ANGLE}"
+    r"|\bdegrees added \((?:the file's|given)"
+)
+_NOT_MAGNETIC = re.compile(r"\bnon?t?[ -]magnetic\b")
+_NOT_STATED = re.compile(r"\(none: the file does not[^)]*\)")
+"""Remark of the OG1 importer that the file says nothing about its heading."""
+_TRUE = re.compile(
+    r"\btrue (?:heading|north|bearing|course)\b|\bheading (?:is |as )?true\b|\(true\)|\bgeographic north\b"
+)
+_MAGNETIC = re.compile(r"\bmagnetic\b(?! (?:declination|variation|deviation))")
+
+
+def north_of(*texts: str) -> North:
+    """Reference of a heading by the texts of its attributes.
+
+    A statement that the declination is missing decides first, then one that it is included. Otherwise whichever of the
+    words `true heading` and `magnetic` comes first decides.
+    """
+    text = _NOT_STATED.sub("", re.sub(r"[_\s]+", " ", " ; ".join(texts).lower()))
+    if _NOT_MAGNETIC.search(text):
+        return North.TRUE
+    if _UNCORRECTED.search(text) and "magnetic" in text:
+        return North.MAGNETIC
+    if _CORRECTED.search(text):
+        return North.TRUE
+    true, magnetic = _TRUE.search(text), _MAGNETIC.search(text)
+    if magnetic is None:
+        return North.UNSTATED if true is None else North.TRUE
+    return North.TRUE if true is not None and true.start() < magnetic.start() else North.MAGNETIC
+
+
+VEHICLE_COLUMNS = ("Heading", "m_heading")
+"""Columns of a vehicle's own files with its magnetic heading; pyglider copies them and names them in `source`."""
+
+
+@dataclass(frozen=True)
+class FileDeclination:
+    """Declination that a file gives.
+
+    Attributes
+    ----------
+    angle : float
+        Declination, positive where magnetic north lies east of true north (degree).
+    name : str
+        Variable that it comes from.
+    """
+
+    angle: float
+    name: str
+
+
+_SIGNS = {"magnetic_variation": 1.0, "m_gps_mag_var": -1.0, "magvar": 1.0, "declination": 1.0}
+"""Names of a declination, and the sign to multiply it with. A Slocum's is the magnetic less the true heading."""
+
+_UNDECLARED = {"m_gps_mag_var": "rad"}
+
+
+def file_declination(columns: NamedColumns, names: Iterable[str]) -> FileDeclination | None:
+    """Median declination of a file; None if it has none, or none between -180 and 180 degrees.
+
+    Parameters
+    ----------
+    columns : NamedColumns
+        The file.
+    names : iterable of str
+        Names of its variables, those without a dimension included.
+
+    Raises
+    ------
+    InputError
+        The unit of the declination cannot be converted to degrees.
+    """
+    name = find_name(names, tuple(_SIGNS))
+    if name is None:
+        return None
+    wanted = name.casefold()
+    values = columns.converted(name, "degree", undeclared=_UNDECLARED.get(wanted))
+    known = values[np.isfinite(values) & (np.abs(np.nan_to_num(values)) <= 180.0)]
+    return FileDeclination(_SIGNS[wanted] * float(np.median(known)), name) if known.size else None
+
+
+RANGE = (-181.0, 361.0)
+"""Range of headings (degree); those outside differ from one inside by whole turns, or are impossible."""
+
+_ONE_TURN_MORE = (-360.0, 540.0)
+"""Range of headings that are angles too: those of both usual ranges, turned by half a turn, or by a declination."""
+
+MIN_DISTINCT = 10
+"""Minimum number of different impossible values that are not fill values."""
+
+
+_TENTHS = ((0.0, 3600.0), (-1800.0, 1800.0))
+"""Ranges of headings in tenths of a degree; an unwrapped one within them looks the same."""
+
+
+def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
+    """Remove whole turns from headings outside their range, if these are angles.
+
+    They are angles up to about one turn around the range. Beyond it, they are angles if the heading is continuous, as
+    an unwrapped one is, and cannot be in tenths of a degree.
+
+    Parameters
+    ----------
+    heading : (n,) array
+        Headings (degree) in the order of time, NaN where missing.
+
+    Returns
+    -------
+    (n,) array
+        The headings, those outside `RANGE` from 0 to 360 if they are angles, else unchanged.
+    str
+        The change in words, to follow the name of the variable; empty if there is none.
+    """
+    far = outside(heading, _ONE_TURN_MORE)
+    turned = outside(heading) & ~far
+    if len(np.unique(heading[far])) >= MIN_DISTINCT:
+        unwrapped = _is_continuous(heading) and all(outside(heading, limits).any() for limits in _TENTHS)
+        turned = outside(heading) & unwrapped
+    if not turned.any():
+        return heading, ""
+    first = int(np.flatnonzero(turned)[0])
+    text = (
+        f"is beyond -180 to 360 degree in {counted(int(np.count_nonzero(turned)), 'sample')}, the first "
+        f"{heading[first]:g} at sample {first}; whole turns are removed"
+    )
+    return np.where(turned, np.mod(heading, 360.0), heading), text
+
+
+def _is_continuous(heading: FloatArray) -> bool:
+    """Return whether a heading (degree) has no step of more than half a turn, as where it passes north."""
+    return bool((np.abs(np.diff(heading[np.isfinite(heading)])) <= 180.0).all())
+
+
+def outside(angle: FloatArray, limits: tuple[float, float] = RANGE) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the angles (degree) outside a range; missing ones are not."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((angle < limits[0]) | (angle > limits[1]))
+
+
+def describe_impossible(
+    angle: FloatArray, lost: npt.NDArray[np.bool_], where: str, limits: tuple[float, float] = RANGE
+) -> str:
+    """Count the impossible values of an angle, and name the first.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        Values (degree), NaN where missing.
+    lost : (n,) array of bool
+        Mask of the impossible ones, at least one.
+    where : str
+        Names of the file and the variable in the error.
+    limits : tuple of float
+        Range of possible values.
+
+    Raises
+    ------
+    InputError
+        Many different values are impossible, and they are most of all or those of a continuous heading: they are in
+        another unit than declared, or unwrapped.
+    """
+    first = int(np.flatnonzero(lost)[0])
+    found, count = np.count_nonzero(lost), np.count_nonzero(np.isfinite(angle))
+    text = (
+        f"is outside {limits[0]:g} to {limits[1]:g} degree in {found} of {counted(int(count), 'sample')}, the first "
+        f"{angle[first]:g} at sample {first}"
+    )
+    is_heading = limits == RANGE
+    if len(np.unique(angle[lost])) >= MIN_DISTINCT and (found > 0.5 * count or (is_heading and _is_continuous(angle))):
+        unwrapped = "; a heading over several turns must be written modulo 360" if is_heading else ""
+        raise InputError(f"{where} {text}; convert it, or set its units to those that it is in{unwrapped}")
+    return text
+
+
+MIN_FROZEN, MIN_CHANGES, MANY_CHANGES = 20, 0.3, 60
+"""Number of successive samples with one heading, and share or number of them at which the pitch changes, from which a
+compass may have failed. Rounded to a degree, the heading is the same for 16 samples at most in 314 profiles of ten real
+records. In simulated calm water it is the same to 0.1 degree for half an hour, but then the pitch hardly changes
+either. In a fast record the pitch, rounded to 0.1 degree, changes in a tenth of the samples of a glide in disturbed
+water, but often."""
+
+STILL_ROLL = 5
+"""Number of changes of the roll below which the glide may be a simulated one without noise, which keeps its heading."""
+
+_MIN_CHANGE = 1e-6
+"""Change of an angle (rad) that a sensor may resolve; a simulated glide without noise changes by less."""
+
+FROZEN_TIME, FROZEN_SHARE, LEAST_TIME, MIN_OVERLAP = 1800.0, 0.25, 300.0, 5
+"""Time (s), or share of a profile and least time, from which a heading that stays the same to the last digit is not
+measured (at most 505 s and 0.14 in the same profiles), and least number of such samples in a profile."""
+
+
+def frozen_profiles(
+    time: FloatArray, heading: FloatArray, pitch: FloatArray, roll: FloatArray, profile: IntArray
+) -> dict[int, str]:
+    """Profiles, by number, with a heading constant to the last digit while pitch and roll change; with reasons.
+
+    Parameters
+    ----------
+    time, heading, pitch, roll : (n,) arrays
+        Times (s), heading, pitch and roll (rad) of all profiles, NaN where missing. A roll that is missing or the same
+        everywhere was not measured and is not considered.
+    profile : (n,) int array
+        Number of the profile, 0 outside any.
+    """
+    known = np.flatnonzero(np.isfinite(heading))
+    if not _changes(roll).any():
+        roll = np.full(len(roll), np.nan)
+    time, pitch, roll, profile = time[known], pitch[known], roll[known], profile[known]
+    sizes = dict(zip(*np.unique(profile, return_counts=True), strict=True))
+    found: dict[int, str] = {}
+    for start, stop in equal_runs(heading[known], MIN_FROZEN):
+        if not _varies(pitch[start:stop]) or is_still(roll[start:stop]):
+            continue
+        lasts = float(time[stop - 1] - time[start])
+        for number, count in zip(*np.unique(profile[start:stop], return_counts=True), strict=True):
+            share = count / sizes[number]
+            if number > 0 and count >= MIN_OVERLAP and lasts >= (LEAST_TIME if share >= FROZEN_SHARE else FROZEN_TIME):
+                found[int(number)] = (
+                    f"profile {number}: heading is constant over {count} samples ({lasts / 60.0:.0f} min in "
+                    "total) while pitch varies: the compass was stuck; mark the heading missing (NaN) there"
+                )
+    return found
+
+
+def _changes(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask of the known values (rad) after the first that differ from the one before."""
+    return np.asarray(np.abs(np.diff(values[np.isfinite(values)])) > _MIN_CHANGE)
+
+
+def _varies(values: FloatArray) -> bool:
+    """Return whether many of the known values (rad) differ from the one before, in number or as a share."""
+    changes = _changes(values)
+    return bool(changes.sum() >= MANY_CHANGES or (len(changes) and changes.mean() >= MIN_CHANGES))
+
+
+def is_still(roll: FloatArray) -> bool:
+    """Return whether a roll (rad) is known and hardly changes, as in a simulated glide without noise."""
+    changes = _changes(roll)
+    return bool(len(changes) and changes.sum() < STILL_ROLL)

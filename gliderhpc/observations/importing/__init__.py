@@ -1,0 +1,1 @@
+"""Parts that the imports of all instruments share: the workflow, rows, clocks and dives."""

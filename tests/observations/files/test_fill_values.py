@@ -1,0 +1,101 @@
+"""Undeclared fill values in OG1 files are missing values, never measurements."""
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from support import seaglider_files as made
+
+from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.instruments.og1 import import_og1
+
+FILLS = (99999.0, -999.0, -9999.0, 9.96921e36)
+HOLE = slice(60, 64)
+COLUMNS = {
+    "PITCH": "pitch",
+    "ROLL": "roll",
+    "HEADING": "heading",
+    "DEPTH": "depth",
+    "VBD_CC": "ballast_volume",
+    "PITCH_CTL": "battery_position",
+    "TEMP": "temperature",
+}
+
+
+def imported(tmp_path, name, values, rows=HOLE):
+    """Summary and samples of a file with some values of one variable replaced."""
+    path = made.write_og1(tmp_path / "sg099_delayed.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file[name][rows] = values
+    summary = import_og1([path], tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "out.nc") as dataset:
+        return summary, dataset.load()
+
+
+@pytest.mark.parametrize("fill", FILLS)
+@pytest.mark.parametrize("name", COLUMNS)
+def test_an_undeclared_fill_is_missing_with_a_remark(tmp_path, name, fill):
+    summary, found = imported(tmp_path, name, fill)
+    assert [profile.fault for profile in summary.profiles] == [None, None]
+    (remark,) = summary.remarks
+    assert remark.startswith(f"sg099_delayed.nc: {name} ")
+    assert "in 4 samples" in remark
+    assert "at sample 60; these are treated as missing: declare its fill value" in remark
+    assert int(np.isnan(found[COLUMNS[name]].values).sum()) == 4 + 2 * (name == "TEMP")
+    with open_observations(tmp_path / "out.nc") as observations:
+        assert observations.faults == {}
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_fills_in_the_rows_of_the_fixes_make_no_samples(tmp_path, fill):
+    """If the file declares no fill value, every row without a sensor contains the library's."""
+    rows = np.concatenate([made.og1_rows(dive)["PITCH"] for dive in (1, 2)])
+    path = made.write_og1(tmp_path / "sg099.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        for name in ("PITCH", "ROLL", "HEADING"):
+            file[name][np.flatnonzero(np.isnan(rows))] = fill
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert summary.rows == np.count_nonzero(np.isfinite(rows))
+    assert [profile.fault for profile in summary.profiles] == [None, None]
+
+
+@pytest.mark.parametrize("fill", [-999.0, 99999.0])
+def test_fills_in_the_rows_without_a_fix_are_no_positions(tmp_path, fill):
+    rows = np.concatenate([made.og1_rows(dive)["LATITUDE_GPS"] for dive in (1, 2)])
+    path = made.write_og1(tmp_path / "sg099.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        for name in ("LATITUDE_GPS", "LONGITUDE_GPS"):
+            file[name][np.flatnonzero(np.isnan(rows))] = fill
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert (summary.fixes, summary.fixes_dropped) == (6, 0)
+
+
+def test_a_depth_in_centimetres_may_be_9999(tmp_path):
+    path = made.write_og1(tmp_path / "sg099.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["DEPTH"][:] = 100.0 * file["DEPTH"][:]
+        file["DEPTH"][66] = 9999.0
+        file["DEPTH"].units = "cm"
+    summary = import_og1([path], tmp_path / "out.nc")
+    assert (len(summary.complete), summary.remarks) == (2, ())
+
+
+def test_many_different_impossible_values_are_in_another_unit(tmp_path):
+    """Tenths of a degree: no heading is right, and no other angle is taken out."""
+    count = 2 * (2 * (made.AFLOAT + made.HALF) + 3)
+    tenths = np.linspace(0.0, 3599.0, count)
+    with pytest.raises(InputError, match=r"HEADING is outside -181 to 361 degree in .*; convert it, or set its units"):
+        imported(tmp_path, "HEADING", tenths, slice(None))
+    summary, _ = imported(tmp_path, "ROLL", tenths, slice(None))
+    assert all("roll is" in profile.fault for profile in summary.profiles)
+
+
+def test_a_heading_that_is_a_fill_throughout_is_missing(tmp_path):
+    with pytest.raises(InputError, match="has no sample of heading"):
+        imported(tmp_path, "HEADING", 655.35, slice(None))
+
+
+def test_a_roll_that_is_impossible_throughout_is_named_with_its_value(tmp_path):
+    summary, _ = imported(tmp_path, "ROLL", 655.35, slice(None))
+    assert all("roll is 655.35 degree" in profile.fault for profile in summary.profiles)
