@@ -11,7 +11,7 @@ unknowns.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +79,8 @@ def find_changes(
     prior : HullPrior
         Prior of the sum; the random walk of an error is left out where its change is sought.
     size : float
-        Prior standard deviation of a whole change, in plausible deviations.
+        Prior standard deviation of a whole change, and of the suspects' levels in addition to that of the prior, in
+        plausible deviations.
     companions : mapping of int to int, optional
         Index of an error that may change at the same time as a suspect, with the same course but another size. It
         is considered in the size and onset of the change, but not in its probability.
@@ -98,9 +99,12 @@ def find_changes(
     candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
     companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
 
-    A change shows in the differences between dives, in which errors that all dives have in common cancel. The dives'
-    covariances include such errors. They are therefore scaled by the scatter between dives, also where this is smaller
-    than they state, down to `_MIN_SCATTER`.
+    A change shows in the differences between dives, in which errors that all dives have in common cancel. If all dives
+    contradict the platform file, the hull has not changed. The levels of the suspects are therefore as uncertain as a
+    change is large; otherwise a change after the first dive would excuse all later dives from the prior.
+
+    The dives' covariances include common errors too. They are therefore scaled by the scatter between dives, also where
+    this is smaller than they state, down to `_MIN_SCATTER`.
 
     Probabilities, sizes and onsets are means over the assumptions of the noise under which the dives were smoothed,
     which are equally plausible: a change that only some of them show is not certain.
@@ -113,7 +117,8 @@ def find_changes(
     companions = companions or {}
     assumptions = _assumptions(dives)
     parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(dives)))
-    chains = [_Chain(prior, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
+    free = _with_free_levels(prior, suspects, size)
+    chains = [_Chain(free, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
     changes: dict[int, HullChange] = {}
     remaining = list(suspects)
     while remaining:
@@ -127,6 +132,13 @@ def find_changes(
         for chain, (first, *_) in zip(chains, sought[best], strict=True):
             chain.accept(changing, int(np.argmax(first.log_ratio)))
     return {i: changes[i] for i in suspects}
+
+
+def _with_free_levels(prior: HullPrior, suspects: Sequence[int], size: float) -> HullPrior:
+    """Return the prior with the variance of a change added to that of the suspects' levels."""
+    variance = np.zeros(len(prior.eta.mean))
+    variance[list(suspects)] = size**2
+    return replace(prior, eta=Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(variance)))
 
 
 def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:

@@ -193,6 +193,17 @@ def test_a_hull_that_stays_gives_few_alarms():
     assert np.median(found) < 0.5
 
 
+def test_dives_that_all_contradict_the_platform_file_show_no_change():
+    """A step after the first dive would otherwise excuse all later dives from a prior that is too narrow."""
+    rng = np.random.default_rng(23)
+    dives = [dive(rng, truth, n, rank=3, size=12.0) for n, truth in enumerate(_course(20, 10, 0.0, "step"))]
+    walk = np.array([0.02, 0.0, 0.0, 0.0, 0.0])
+    overconfident = HullPrior(Gaussian(np.array([-0.8, 0.0, 0.0, 0.0, 0.0]), np.diag([0.01, 1.0, 1.0, 1.0, 1.0])), walk)
+    same, expected = (find_changes(dives, (0,), each)[0] for each in (overconfident, HullPrior.plausible(walk)))
+    assert same.probability < 0.5
+    assert same.probability == pytest.approx(expected.probability, abs=0.1)
+
+
 def test_few_dives_show_no_change():
     assert _found(_course(3, 2, 1.0, "step"), 0) is None
 
