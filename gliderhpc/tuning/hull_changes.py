@@ -27,6 +27,8 @@ _PROBABILITY_OF_NO_CHANGE = 0.5
 _INTERVAL = (0.05, 0.5, 0.95)
 PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
+POSSIBLE = 0.8
+"""Minimum probability of a change that is reported as possible."""
 _MIN_SCATTER = 0.3
 """Minimum ratio of the variance between dives to their stated one; a few dives can agree by chance."""
 _MIN_FREEDOM = 60

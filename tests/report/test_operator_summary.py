@@ -139,12 +139,14 @@ def test_a_changed_hull_and_an_unsmoothed_dive_are_listed_as_anomalies(brief_sto
             parameter="viscous.K_L", meaning="lift", unit="kg/m", first=440.0, probability=0.97, change=-130.0,
             change_std=20.0, since=2, dives=9, above_20_percent=0.0,
         )  # fmt: skip
-        changed = message.model_copy(update={"hull_changes": (change, change.model_copy(update={"probability": 0.9}))})
+        less_probable = [change.model_copy(update={"probability": probability}) for probability in (0.9, 0.79)]
+        changed = message.model_copy(update={"hull_changes": (change, *less_probable)})
         monkeypatch.setattr(module, "surfacing_message", lambda *_: changed)
         monkeypatch.setattr(module, "filter_fallbacks", lambda *_: [2])
         (anomalies,) = (block for block in operator_section(archive, summary).blocks if isinstance(block, Remarks))
-    assert anomalies.texts[:2] == (
+    assert anomalies.texts[:3] == (
         "lift: changed since profile 2, by −130 ± 20 kg/m (probability 0.97)",
+        "lift: possibly changed since profile 2, by −130 ± 20 kg/m (probability 0.90)",
         "the smoother has no estimate of profile 2",
     )
 

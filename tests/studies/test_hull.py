@@ -64,6 +64,15 @@ def test_values_are_those_of_the_sum_in_the_units_of_the_platform_file():
     assert content.rows[9]["message"].startswith("the smoother has no estimate of this profile")
 
 
+@pytest.mark.parametrize(
+    ("probability", "words"), [(0.79, "no change shown"), (0.9, "possibly changed"), (0.96, "calibrate those before")]
+)
+def test_a_change_is_named_as_certain_possible_or_not_shown(probability, words):
+    mission, content = summed_up(dives(6, {}))
+    content.variables["change_probability"][:] = probability
+    assert all(words in line for line in shown_hull.verdict_lines(history_of(mission, content)))
+
+
 def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     """A ramp of the drag from profile 14 on, +27 % at the end."""
     course = np.clip((np.arange(30) - 12) / 17.0, 0.0, 1.0) * 0.6

@@ -21,7 +21,7 @@ from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.drift import NAME as DRIFT
 from gliderhpc.studies.library.scores import finite_median
-from gliderhpc.tuning.hull_changes import PROBABLE
+from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
@@ -54,10 +54,11 @@ def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
-    """Yield a sentence for each probable change of the hull."""
+    """Yield a sentence for each probable or possible change of the hull."""
     for change in message.hull_changes:
-        if change.probability >= PROBABLE:
-            since = f"changed since profile {change.since}, by {change.size_text}"
+        if change.probability >= POSSIBLE:
+            changed = "changed" if change.probability >= PROBABLE else "possibly changed"
+            since = f"{changed} since profile {change.since}, by {change.size_text}"
             yield f"{change.meaning}: {since} (probability {change.probability:.2f})"
 
 

@@ -30,7 +30,7 @@ from gliderhpc.studies.archived import (
     study_table,
 )
 from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
-from gliderhpc.tuning.hull_changes import PROBABLE
+from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -164,13 +164,15 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     probability = change["change_probability"]
     if not np.isfinite(probability):
         return f"{p.meaning}: too few dives to show a change"
-    if probability < PROBABLE:
+    if probability < POSSIBLE:
         return f"{p.meaning}: no change shown (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
+    course = f"{form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by {_size(history, p, change)}"
+    if probability < PROBABLE:
+        return f"{p.meaning}: possibly changed {course} (probability {probability:.2f}); more dives can settle it"
     return (
-        f"{p.meaning}: changed {form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by "
-        f"{_size(history, p, change)} (probability {probability:.3f}); the currents are those of one hull for all "
+        f"{p.meaning}: changed {course} (probability {probability:.3f}); the currents are those of one hull for all "
         "profiles, so calibrate those before and after the change separately"
     )
 
