@@ -102,10 +102,9 @@ def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_
     """
     limits = platform.vibration
     thresholds = np.array([limits.battery_position_rate, limits.battery_rotation_rate_rad, limits.ballast_rate_m3])
-    rates = np.abs(np.diff(series.controls[:, :3], axis=0)) / series.step
     moving = np.zeros(len(series.time), dtype=np.uint8)
-    fast = (rates > thresholds).any(axis=1)
-    moving[1:-1][fast] = 1
+    for actuator, threshold in zip(series.controls.T, thresholds, strict=False):
+        moving[1:-1][np.abs(np.diff(actuator)) / series.step > threshold] = 1
     reach = 2 * round(limits.guard / series.step) + 1
     return np.asarray(scipy.ndimage.maximum_filter1d(moving, size=reach, mode="constant"), dtype=bool)
 
@@ -167,7 +166,9 @@ def recorded_values(series: ProfileSeries) -> NDArray[np.bool_]:
 
 
 def _measured(series: ProfileSeries) -> NDArray[np.bool_]:
-    return np.asarray((series.weights > 0.0) & np.isfinite(series.measurements).any(axis=1))
+    # Column by column: a reduction along rows of four values takes ten times as long.
+    has_value = np.logical_or.reduce([np.isfinite(column) for column in series.measurements.T])
+    return np.asarray((series.weights > 0.0) & has_value)
 
 
 _EQUAL_ANGLES = 1e-9

@@ -148,7 +148,7 @@ def displacement_with(smoothed: SmoothedEstimate, record: RecordErrors | None) -
 
 def _variance(sensitivity: Array, covariance: Array) -> Array:
     """Variance ``(m, k)`` of sensitivities ``(m, k, p)``."""
-    return np.asarray(np.maximum(np.sum((sensitivity @ covariance) * sensitivity, axis=2), 0.0))
+    return np.asarray(np.maximum(np.einsum("mkp,mkp->mk", sensitivity @ covariance, sensitivity), 0.0))
 
 
 def _share(part: Array, deviation: Array) -> Array:
