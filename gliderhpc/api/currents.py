@@ -39,12 +39,11 @@ from gliderhpc.observations.series import describe_false_samples
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
 from gliderhpc.version import __version__
-from gliderhpc.wording import most_frequent_reason, speaks_python
+from gliderhpc.wording import most_frequent_reason
 
 Array = NDArray[np.float64]
 
 
-@speaks_python
 def currents(
     records: xr.Dataset | str | Path | Iterable[str | Path],
     *,

@@ -18,7 +18,6 @@ from gliderhpc.tuning.calibration import Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
-from gliderhpc.wording import speaks_python
 
 _MAX_ERROR = 100.0
 """Largest error of a logarithm that is shown as a factor; a number without information has none."""
@@ -36,7 +35,6 @@ class EstimatedHull:
 
     platform: Platform
 
-    @speaks_python
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the platform file, completely or not at all.
 
@@ -47,7 +45,7 @@ class EstimatedHull:
         CalibrationError
             The platform could not be loaded again.
         """
-        check_output(Path(path), overwrite=overwrite, instead="another --out")
+        check_output(Path(path), overwrite=overwrite, instead="another `path`")
         return write_platform(Path(path), self.platform, overwrite)
 
 
@@ -213,7 +211,7 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
         except InputError as error:
             raise CalibrationError(
                 "the estimated platform could not be used: "
-                f"{str(error).removeprefix(f'{aside}: ')}; start from another --platform or choose other --profiles"
+                f"{str(error).removeprefix(f'{aside}: ')}; start from another platform or choose other `profiles`"
             ) from None
     return out
 

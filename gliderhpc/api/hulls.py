@@ -19,7 +19,6 @@ from gliderhpc.api.arguments import (
 from gliderhpc.api.estimated_hulls import CalibratedHull, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
-from gliderhpc.flight import glider
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.dive_calibration import (
     DiveCalibrationInputs,
@@ -42,7 +41,6 @@ from gliderhpc.tuning.likelihood import tuning_profiles
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
-from gliderhpc.wording import speaks_python
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -57,7 +55,6 @@ HELD_OUT = 4
 """Interval, in profiles, of those held out for the score if none are named."""
 
 
-@speaks_python
 def calibrate(
     records: Records,
     hull: HullArgument,
@@ -240,9 +237,9 @@ def chosen_profiles(
     taken = _profiles_to_use(observations, profiles, settings.calibration.profiles)
     if hold_out is None:
         return taken, None
-    held_out = list(select_profiles(observations.profile_numbers, hold_out, "--hold-out"))
+    held_out = list(select_profiles(observations.profile_numbers, hold_out, "hold_out"))
     if set(taken) <= set(held_out):
-        raise InputError("--hold-out leaves no profile for the fit; name fewer profiles")
+        raise InputError("`hold_out` leaves no profile for the fit; name fewer profiles")
     return sorted({*taken, *held_out}), held_out
 
 
@@ -264,7 +261,6 @@ def split_segments(segments: SteadySegments, held_out: Sequence[int] | None) -> 
     return segments.select(~mask), segments.select(mask)
 
 
-@speaks_python
 def tune(
     records: Records,
     hull: HullArgument,
@@ -321,6 +317,3 @@ def tune_open(
     made = tuning_report.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
     update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)
-
-
-load_platform = speaks_python(glider.load_platform)

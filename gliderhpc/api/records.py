@@ -35,7 +35,7 @@ from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.report.record_checks import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records
-from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
+from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.import")
 
@@ -51,7 +51,6 @@ _MAX_OPENED_FILES = 20
 """Number of netCDF files in a folder that are opened to detect their kind: all files of a mission are of one kind."""
 
 
-@speaks_python
 def open_records(path: str | Path) -> xr.Dataset:
     """Open and check an observation file; import records of another kind that can be inverted.
 
@@ -88,7 +87,6 @@ def _can_be_imported(path: Path) -> bool:
         return False
 
 
-@speaks_python
 def import_records(files: str | Path | Iterable[str | Path], kind: str | None = None, **options: Any) -> xr.Dataset:
     """Make observations from an instrument's own records.
 
@@ -267,13 +265,13 @@ class InspectedRecords:
     def table(self) -> pd.DataFrame:
         """One row per finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
         rows = content(self.inspection)["findings"]
-        rows = [row | {"suggestion": python_words(row["suggestion"])} for row in rows]
+        rows = [row | {"suggestion": _setting(row["suggestion"])} for row in rows]
         return pd.DataFrame(rows).astype(dict.fromkeys(("size", "standard_error", "threshold"), float))
 
     @property
     def suggestions(self) -> dict[str, str]:
         """Settings that would correct the detected errors, by quantity."""
-        return {finding.quantity: python_words(finding.suggestion) for finding in self.inspection.found}
+        return {finding.quantity: _setting(finding.suggestion) for finding in self.inspection.found}
 
     @property
     def left_out(self) -> dict[int, str]:
@@ -281,7 +279,11 @@ class InspectedRecords:
         return self.inspection.left_out
 
 
-@speaks_python
+def _setting(suggestion: str) -> str:
+    """Return a suggested setting without the backquotes that mark it in a message."""
+    return suggestion.replace("`", "")
+
+
 def inspect(
     records: Records,
     hull: HullArgument,

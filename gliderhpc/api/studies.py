@@ -37,7 +37,6 @@ from gliderhpc.studies.registry import STUDIES, run_study
 from gliderhpc.studies.request import Request, archive_on_disk
 from gliderhpc.studies.validation import GROUP
 from gliderhpc.studies.validation import validate as run_validation
-from gliderhpc.wording import python_words, speaks_python
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,14 +87,13 @@ class StudyFindings:
     @property
     def remarks(self) -> Sequence[str]:
         """Remarks, such as a note on an input that was not supplied."""
-        return [python_words(remark) for remark in self.findings.remarks]
+        return self.findings.remarks
 
     @property
     def failed(self) -> Mapping[int, str]:
         """Profiles that could not be studied, with the reason."""
         return self.findings.failed
 
-    @speaks_python
     def save(self, folder: str | Path) -> list[Path]:
         """Write tables as CSV, figures as PNG and all numbers as JSON, as the command does.
 
@@ -166,7 +164,6 @@ def _findings(name: str, store: str | Path) -> Findings:
     return findings
 
 
-@speaks_python
 def analyze(
     store: str | Path,
     study: str,
@@ -247,7 +244,6 @@ def analyze(
         return StudyFindings(study, _draw_figures(analyze_archive(study, request)))
 
 
-@speaks_python
 def validate(
     records: Records,
     hull: HullArgument,
@@ -303,7 +299,6 @@ def validate(
         return StudyFindings(GROUP, _draw_figures(found))
 
 
-@speaks_python
 def plot_profile(
     dive: xr.DataTree, profile: int | None = None, *, truth: str | Path | xr.Dataset | None = None
 ) -> "Figure":
@@ -340,7 +335,6 @@ def plot_profile(
     return profile_figure(dive, number, known)
 
 
-@speaks_python
 def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     """Draw a map of depth-averaged currents: arrow and error ellipse of each dive, fixes, and the track under water.
 

@@ -11,7 +11,7 @@ from rich.text import Text
 from gliderhpc.archive.mission import Summary, archive_errors, attribute_faults, describe
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.errors import InputError
 from gliderhpc.report.facts import facts, flatten_settings
 from gliderhpc.store_schema import (
@@ -33,7 +33,7 @@ from gliderhpc.wording import counted
 SHOWN_MESSAGES = 20
 
 
-@click.command("info")
+@click.command("info", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
 def info(archive: Place, all_messages: bool) -> int:
@@ -121,7 +121,7 @@ def _messages(summary: Summary, shown: int | None) -> Table:
     return table
 
 
-@click.command("check")
+@click.command("check", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--deep", is_flag=True, help="Also compare every chunk with the digest recorded when it was written.")
 def check(archive: Place, deep: bool) -> int:
@@ -166,7 +166,7 @@ def _differences(archive: Place, deep: bool) -> list[str]:
 SHOWN_PROFILES = 12
 
 
-@click.command("compare")
+@click.command("compare", cls=Verb)
 @click.argument("first", type=options.PLACE)
 @click.argument("second", type=options.PLACE)
 def compare(first: Place, second: Place) -> int:

@@ -9,7 +9,7 @@ import xarray as xr
 from gliderhpc.api.currents import estimate_currents
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.options import Finite, deployment, overwrite
 from gliderhpc.output_files import check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
@@ -19,7 +19,7 @@ _HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark"
 _WORDS = ("start", "remark")
 
 
-@click.command("currents")
+@click.command("currents", cls=Verb)
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(

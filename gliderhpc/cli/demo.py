@@ -14,7 +14,7 @@ from gliderhpc.api.currents import currents
 from gliderhpc.api.studies import analyze_archive, validate_archive
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.cli.console import logging_to, results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
@@ -40,7 +40,7 @@ from gliderhpc.twins.windows import STUDY as WINDOWS
 from gliderhpc.wording import counted
 
 
-@click.command("demo")
+@click.command("demo", cls=Verb)
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),

@@ -11,7 +11,7 @@ from gliderhpc.api.hulls import CalibrationInputs, calibrate_and_tune, calibrate
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -39,7 +39,7 @@ _out = click.option(
 )
 
 
-@click.command("calibrate")
+@click.command("calibrate", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
@@ -187,7 +187,7 @@ def _dive_tables(found: HullRounds) -> list[Table]:
 log = logging.getLogger("gliderhpc.tune")
 
 
-@click.command("tune")
+@click.command("tune", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
@@ -223,7 +223,7 @@ def tune(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(TuneSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another `out`")
     with logging_to(log_file), open_observations(observations) as opened:
         found = tune_open(opened, platform, settings, profiles, assignments, log.info)
     write_platform(out, found.platform, overwrite)

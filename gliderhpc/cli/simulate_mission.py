@@ -11,6 +11,7 @@ from rich.table import Table
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
+from gliderhpc.cli.messages import Verb
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.flight.hull_parameters import compressible
 from gliderhpc.mission.executors import local_executor
@@ -37,7 +38,7 @@ MAX_SERIAL_PROFILES = 8
 """Largest mission that is simulated in this process by default."""
 
 
-@click.command("simulate-mission")
+@click.command("simulate-mission", cls=Verb)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.platform
 @click.option(

@@ -10,7 +10,7 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import echo, print_left_out
+from gliderhpc.cli.messages import Verb, echo, print_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, comparison_table, write_findings
@@ -30,7 +30,7 @@ from gliderhpc.studies.validation import GROUP, validated_profiles
 ALL = "all"
 
 
-@click.command("analyze")
+@click.command("analyze", cls=Verb)
 @click.argument("archive", metavar="ARCHIVE", type=options.PLACE)
 @click.argument("study", metavar="STUDY", type=options.Choice([*STUDIES, ALL]))
 @options.profiles
@@ -167,7 +167,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
             echo(f"{name} left out: {lack}", err=True)
 
 
-@click.command("validate")
+@click.command("validate", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @options.store

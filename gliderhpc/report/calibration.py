@@ -39,8 +39,8 @@ _OF_TURNS = QUANTITIES[2:]
 _REPORTED_GROWTH = 3.0
 """Growth of an error, from the first scale on, that is reported although the trimmed one has not grown."""
 _HOLD_LATERAL = (
-    "if turns matter, hold the lateral coefficients with --set calibration.hold="
-    f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]"
+    "if turns matter, hold the lateral coefficients with `calibration.hold="
+    f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]`"
 )
 
 _SHOWN = 0.3

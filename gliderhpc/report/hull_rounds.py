@@ -110,7 +110,7 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
     ]
     ahead = float(np.abs(found.full_step).max())
     if found.moves[-1] >= tolerance:
-        lines.append("WARNING: the hull still moved in the last round; allow more rounds with --set rounds.most")
+        lines.append("WARNING: the hull still moved in the last round; allow more rounds with `rounds.most`")
     elif ahead >= tolerance:
         lines.append(
             f"WARNING: the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which "

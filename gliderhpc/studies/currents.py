@@ -233,7 +233,7 @@ def _uncertainty_model(
     if request.budget is None:
         model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)
         return model, (
-            f"no --budget given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
+            f"no `budget` given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
             "noise floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a "
             "hull",
         )

@@ -177,7 +177,7 @@ def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
     if min(known) < MIN_VALUES:
         raise InputError(
             f"{NAME}: only {known[0]} dives and {known[1]} climbs have a median between {mission.band.low:.0f} and "
-            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give --set drift.depth_band=[LOW,HIGH]"
+            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give `drift.depth_band=[LOW,HIGH]`"
         )
     return table
 

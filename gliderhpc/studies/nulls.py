@@ -287,7 +287,7 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     mission, names = plan.prepared.inputs
     planned = realisations(plan.settings, plan.numbers)
     if not planned:
-        raise InputError("--set nulls: no realisation is requested; set the number of at least one family above zero")
+        raise InputError("nulls: no realisation is requested; set the number of at least one family above zero")
     results = _run_batches(plan, planned, mission)
     variables: dict[str, Any] = {
         variable.name: [row.get(variable.name, variable.fill_value) for _, row, _ in results]

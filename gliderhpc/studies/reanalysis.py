@@ -124,7 +124,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 
 def missing_input(request: Request, _: object) -> str | None:
     """Require a model."""
-    return None if request.models else "needs --model FILE_OR_URL, an ocean model's file (repeatable)"
+    return None if request.models else "needs `models`, files or addresses of ocean models"
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:

@@ -295,6 +295,4 @@ def _check_belongs(
         )
     for key in _ON_RECORDS:
         if archive.attrs[key] != getattr(settings, key):
-            raise InputError(
-                f"--set {key}: the archive's value is {archive.attrs[key]:g} s, and its records require it"
-            )
+            raise InputError(f"`{key}`: the archive's value is {archive.attrs[key]:g} s, and its records require it")

@@ -114,7 +114,7 @@ class TwinStudy(Generic[SizeT]):
         size = self.quick if quick else self.full
         count = size.seeds if seeds is None else seeds
         if count < self.min_seeds:
-            raise InputError(f"--seeds {count}: twin {self.name} needs at least {self.min_seeds}")
+            raise InputError(f"`seeds={count}`: twin {self.name} needs at least {self.min_seeds}")
         return TwinPlan(tuple(platforms), size, tuple(range(1, count + 1)), quick)
 
     def run(self, plan: TwinPlan[SizeT], executor: Executor, report: Report) -> Findings:

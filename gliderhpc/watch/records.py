@@ -141,7 +141,7 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
     if len(kinds) > 1:
         (first, (one, *_)), (second, (other, *_)), *_ = kinds.items()
         raise InputError(
-            f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as --kind {first}"
+            f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as `kind={first}`"
         )
     found, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
     return found, chosen, faults

@@ -147,7 +147,7 @@ def read_state(folder: Path) -> WatchState:
     except ValidationError as error:
         what = error.errors()[0]["msg"]
         raise InputError(
-            f"{path}: damaged ({what}); remove it (every dive is then reported again), or give another --out"
+            f"{path}: damaged ({what}); remove it (every dive is then reported again), or give another `out`"
         ) from None
 
 

@@ -389,7 +389,7 @@ def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
     before, after = list(read_profiles(store)), list(numbers)
     foreign = sorted(set(before) - set(after))
     if foreign:
-        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another --store")
+        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another `store`")
     return after[: len(before)] == before
 
 
@@ -416,7 +416,7 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
     check_folder(watched.out)
     if watched.out.resolve() == folder_of(watched.source).resolve():
         raise InputError(
-            f"{watched.out}: is the folder being watched; give another one for messages and copies with --out"
+            f"{watched.out}: is the folder being watched; give another one for messages and copies with `out`"
         )
     if is_archive(folder_of(watched.source)):
         raise InputError(f"{watched.source}: is an archive; give the folder in which the glider's files arrive")

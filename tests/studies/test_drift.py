@@ -227,7 +227,7 @@ def test_a_force_against_the_motion_is_a_drag():
 
 def test_settings_are_checked():
     for assignments in ({"depth_band": "[90, 40]"}, {"coefficients.settling": "500"}, {"epochs": "2"}):
-        with pytest.raises(InputError, match="--set"):
+        with pytest.raises(InputError, match=r"^(settings: a depth_band|`coefficients`: a segment|`epochs`: )"):
             build_settings_of(DriftSettings, {}, assignments)
     assert build_settings_of(DriftSettings, {}, {"epochs": "null"}).epochs is None
 

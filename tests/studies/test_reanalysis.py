@@ -635,7 +635,7 @@ def test_a_missing_fix_is_stated_in_the_message_of_the_profile(archive, sources)
 @pytest.mark.compiled
 def test_with_all_studies_it_runs_only_where_a_model_is_given(archive):
     request = Request(archive, lambda: local_executor(0))
-    assert "--model" in missing_input("reanalysis", request)
+    assert "`models`" in missing_input("reanalysis", request)
     assert missing_input("reanalysis", replace(request, models=("hycom.nc",))) is None
 
 

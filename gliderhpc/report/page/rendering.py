@@ -113,7 +113,7 @@ def check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
     for folder in folders:
         inside = {folder.resolve(), *folder.resolve().parents} & set(stores)
         if inside:
-            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
+            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another `out`")
 
 
 MAX_SVG_BYTES = 150_000

@@ -183,7 +183,7 @@ def windows_section(twins: Path | None, platform: str) -> Section:
     """Return the section of the twin experiment in a folder; without a folder, it has the command that runs it."""
     if twins is None:
         command = f"gliderhpc twin windows --platform {platform} --out twins"
-        remedy = "They were not given with --twins. To run them, for `gliderhpc report ... --twins twins`:"
+        remedy = "They were not given. To run them, for `gliderhpc report ... --twins twins`:"
         return Section(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
     content, rows = _read_twins(twins)
     blocks: list[Block] = [Paragraph(_WINDOWS_INTRODUCTION)]

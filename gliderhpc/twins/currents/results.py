@@ -317,7 +317,7 @@ def strongest(transfer: Sequence[Row], preset: str) -> list[Row]:
 def _uncertainty_models(averaged: Sequence[Row], budget: Budget | None) -> list[UncertaintyModel]:
     ours, others = ([row for row in averaged if row["seed"] % 2 == odd] for odd in (1, 0))
     if not (ours and others):
-        raise InputError("no twin is left to fit to, or to test the ellipses on; give more --seeds")
+        raise InputError("no twin is left to fit to, or to test the ellipses on; give more `seeds`")
     offset, _ = track_offset(ours)
     centred, others_centred = without_offset(ours, offset), without_offset(others, offset)
     given = [] if budget is None else [UncertaintyModel(RECOVERABILITY, budget.current, averaged)]

@@ -142,7 +142,7 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
         low,
         high,
         f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to {high:.0f} "
-        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
+        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; `drift.depth_band=[LOW,HIGH]` changes this",
     )
 
 

@@ -176,7 +176,7 @@ def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple
     return found, (
         f"the events cannot be judged: the ceiling is that of {found.nulls} nulls without any disturbance, and "
         f"{MIN_NULLS} are needed; errors of the hull alone may exceed it in every profile. The list is a ranking only; "
-        "run the study nulls without --quick",
+        "run the study nulls without `quick`",
     )
 
 
