@@ -1,7 +1,6 @@
 """Studies of a finished mission, the validation of the forward model, and the drawing of a profile."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,20 +22,15 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Findings, as_plain, write_findings
-from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
-from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.platform import Platform
 from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import show_study
 from gliderhpc.store_schema import read_attributes, restored_on_error, set_study_attributes
-from gliderhpc.studies.registry import STUDIES, run_study
-from gliderhpc.studies.request import Request, archive_on_disk
-from gliderhpc.studies.validation import GROUP
-from gliderhpc.studies.validation import validate as run_validation
+from gliderhpc.studies.registry import STUDIES, VALIDATION, run_study
+from gliderhpc.studies.request import Request, Simulation, archive_on_disk
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,7 +105,7 @@ def analyze_archive(name: str, request: Request) -> Findings:
     Parameters
     ----------
     name : str
-        Name of the study, in `gliderhpc.studies.registry.STUDIES`.
+        Name of the study, in `gliderhpc.studies.registry.ALL_STUDIES`.
     request : Request
         Archive, workers, estimate, profiles and inputs.
 
@@ -128,31 +122,6 @@ def analyze_archive(name: str, request: Request) -> Findings:
     with restored_on_error(request.archive, name):
         run_study(name, request)
         return _findings(name, request.archive)
-
-
-def validate_archive(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    store: str | Path,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    *,
-    profiles: str | None = None,
-    quick: bool = False,
-    on_profile: Callable[[int], None] = lambda _: None,
-) -> Findings:
-    """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
-
-    Raises
-    ------
-    InputError
-        The archive was made from other observations or on other axes, or has no such profile.
-    """
-    with restored_on_error(store, GROUP):
-        run_validation(
-            observations, platform, settings, store, executor, profiles=profiles, quick=quick, on_profile=on_profile
-        )
-        return _findings(GROUP, store)
 
 
 def _findings(name: str, store: str | Path) -> Findings:
@@ -293,10 +262,9 @@ def validate(
         else:
             settings = settings_of(MissionSettings, settings, named)
     with archive_errors(archive), locked(archive), opened_records(records) as observations:
-        found = validate_archive(
-            observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
-        )
-        return StudyFindings(GROUP, _draw_figures(found))
+        simulation = Simulation(observations, platform, settings)
+        request = Request(archive, executor, profiles=profiles_text(profiles), quick=quick, simulation=simulation)
+        return StudyFindings(VALIDATION, _draw_figures(analyze_archive(VALIDATION, request)))
 
 
 def plot_profile(

@@ -11,7 +11,7 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.api.currents import currents
-from gliderhpc.api.studies import analyze_archive, validate_archive
+from gliderhpc.api.studies import analyze_archive
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import Verb, echo
@@ -34,8 +34,8 @@ from gliderhpc.report.accuracy import accuracy_table, render
 from gliderhpc.report.page import Written, write_mission_page
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
-from gliderhpc.studies.registry import STUDIES
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.registry import STUDIES, VALIDATION
+from gliderhpc.studies.request import Request, Simulation
 from gliderhpc.twins.windows import STUDY as WINDOWS
 from gliderhpc.wording import counted
 
@@ -207,7 +207,8 @@ def _invert(tour: _DemoRun) -> MissionResult:
 def _validate(tour: _DemoRun) -> None:
     tour.announce("comparing the fixed-coefficient model with the records")
     with open_observations(tour.observations) as opened:
-        validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
+        simulation = Simulation(opened, tour.platform, MissionSettings())
+        analyze_archive(VALIDATION, Request(tour.store, tour.workers, simulation=simulation))
 
 
 def _study(tour: _DemoRun) -> None:

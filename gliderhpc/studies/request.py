@@ -12,8 +12,28 @@ from gliderhpc.archive.mission import check_is_path
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
+from gliderhpc.mission.settings import MissionSettings, SettingsModel, build_settings_of, parse_assignments
+from gliderhpc.observations import Observations
+from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import is_address
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Inputs of a simulation of the records, for the study ``validation``.
+
+    Attributes
+    ----------
+    observations : Observations
+        The open file that the archive was made from.
+    platform, settings : Platform, MissionSettings
+        Hull to validate, which may differ from the archive's, and settings, whose step and output interval must equal
+        the archive's.
+    """
+
+    observations: Observations
+    platform: Platform
+    settings: MissionSettings
 
 
 @dataclass(frozen=True)
@@ -42,6 +62,8 @@ class Request:
         Settings of the study, as ``KEY=VALUE``.
     models : tuple of str
         Files, patterns of files and OPeNDAP addresses of ocean models.
+    simulation : Simulation, optional
+        Records to simulate, with hull and settings.
     on_profile : callable
         Function called with the number of each finished profile.
     """
@@ -57,6 +79,7 @@ class Request:
     models: tuple[str, ...] = ()
     reference: Path | None = None
     assignments: tuple[str, ...] = ()
+    simulation: Simulation | None = None
     on_profile: Callable[[int], None] = lambda _: None
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -32,7 +32,14 @@ from gliderhpc.store_schema import (
     write_whole,
 )
 from gliderhpc.store_schema.schema import PROFILE, study_called
-from gliderhpc.studies.archived import Provenance, chosen_profiles, estimate_remarks, platform_of, positions
+from gliderhpc.studies.archived import (
+    Provenance,
+    chosen_among,
+    chosen_profiles,
+    estimate_remarks,
+    platform_of,
+    positions,
+)
 from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
 from gliderhpc.studies.request import Request, study_settings
 
@@ -48,6 +55,8 @@ class ProfileContext:
 
     Attributes
     ----------
+    number : int
+        Number of the profile.
     archive : Archive
         Archive of the mission.
     settings : Settings or None
@@ -56,6 +65,7 @@ class ProfileContext:
         `Preparation.inputs` as opened by `Study.opened`.
     """
 
+    number: int
     archive: Archive
     settings: Any
     inputs: Any
@@ -143,6 +153,7 @@ class Plan:
 
 
 ProfileFunction = Callable[[ProfileData, ProfileContext], Row]
+ReadFunction = Callable[[Archive, int], Any]
 MissionFunction = Callable[[Plan, Mapping[int, Row]], GroupContent]
 PrepareFunction = Callable[[Request, Archive, tuple[int, ...], Any], Preparation]
 
@@ -248,7 +259,7 @@ class Study:
             {} if plan.settings is None else plan.settings.model_dump(mode="json"),
             plan.remarks + begun + unused + found.remarks,
         )
-        own = {"options": request.options(self.name)}
+        own = self.own_attributes(request)
         attributes = {**made.attributes(), **own, **plan.prepared.attributes, **found.attributes}
         finish_study(request.archive, self.name, as_plain(attributes))
 
@@ -261,7 +272,7 @@ class Study:
             No such profile is done, the archive has no such estimate, or another input is wrong.
         """
         with open_for_reading(request.archive) as archive:
-            numbers = chosen_profiles(archive, request.profiles, request.quick)
+            numbers = self.choose(archive, request.profiles, request.quick)
             remarks = () if self.estimate_unused else estimate_remarks(archive, request.estimate, numbers)
             prepared = self.prepare(request, archive, numbers, settings)
             if prepared.numbers is not None:
@@ -281,11 +292,28 @@ class Study:
         """
         if self.profile is None:
             return {}, {}
-        estimate = ADJOINT if self.estimate_unused else plan.request.estimate
-        study = partial(run_profile_job, self.name, self.profile, estimate, plan.settings)
+        study = partial(run_profile_job, self.name, self.profile, self.reader(plan.request), plan.settings)
         jobs = [(number, plan.positions[number]) for number in plan.numbers]
         results, digests = run_jobs(plan.request, self.name, study, jobs, plan.prepared.inputs, self.opened)
         return {result.number: result.table_row for result in results}, digests
+
+    def choose(self, archive: Archive, text: str | None, quick: bool) -> tuple[int, ...]:
+        """Choose among the profiles that can be studied; a quick study uses the first few.
+
+        Raises
+        ------
+        InputError
+            No profile can be studied, or the text names one that cannot.
+        """
+        return chosen_profiles(archive, text, quick)
+
+    def reader(self, request: Request) -> ReadFunction:
+        """Return the function that reads a profile's data in a worker."""
+        return partial(read_profile_data, estimate=ADJOINT if self.estimate_unused else request.estimate)
+
+    def own_attributes(self, request: Request) -> dict[str, Any]:
+        """Return what else the group records of a request."""
+        return {"options": request.options(self.name)}
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
         """Columns of the study's table: variables with one value per profile, or several along the wide dimensions."""
@@ -295,10 +323,42 @@ class Study:
         return tuple(dict.fromkeys((PROFILE, *self.mission_columns, *own)))
 
 
+NO_ESTIMATE = "none"
+"""Name stored as the estimate of a study that uses none."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordStudy(Study):
+    """A study of the records alone. It uses no estimate, and profiles without one can be studied too.
+
+    Its function of a profile gets no `ProfileData`, but the inputs that `prepare` returns.
+    """
+
+    def run(self, request: Request, settings: Any) -> None:
+        """Study the chosen profiles, as `Study.run` does."""
+        super().run(replace(request, estimate=NO_ESTIMATE), settings)
+
+    def choose(self, archive: Archive, text: str | None, quick: bool) -> tuple[int, ...]:
+        """Choose among all profiles of an archive, as `Study.choose` does among the finished ones."""
+        return chosen_among(list(positions(archive)), text, quick)
+
+    def reader(self, request: Request) -> ReadFunction:
+        """Return a function that reads nothing."""
+        return _read_nothing
+
+    def own_attributes(self, request: Request) -> dict[str, Any]:
+        """Return nothing: hull and settings are attributes already."""
+        return {}
+
+
+def _read_nothing(archive: Archive, number: int) -> None:
+    """Read no estimate."""
+
+
 def run_profile_job(
     name: str,
     profile: ProfileFunction,
-    estimate: str,
+    read: ReadFunction,
     settings: Any,
     archive: Archive,
     job: tuple[int, int],
@@ -306,9 +366,9 @@ def run_profile_job(
 ) -> StudiedProfile:
     """Study one profile in a worker, and separate the rows that the worker writes from the other values."""
     number, index = job
-    data = read_profile_data(archive, number, estimate)
+    data = read(archive, number)
     try:
-        values = profile(data, ProfileContext(archive, settings, inputs))
+        values = profile(data, ProfileContext(number, archive, settings, inputs))
     except ProfileError as error:
         values = {"message": str(error)}
     chunked = {variable.name for variable in study_called(name).variables if variable.is_row}

@@ -17,11 +17,12 @@ from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, FleetTrack
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
-from gliderhpc.report.studies import SHOWN, studies_in
+from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.registry import ALL_STUDIES
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
 
@@ -202,9 +203,9 @@ def read_state(place: Place) -> MissionState:
 def _anomalies(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
     """Yield the anomalies of profiles and studies."""
     yield from profile_anomalies(summary, table)
-    yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
-    missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]
-    if len(missing) == len(SHOWN):
+    yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in ALL_STUDIES)
+    missing = [name for name in ALL_STUDIES if name not in studies_in(archive) and name not in summary.notes]
+    if len(missing) == len(ALL_STUDIES):
         yield "no study was run"
     elif missing:
         yield f"studies not run: {', '.join(missing)}"

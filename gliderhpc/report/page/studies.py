@@ -28,9 +28,10 @@ from gliderhpc.report.page.content import (
     limited_warnings,
 )
 from gliderhpc.report.page.reproduction import study_command
-from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
+from gliderhpc.report.studies import show_study, studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
+from gliderhpc.studies.registry import ALL_STUDIES, load_study
 from gliderhpc.wording import counted
 
 _MAX_COLUMNS = 14
@@ -55,7 +56,7 @@ HEADINGS = {
 
 def study_names() -> list[str]:
     """Return the names of all studies in the order of the paper."""
-    return [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
+    return [*HEADINGS, *(name for name in ALL_STUDIES if name not in HEADINGS)]
 
 
 def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
@@ -64,7 +65,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
-    title, reference = study_title(name), f" ({published} of the paper)" if published else ""
+    title, reference = load_study(name).title, f" ({published} of the paper)" if published else ""
     introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
     return Section(name, heading_text, (introduction, *blocks))
 
