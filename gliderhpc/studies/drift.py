@@ -21,7 +21,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, median_column
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
-from gliderhpc.studies.library.drift.change_text import stored_changes, stored_moment_changes
+from gliderhpc.studies.library.drift.change_rows import stored_changes, stored_moment_changes
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
     SegmentMedians,

@@ -17,13 +17,13 @@ from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     FastSettings,
     GappySeries,
     channel_of,
     fast_part,
+    missing_band,
 )
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study

@@ -25,13 +25,13 @@ from gliderhpc.store_schema.columns import (
 )
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_rows
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     IntermittencySettings,
     averaged_over,
     channel_of,
     fast_part,
+    missing_band,
     series_step,
     steps_within,
 )

@@ -35,7 +35,6 @@ from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODE
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
 from gliderhpc.studies.library.turbulence.gaussianity import TESTED, gaussianity_row, noise_of_estimate
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -45,6 +44,7 @@ from gliderhpc.studies.library.turbulence.series import (
     channel_of_estimate,
     fast_part,
     high_passed,
+    missing_band,
 )
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
