@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.platform import Platform
-from gliderhpc.report.surfacing_message import HullChange, Trim
+from gliderhpc.report.surfacing_message import ReportedHullChange, Trim
 from gliderhpc.studies.hull import (
     HullSettings,
     MissionDives,
@@ -16,7 +16,7 @@ from gliderhpc.studies.hull import (
     combine_dives,
     read_dives,
 )
-from gliderhpc.tuning.hull_changes import HullChange as FoundChange
+from gliderhpc.tuning.hull_changes import HullChange
 from gliderhpc.tuning.mission_hull import MissionHull
 
 IMPLAUSIBLE = 3.0
@@ -50,7 +50,7 @@ class RecentHull:
 
     mission: MissionDives
     found: MissionHull
-    changes: dict[int, FoundChange | None]
+    changes: dict[int, HullChange | None]
     warning: str = ""
 
 
@@ -85,7 +85,7 @@ def implausible_warning(steps: Mapping[str, float]) -> str:
     )
 
 
-def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
+def hull_changes(hull: RecentHull) -> tuple[ReportedHullChange, ...]:
     """Return the changes shown by the dives; empty if they are too few to show a change."""
     mission, found = hull.mission, hull.found
     changes = []
@@ -96,7 +96,7 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
         first = parameter.moved(mission.platform, float(found.smoothed[0].mean[i]))
         probability, total, std = (values[f"change_{name}"] for name in ("probability", "total", "total_std"))
         changes.append(
-            HullChange(
+            ReportedHullChange(
                 parameter=parameter.key,
                 meaning=parameter.meaning,
                 unit=parameter.unit,

@@ -16,14 +16,14 @@ from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
 from gliderhpc.report.recent_hull import hull_changes, recent_hull, trim_of
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
-    Current,
     Ellipse,
-    Fix,
-    HullParameter,
     Inversion,
     NextSurfacing,
+    ReportedCurrent,
+    ReportedFix,
+    ReportedHullParameter,
+    ReportedMotion,
     SurfacingMessage,
-    Water,
 )
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
@@ -132,11 +132,11 @@ def _pair(row: xr.Dataset, first: str, second: str) -> tuple[float, float] | Non
     return None if one is None or other is None else (one, other)
 
 
-def _surfacing(row: xr.Dataset) -> Fix | None:
+def _surfacing(row: xr.Dataset) -> ReportedFix | None:
     place = _pair(row, "exit_latitude", "exit_longitude")
     if place is None:
         return None
-    return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
+    return ReportedFix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
 
 
 def _next_surfacing(archive: Archive, number: int, plan: DivePlan | None) -> NextSurfacing | None:
@@ -158,7 +158,7 @@ def _next_surfacing(archive: Archive, number: int, plan: DivePlan | None) -> Nex
     )
 
 
-def current_of_dive(row: xr.Dataset) -> Current | None:
+def current_of_dive(row: xr.Dataset) -> ReportedCurrent | None:
     """Return the adopted current from a profile's row of the archive's table; None if it is not known."""
     found = adopted_current(row)
     if not found.known:
@@ -166,7 +166,7 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
     north, east, north_std, east_std, covariance = (
         float(value) for value in (found.north, found.east, found.north_std, found.east_std, found.covariance)
     )
-    return Current(
+    return ReportedCurrent(
         north=north,
         east=east,
         north_std=north_std,
@@ -184,7 +184,7 @@ def read_best_estimate(archive: Archive, number: int, *, smoothed: bool) -> Prof
     return read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
 
 
-def water_of_dive(archive: Archive, data: ProfileData) -> Water | None:
+def water_of_dive(archive: Archive, data: ProfileData) -> ReportedMotion | None:
     """Return the motion through the water of a profile, with errors where the estimate is the smoother's.
 
     Without any velocity in the archive it is None.
@@ -199,7 +199,7 @@ def water_of_dive(archive: Archive, data: ProfileData) -> Water | None:
         row = archive["smoothed"].to_dataset().sel(profile=data.number)
         north, east = (float(row[f"displacement_{name}"]) for name in ("north", "east"))
         deviations = _displacement_errors(row, np.array([north, east]), duration)
-    return Water(
+    return ReportedMotion(
         speed=float(np.nanmean(speeds)),
         horizontal_speed=math.hypot(north, east) / duration,
         north=north,
@@ -249,14 +249,14 @@ def _has_hull_information(archive: Archive) -> bool:
     return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
 
 
-def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:
+def _hull(archive: Archive, number: int) -> tuple[ReportedHullParameter, ...]:
     if "hull" not in archive.children:
         return ()
     row = archive["hull"].to_dataset().sel(profile=number).load()
     columns = ("parameter", "value", "plausible_deviation", "estimate_alone", "estimate_alone_std")
     rows = zip(*(row[name].values.tolist() for name in columns), strict=True)
     return tuple(
-        HullParameter(parameter=name, value=value, plausible_deviation=deviation, error=error, error_std=std)
+        ReportedHullParameter(parameter=name, value=value, plausible_deviation=deviation, error=error, error_std=std)
         for name, value, deviation, error, std in rows
         if all(map(math.isfinite, (value, deviation, error, std)))
     )

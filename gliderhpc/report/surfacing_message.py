@@ -28,7 +28,7 @@ class Ellipse(_Part):
     direction: float = _field("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
 
 
-class Current(_Part):
+class ReportedCurrent(_Part):
     """Depth-averaged current of the dive."""
 
     north: float = _field("m s-1", "to the north")
@@ -42,7 +42,7 @@ class Current(_Part):
     estimate: str = _field("", "smoothed, or adjoint where the smoother has none")
 
 
-class Water(_Part):
+class ReportedMotion(_Part):
     """Motion through the water."""
 
     speed: float = _field("m s-1", "mean speed along the path")
@@ -54,7 +54,7 @@ class Water(_Part):
     east_std: float | None = _field("m", "standard deviation of east")
 
 
-class Fix(_Part):
+class ReportedFix(_Part):
     """Time and position."""
 
     time: str = _field("", "ISO 8601, UTC")
@@ -73,7 +73,7 @@ class Inversion(_Part):
     seconds: float | None = _field("s", "computing time")
 
 
-class HullParameter(_Part):
+class ReportedHullParameter(_Part):
     """Error of one number of the platform file."""
 
     parameter: str = _field("", "key in the platform file")
@@ -83,7 +83,7 @@ class HullParameter(_Part):
     error_std: float = _field("1", "its standard deviation")
 
 
-class HullChange(_Part):
+class ReportedHullChange(_Part):
     """Change of one number of the platform file over the dives so far, at most the last hundred."""
 
     parameter: str = _field("", "key in the platform file")
@@ -149,15 +149,15 @@ class SurfacingMessage(_Part):
     duration: float = _field("s", "time from the first to the last sample")
     max_depth: float | None = _field("m", "greatest depth")
     samples: int = _field("1", "number of samples")
-    surfacing: Fix | None = _field("", "first fix after the dive")
-    current: Current | None
+    surfacing: ReportedFix | None = _field("", "first fix after the dive")
+    current: ReportedCurrent | None
     surface_drift: tuple[float, float] | None = _field("m s-1", "drift at the surface, north and east")
-    water: Water | None
+    water: ReportedMotion | None
     next_surfacing: NextSurfacing | None
     inversion: Inversion
     odd: tuple[str, ...] = _field("", "anomalies in the records")
-    hull: tuple[HullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
-    hull_changes: tuple[HullChange, ...] = _field(
+    hull: tuple[ReportedHullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
+    hull_changes: tuple[ReportedHullChange, ...] = _field(
         "", "changes of the parameters that can change, from the fourth dive on"
     )
     trim: tuple[Trim, ...] = Field(
@@ -216,5 +216,5 @@ def _round(value: float | None, digits: int) -> str:
     return "unknown" if value is None else f"{value:.{digits}f}"
 
 
-def _component(current: Current | None, name: str) -> str:
+def _component(current: ReportedCurrent | None, name: str) -> str:
     return _round(None if current is None else getattr(current, name), 3)

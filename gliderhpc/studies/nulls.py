@@ -30,7 +30,7 @@ from gliderhpc.mission.jobs import batch_size
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
-from gliderhpc.simulator.replay import Actuation, record_of, replay
+from gliderhpc.simulator.replay import RecordedActuation, record_of, replay
 from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY, NULL, REALISATIONS
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
@@ -149,14 +149,16 @@ def without_corrections(mission: MissionSettings) -> MissionSettings:
     return mission.model_copy(update={"records": RecordSettings()})
 
 
-def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
+def actuation_of(data: ProfileData, platform: Platform) -> RecordedActuation:
     """Recorded actuation of a profile, first state, and the records at which the sensors were read."""
     interval = float(data.attributes["output_interval"])
     sampled = data.sampled
     if not sampled.any():
         every = max(1, round(sample_interval(data, platform) / interval))
         sampled = np.arange(len(data.record_time)) % every == 0
-    return Actuation(data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled)
+    return RecordedActuation(
+        data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled
+    )
 
 
 def gaussian_disturbances(

@@ -22,8 +22,8 @@ from gliderhpc.report.page.content import (
     LinkedTableEntry,
     Notice,
     Page,
+    PageSection,
     Row,
-    Section,
 )
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
@@ -185,9 +185,9 @@ def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
     )
     command = shlex.join(["gliderhpc", "report", *(str(member.place) for member in members), "--out", str(out)])
     sections = (
-        Section("fleet", "The gliders", (roster,)),
-        Section("map", "Map", (_map_block(members),)),
-        Section(
+        PageSection("fleet", "The gliders", (roster,)),
+        PageSection("map", "Map", (_map_block(members),)),
+        PageSection(
             "reproduction", "How to reproduce this", (Commands("This command writes all pages again:", (command,)),)
         ),
     )

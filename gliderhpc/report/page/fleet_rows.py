@@ -20,7 +20,7 @@ from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
-from gliderhpc.report.surfacing_message import Current, Water
+from gliderhpc.report.surfacing_message import ReportedCurrent, ReportedMotion
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.registry import ALL_STUDIES
 
@@ -50,9 +50,9 @@ class MissionState:
     summary: Summary
     table: MissionTable
     current_of: int = 0
-    current: Current | None = None
+    current: ReportedCurrent | None = None
     water_of: int = 0
-    water: Water | None = None
+    water: ReportedMotion | None = None
     hull: tuple[StoredChange, ...] | None = None
     anomalies: tuple[str, ...] = field(default=())
 

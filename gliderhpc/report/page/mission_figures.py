@@ -30,7 +30,7 @@ from gliderhpc.findings.drawing import (
 )
 from gliderhpc.report.page.content import Row, heading
 from gliderhpc.report.surfacing import current_of_dive
-from gliderhpc.report.surfacing_message import Current
+from gliderhpc.report.surfacing_message import ReportedCurrent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ SHOWN = len(LEADING_COLUMNS) + len(CURRENT) + 2
 """Number of columns on the page, including the profile number and the message."""
 
 
-def last_current(table: MissionTable) -> tuple[int, Current | None]:
+def last_current(table: MissionTable) -> tuple[int, ReportedCurrent | None]:
     """Return the number of the last profile with a current, and that current; 0 and None if there is none."""
     known = np.flatnonzero(table.with_current)
     if not known.size:

@@ -11,7 +11,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report.facts import platform_name
-from gliderhpc.report.page.content import Page, Section, drawn
+from gliderhpc.report.page.content import Page, PageSection, drawn
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
@@ -100,17 +100,17 @@ def mission_page(
     return Page(str(summary.attributes.get("mission") or "mission"), subtitle, present)
 
 
-MakeSection = Callable[..., Section | None]
+MakeSection = Callable[..., PageSection | None]
 """Function that makes a section, or None, from an archive passed as the keyword argument `archive`."""
 
 
-def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[Section | None]:
+def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[PageSection | None]:
     """Make sections of an archive, with their figures drawn, on the workers of an executor."""
     found = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
     return [found[index] for index in range(len(makers))]
 
 
-def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
+def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, PageSection | None]:
     """Make one section, as the job of a worker."""
     index, make = job
     with archive_errors(place), open_for_reading(place) as archive:

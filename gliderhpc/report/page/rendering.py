@@ -36,16 +36,16 @@ _PROSE_LENGTH = 30
 
 
 @dataclass(frozen=True)
-class Column:
+class PageColumn:
     """A column of a table on the page; `numeric` sets its alignment."""
 
     name: str
     numeric: bool
 
 
-def columns_of(grid: Table) -> list[Column]:
+def columns_of(grid: Table) -> list[PageColumn]:
     """Return the columns that the page shows, in order of appearance."""
-    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
+    return [PageColumn(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
 
 
 def shown_rows(grid: Table) -> Sequence[Any]:

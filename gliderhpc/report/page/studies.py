@@ -19,10 +19,10 @@ from gliderhpc.report.page.content import (
     FigureBlock,
     Index,
     Notice,
+    PageSection,
     Paragraph,
     Remarks,
     Row,
-    Section,
     Table,
     heading,
     limited_warnings,
@@ -59,7 +59,7 @@ def study_names() -> list[str]:
     return [*HEADINGS, *(name for name in ALL_STUDIES if name not in HEADINGS)]
 
 
-def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
+def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> PageSection:
     """Return the section of one study: its findings, or the reason why there are none and the command for them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
@@ -67,7 +67,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
     title, reference = load_study(name).title, f" ({published} of the paper)" if published else ""
     introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
-    return Section(name, heading_text, (introduction, *blocks))
+    return PageSection(name, heading_text, (introduction, *blocks))
 
 
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
@@ -180,12 +180,12 @@ _WINDOWS_CAPTION = (
 )
 
 
-def windows_section(twins: Path | None, platform: str) -> Section:
+def windows_section(twins: Path | None, platform: str) -> PageSection:
     """Return the section of the twin experiment in a folder; without a folder, it has the command that runs it."""
     if twins is None:
         command = f"gliderhpc twin windows --platform {platform} --out twins"
         remedy = "They were not given. To run them, for `gliderhpc report ... --twins twins`:"
-        return Section(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
+        return PageSection(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
     content, rows = _read_twins(twins)
     blocks: list[Block] = [Paragraph(_WINDOWS_INTRODUCTION)]
     if content.get("quick"):
@@ -200,7 +200,7 @@ def windows_section(twins: Path | None, platform: str) -> Section:
         if table
     ]
     blocks.append(Table("windows_runs", "All inverted twins.", rows, shown=12))
-    return Section(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
+    return PageSection(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
 
 
 def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -258,7 +258,7 @@ PUBLISHED = (
 """Name, subject and study of the paper's figures and tables; the study is the anchor of its section."""
 
 
-def published_section(archive: Archive, with_windows: bool) -> Section:
+def published_section(archive: Archive, with_windows: bool) -> PageSection:
     """Return an index of the paper's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
     missing = "missing; its section gives the command that creates it"
@@ -267,4 +267,4 @@ def published_section(archive: Archive, with_windows: bool) -> Section:
         for name, subject, study in PUBLISHED
     )
     words = Paragraph("The paper's figures and tables for this mission.")
-    return Section("published", "Index of the paper's figures and tables", (words, Index(entries)))
+    return PageSection("published", "Index of the paper's figures and tables", (words, Index(entries)))

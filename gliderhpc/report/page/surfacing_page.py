@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from gliderhpc.report.facts import polar, signed, with_deviation
-from gliderhpc.report.page.content import Block, Facts, Notice, Page, Paragraph, Remarks, Section
+from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
+from gliderhpc.report.surfacing_message import Ellipse, ReportedCurrent, SurfacingMessage
 from gliderhpc.wording import counted
 
 _DETERMINED = 0.7
@@ -41,9 +41,9 @@ def surfacing_page(message: SurfacingMessage) -> Page:
     if message.revision:
         subtitle += f" · revision {message.revision}"
     sections = [
-        Section("now", "Now", (Facts({**dive_facts(message), "inversion": _inversion(message)}),)),
-        Section("odd", "Anomalies", _anomalies(message)),
-        Section("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
+        PageSection("now", "Now", (Facts({**dive_facts(message), "inversion": _inversion(message)}),)),
+        PageSection("odd", "Anomalies", _anomalies(message)),
+        PageSection("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
     ]
     return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
 
@@ -70,7 +70,7 @@ def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
     )
 
 
-def current_text(current: Current | None) -> str:
+def current_text(current: ReportedCurrent | None) -> str:
     """Return a current with its error ellipse as text."""
     if current is None:
         return "unknown"

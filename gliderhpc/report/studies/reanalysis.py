@@ -24,7 +24,7 @@ from gliderhpc.studies.archived import (
     stored_attribute,
 )
 from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
-from gliderhpc.studies.library.tracks import Current, ellipses_used
+from gliderhpc.studies.library.tracks import UncertainCurrent, ellipses_used
 from gliderhpc.studies.reanalysis import COUNTS, NAME
 from gliderhpc.wording import counted
 
@@ -95,7 +95,7 @@ def _draw(axes: Axes, compared: Compared, place: int) -> None:
     label(axes, f"profile {compared.numbers[place]}, day {compared.days[place]:.0f}", "east (m/s)", "north (m/s)")
 
 
-def _draw_ellipses(axes: Axes, current: Current) -> None:
+def _draw_ellipses(axes: Axes, current: UncertainCurrent) -> None:
     from matplotlib.patches import Ellipse
 
     north, east = current.velocity
@@ -118,7 +118,7 @@ def _draw_ellipses(axes: Axes, current: Current) -> None:
         )
 
 
-def _frame(axes: Axes, current: Current, points: Array) -> None:
+def _frame(axes: Axes, current: UncertainCurrent, points: Array) -> None:
     """Set square limits around every point, the 2-sigma ellipse and the origin."""
     reach = 2.0 * np.sqrt(np.nan_to_num(np.diag(current.covariance)))
     corners = np.concatenate([points, [[0.0, 0.0]], [current.velocity - reach, current.velocity + reach]])

@@ -20,7 +20,7 @@ from gliderhpc.studies.library.scores import (
 )
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
-    Current,
+    UncertainCurrent,
     archived_currents,
 )
 from gliderhpc.wording import counted
@@ -80,7 +80,7 @@ class Compared:
     numbers: NDArray[np.int64]
     days: Array
     estimate: str
-    currents: Sequence[Current]
+    currents: Sequence[UncertainCurrent]
     glide_angle: Array
     names: tuple[str, ...]
     models: Array

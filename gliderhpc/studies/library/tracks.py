@@ -329,7 +329,7 @@ def _smoothed_covariance(archive: Archive, number: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Current:
+class UncertainCurrent:
     """A depth-averaged current with its uncertainty.
 
     Attributes
@@ -344,7 +344,7 @@ class Current:
     covariance: Array
 
 
-def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[Current]:
+def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[UncertainCurrent]:
     """Read the currents of some profiles that follow from an estimate's self-motion.
 
     The covariance is that of study ``currents``, which can use a budget, for the profiles and the estimate that the
@@ -360,7 +360,7 @@ def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -
         first = np.where(known, study["current_north_std"].values, first)
         second = np.where(known, study["current_east_std"].values, second)
     velocities, covariances = np.column_stack([north, east]), covariance_matrix(first, second, between)
-    return [Current(velocities[i], covariances[i]) for i in range(len(numbers))]
+    return [UncertainCurrent(velocities[i], covariances[i]) for i in range(len(numbers))]
 
 
 def has_currents_study(archive: Archive, estimate: str) -> bool:

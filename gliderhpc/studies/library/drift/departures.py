@@ -37,7 +37,7 @@ _MIN_POWER = 1e-9
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class AutoregressiveNoise:
     """First-order autoregression with independent scatter.
 
     Attributes
@@ -58,13 +58,13 @@ class NoiseModel:
 
 
 NOISE_MODELS = (
-    NoiseModel(0.0, 0.0),
-    NoiseModel(0.6, 0.5),
-    NoiseModel(0.6, 1.0),
-    NoiseModel(0.85, 0.5),
-    NoiseModel(0.85, 1.0),
-    NoiseModel(0.97, 0.5),
-    NoiseModel(0.97, 1.0),
+    AutoregressiveNoise(0.0, 0.0),
+    AutoregressiveNoise(0.6, 0.5),
+    AutoregressiveNoise(0.6, 1.0),
+    AutoregressiveNoise(0.85, 0.5),
+    AutoregressiveNoise(0.85, 1.0),
+    AutoregressiveNoise(0.97, 0.5),
+    AutoregressiveNoise(0.97, 1.0),
 )
 """Candidate noise models, from less to more persistent."""
 
@@ -94,7 +94,7 @@ class WeightedBaseline:
         Number of values minus number of columns.
     """
 
-    def __init__(self, model: NoiseModel, positions: Index, baseline: Array) -> None:
+    def __init__(self, model: AutoregressiveNoise, positions: Index, baseline: Array) -> None:
         self.model = model
         covariance = model.covariance(positions)
         weighted = np.linalg.solve(covariance, baseline)
@@ -138,8 +138,8 @@ class StrongestWindow:
     gain: float
     first: int
     stop: int
-    null: NoiseModel
-    noise: NoiseModel
+    null: AutoregressiveNoise
+    noise: AutoregressiveNoise
 
 
 class WindowSearch:
@@ -249,7 +249,7 @@ def windows_near(n: int, first: int, stop: int) -> Index:
 class _Scan:
     """Variance explained by windows under one noise model."""
 
-    def __init__(self, model: NoiseModel, search: WindowSearch, windows: Index) -> None:
+    def __init__(self, model: AutoregressiveNoise, search: WindowSearch, windows: Index) -> None:
         self.baseline = WeightedBaseline(model, search.positions, search.baseline)
         self.time = search.time[:, None]
         self.first, self.stop = windows.T
