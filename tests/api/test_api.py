@@ -24,7 +24,7 @@ from support.repository import REPOSITORY
 import gliderhpc as gh
 from gliderhpc.api import hulls, missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
-from gliderhpc.api.estimated_hulls import CalibratedHull
+from gliderhpc.api.estimated_hulls import HullFromDives, HullFromGlides
 from gliderhpc.api.records import InspectedRecords
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.mission.cluster import FileNotSharedError
@@ -503,8 +503,8 @@ def test_a_hull_is_calibrated_again_with_the_prior_tuned_on_it(brief, tmp_path):
 def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     """The hull of the first calibration is, and its notes and the log say why."""
     hull, reason = gh.load_platform("petrel-l"), "a run refuses a profile with more than 5% of its samples rejected"
-    first = CalibratedHull(hull, None, caution="calibrated before")
-    monkeypatch.setattr(CalibratedHull, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
+    first = HullFromGlides(platform=hull, calibration=None, caution="calibrated before")
+    monkeypatch.setattr(HullFromGlides, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
     monkeypatch.setattr(hulls, "calibrate_open", lambda *_: first)
     monkeypatch.setattr(hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"]))
     monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
@@ -518,7 +518,7 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
 def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkeypatch):
     """The second calibration fails, or only its rounds over the dives do."""
     hull, reason = gh.load_platform("petrel-l"), "no dive could be smoothed"
-    first = CalibratedHull(hull, None, dives=SimpleNamespace())
+    first = HullFromDives(platform=hull, dives=SimpleNamespace())
 
     def calibrated(inputs, *_):
         platform = inputs.platform
@@ -526,11 +526,11 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
             return first
         if raised:
             raise gh.CalibrationError(reason)
-        return CalibratedHull(platform, None, failure=reason)
+        return HullFromGlides(platform=platform, calibration=None, failure=reason)
 
     with_prior = hull.model_copy(update={"prior": default_prior(hull)})
-    monkeypatch.setattr(CalibratedHull, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
-    monkeypatch.setattr(CalibratedHull, "warnings", property(lambda found: [found.caution]))
+    monkeypatch.setattr(HullFromDives, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
+    monkeypatch.setattr(HullFromDives, "warnings", property(lambda found: [found.caution]))
     monkeypatch.setattr(hulls, "calibrate_open", calibrated)
     monkeypatch.setattr(
         hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
