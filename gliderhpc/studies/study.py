@@ -238,29 +238,29 @@ class Study:
             No such profile is done, the archive has no such estimate, or another input is wrong.
         """
         plan = self.plan(request, settings)
-        found = GroupContent()
+        content = GroupContent()
         begun = _begin(request, self.name, plan.prepared) if self.mission is None else ()
         rows, digests = self.study_profiles(plan)
         if self.check is not None:
             self.check(request, rows)
         if self.mission is not None:
-            found = self.mission(plan, rows)
-            begun = _begin(request, self.name, found)
-            rows = _table_rows(self.name, rows, found.rows)
+            content = self.mission(plan, rows)
+            begun = _begin(request, self.name, content)
+            rows = _table_rows(self.name, rows, content.rows)
         write_table_rows(request.archive, {plan.positions[number]: row for number, row in rows.items()}, self.name)
         write_manifests(request.archive, self.name, digests)
-        write_whole(request.archive, self.name, {**plan.prepared.variables, **found.variables})
+        write_whole(request.archive, self.name, {**plan.prepared.variables, **content.variables})
         unused = (self.estimate_unused,) if self.estimate_unused and request.estimate != ADJOINT else ()
         made = Provenance(
             plan.numbers if self.profile is None else tuple(rows),
-            self._columns(rows) if found.columns is None else found.columns,
+            self._columns(rows) if content.columns is None else content.columns,
             request.estimate,
             request.quick,
             {} if plan.settings is None else plan.settings.model_dump(mode="json"),
-            plan.remarks + begun + unused + found.remarks,
+            plan.remarks + begun + unused + content.remarks,
         )
         own = self.own_attributes(request)
-        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **found.attributes}
+        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **content.attributes}
         finish_study(request.archive, self.name, as_plain(attributes))
 
     def plan(self, request: Request, settings: Any) -> Plan:
@@ -292,7 +292,7 @@ class Study:
         """
         if self.profile is None:
             return {}, {}
-        study = partial(run_profile_job, self.name, self.profile, self.reader(plan.request), plan.settings)
+        study = ProfileJob(self.name, self.profile, self.reader(plan.request), plan.settings)
         jobs = [(number, plan.positions[number]) for number in plan.numbers]
         results, digests = run_jobs(plan.request, self.name, study, jobs, plan.prepared.inputs, self.opened)
         return {result.number: result.table_row for result in results}, digests
@@ -355,25 +355,38 @@ def _read_nothing(archive: Archive, number: int) -> None:
     """Read no estimate."""
 
 
-def run_profile_job(
-    name: str,
-    profile: ProfileFunction,
-    read: ReadFunction,
-    settings: Any,
-    archive: Archive,
-    job: tuple[int, int],
-    inputs: Any,
-) -> StudiedProfile:
-    """Study one profile in a worker, and separate the rows that the worker writes from the other values."""
-    number, index = job
-    data = read(archive, number)
-    try:
-        values = profile(data, ProfileContext(number, archive, settings, inputs))
-    except ProfileError as error:
-        values = {"message": str(error)}
-    chunked = {variable.name for variable in study_called(name).variables if variable.is_row}
-    table_row = {key: value for key, value in values.items() if key not in chunked}
-    return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
+@dataclass(frozen=True, eq=False)
+class ProfileJob:
+    """Job of a worker: reads one profile and studies it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study.
+    profile : callable
+        `Study.profile`.
+    read : callable
+        ``(archive, number) -> data``.
+    settings : Settings or None
+        Settings of the study.
+    """
+
+    name: str
+    profile: ProfileFunction
+    read: ReadFunction
+    settings: Any
+
+    def __call__(self, archive: Archive, job: tuple[int, int], inputs: Any) -> StudiedProfile:
+        """Study a profile by number and position, and separate the rows that the worker writes from other values."""
+        number, index = job
+        data = self.read(archive, number)
+        try:
+            values = self.profile(data, ProfileContext(number, archive, self.settings, inputs))
+        except ProfileError as error:
+            values = {"message": str(error)}
+        chunked = {variable.name for variable in study_called(self.name).variables if variable.is_row}
+        table_row = {key: value for key, value in values.items() if key not in chunked}
+        return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
 
 
 def _table_rows(name: str, rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:
