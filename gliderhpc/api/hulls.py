@@ -324,15 +324,15 @@ def tune_open(
     settings: TuneSettings,
     profiles: str | None,
     assignments: Sequence[str],
-    report: Callable[[str], None],
+    announce: Callable[[str], None],
 ) -> TunedHull:
-    """Tune on an open file, as `tune` does; `report` is called with a line at each step."""
+    """Tune on an open file, as `tune` does; `announce` is called with a line at each step."""
     with threadpool_limits(limits=1):
         numbers = _profiles_to_use(observations, profiles, settings.tuning.profiles)
         prepared = tuning_profiles(observations, platform, numbers, settings.tuning.longest, settings)
         used = [profile.series.number for profile in prepared]
-        report(f"tuning on {tuning_report.used_text(used, settings)}")
-        tuned = tune_prior(platform, prepared, settings, lambda value: report(f"log-likelihood {value:.1f}"))
+        announce(f"tuning on {tuning_report.used_text(used, settings)}")
+        tuned = tune_prior(platform, prepared, settings, lambda value: announce(f"log-likelihood {value:.1f}"))
     made = tuning_report.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
     update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)

@@ -144,12 +144,12 @@ def run_mission(
     # Arguments are checked before anything is read.
     archived.check_is_path(store, "store")
     executor_of(workers, cluster)
-    place = store if is_address(store) else Path(store)
+    archive = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
         text, shared = profiles_text(profiles), cluster is not None
         prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=_warn)
         try:
-            invert_prepared(prepared, place, cluster, existing=existing)
+            invert_prepared(prepared, archive, cluster, existing=existing)
         except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
@@ -157,7 +157,7 @@ def run_mission(
                 f"records: a Dataset that was made or changed in memory, which {error.worker} cannot see; save it to a "
                 "file that the workers share, records.to_netcdf('m12.nc'), and give its path"
             ) from None
-    return archived.open_mission(place)
+    return archived.open_mission(archive)
 
 
 def _no_progress(_: int) -> AbstractContextManager[Callable[[], None]]:
@@ -215,6 +215,6 @@ def warn_about_records(
         }
     )
     with threadpool_limits(limits=1):
-        found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
-    for finding in found.found:
+        inspection = inspect_records(observations, platform, chosen, settings, brief, settings.current)
+    for finding in inspection.found:
         log.warning("%s (for details run `gliderhpc inspect`)", finding.line)

@@ -148,8 +148,8 @@ def import_as(
         raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
     check_option_names(kind, options)
     check_option_values(options)
-    given = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
-    return IMPORTERS[kind](sources, out, **given, overwrite=overwrite, reads=reads)
+    converted = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
+    return IMPORTERS[kind](sources, out, **converted, overwrite=overwrite, reads=reads)
 
 
 def kind_of(sources: Sequence[Path]) -> str:
@@ -169,9 +169,10 @@ def kind_of(sources: Sequence[Path]) -> str:
             if kind is not None:
                 kinds.setdefault(kind, path)
     if len(kinds) > 1:
-        (first, one), (second, other), *_ = kinds.items()
+        (first, first_path), (second, second_path), *_ = kinds.items()
         raise InputError(
-            f"{one} is of kind {first}, and {other} of kind {second}; give the files of one kind, or set kind"
+            f"{first_path} is of kind {first}, and {second_path} of kind {second}; give the files of one kind, or set "
+            "kind"
         )
     if not kinds:
         _refuse_with_needs(sources)
@@ -210,9 +211,9 @@ def is_instrument_file(path: Path) -> bool:
     if path.suffix.lower() != ".nc":
         return False
     with ForeignFile(path) as file:
-        found = importer_of(file.names)
+        importer = importer_of(file.names)
     # OG1 needs no import: its variables are read by name.
-    return found is not None and found[0] != "og1"
+    return importer is not None and importer[0] != "og1"
 
 
 def _files(source: Path) -> list[Path]:
@@ -245,8 +246,8 @@ def kind_of_file(path: Path) -> str | None:
     if named is not None or path.suffix.lower() != ".nc":
         return named
     with ForeignFile(path) as file:
-        found = importer_of(file.names)
-    return None if found is None else found[0]
+        importer = importer_of(file.names)
+    return None if importer is None else importer[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,9 +329,9 @@ def inspect_open(
     """Inspect an open file, as `inspect` does."""
     with threadpool_limits(limits=1):
         numbers = select_profiles(observations.profile_numbers, profiles)
-        found = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
-    if not found.profiles:
+        inspection = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
+    if not inspection.profiles:
         raise InputError(
-            f"{observations.path}: no profile can be inspected; {most_frequent_reason(found.left_out.values())}"
+            f"{observations.path}: no profile can be inspected; {most_frequent_reason(inspection.left_out.values())}"
         )
-    return found
+    return inspection

@@ -128,8 +128,8 @@ def _findings(name: str, store: str | Path) -> Findings:
     """Make a study's findings, and store their facts and comparisons as attributes of its group."""
     with open_for_reading(store) as archive:
         findings = show_study(name, archive)
-    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
-    set_study_attributes(store, name, as_plain(found))
+    attributes = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(store, name, as_plain(attributes))
     return findings
 
 
@@ -192,7 +192,7 @@ def analyze(
         raise InputError(f"estimate={estimate!r}: give one of {', '.join(ESTIMATES)}")
     archive = archive_on_disk(store)
     executor = executor_of(workers, cluster_of(scheduler), (archive,))
-    given = (models,) if isinstance(models, str | Path) else models
+    sources = (models,) if isinstance(models, str | Path) else models
     request = Request(
         archive,
         executor,
@@ -202,7 +202,7 @@ def analyze(
         observations=_path(observations),
         truth=_path(truth),
         budget=_path(budget),
-        models=tuple(map(str, given)),
+        models=tuple(map(str, sources)),
         reference=_path(reference),
         assignments=assignments_of(named, f"{study}."),
     )
@@ -329,10 +329,10 @@ def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 
-def _draw_figures(found: Findings) -> Findings:
+def _draw_figures(findings: Findings) -> Findings:
     """Draw all figures while the archive is locked, since another run of the study may change it afterwards."""
-    return replace(found, figures=dict(found.figures))
+    return replace(findings, figures=dict(findings.figures))
 
 
-def _path(given: str | Path | None) -> Path | None:
-    return None if given is None else Path(given)
+def _path(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)

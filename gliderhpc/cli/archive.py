@@ -159,8 +159,8 @@ def check(archive: Place, deep: bool) -> int:
 
 def _differences(archive: Place, deep: bool) -> list[str]:
     """List the differences from the schema, else faults of attributes, else missing or, if `deep`, damaged chunks."""
-    found = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
-    return found or (damaged_chunks(archive) if deep else missing_chunks(archive))
+    differences = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
+    return differences or (damaged_chunks(archive) if deep else missing_chunks(archive))
 
 
 SHOWN_PROFILES = 12
@@ -179,17 +179,20 @@ def compare(first: Place, second: Place) -> int:
       gliderhpc compare before.zarr after.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with archive_errors(first, second):
-        for place in (first, second):
-            for difference in structure_differences(place, studies=False):
-                raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")
-        found = compare_archives(first, second)
-    for line in found.attributes:
+        for archive in (first, second):
+            for difference in structure_differences(archive, studies=False):
+                raise InputError(f"{archive}: {difference}; only archives that conform to the schema can be compared")
+        comparison = compare_archives(first, second)
+    for line in comparison.attributes:
         echo(line)
-    for place, numbers in ((first, found.only_first), (second, found.only_second)):
+    for archive, numbers in ((first, comparison.only_first), (second, comparison.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            echo(f"only in {place}: {counted(len(numbers), 'profile')} ({shown})")
-    for variable in found.variables:
+            echo(f"only in {archive}: {counted(len(numbers), 'profile')} ({shown})")
+    for variable in comparison.variables:
         echo(variable.describe())
-    echo(f"{counted(found.same, 'profile is', 'profiles are')} the same" + (" in every value" if found.equal else ""))
-    return 0 if found.equal else 1
+    echo(
+        f"{counted(comparison.same, 'profile is', 'profiles are')} the same"
+        + (" in every value" if comparison.equal else "")
+    )
+    return 0 if comparison.equal else 1

@@ -173,9 +173,9 @@ def _days(scenario: Scenario) -> float:
 
 def _describe_light_currents(observations: Path) -> str:
     """Describe the currents estimated without a flight model, the first results of the demo."""
-    found = currents(observations)
-    north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
-    error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
+    estimates = currents(observations)
+    north, east = (np.asarray(estimates[f"dac_{name}"]) for name in ("north", "east"))
+    error = float(np.nanmedian([estimates["dac_north_std"], estimates["dac_east_std"]]))
     vectors = ", ".join(f"{n:+.2f} {e:+.2f}" for n, e in zip(north, east, strict=True))
     return (
         f"depth-averaged currents from pitch, heading, depth and fixes alone, by gliderhpc currents, "
@@ -191,10 +191,10 @@ def _check_folder(observations: Path, mission: str) -> None:
         return
     try:
         with xr.open_dataset(observations, decode_times=False) as dataset:
-            found = dataset.attrs.get("mission")
+            name = dataset.attrs.get("mission")
     except (OSError, ValueError):
-        found = None
-    if found != mission:
+        name = None
+    if name != mission:
         raise InputError(f"{observations}: was not made by the demo, so it is not replaced; give another --out")
 
 

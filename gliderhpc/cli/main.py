@@ -158,10 +158,10 @@ def completion(shell: str) -> int:
 
 def completion_script(shell: str) -> str:
     """Return the completion script of one of `SHELLS`."""
-    found = get_completion_class(shell)
-    if found is None:
+    completion_class = get_completion_class(shell)
+    if completion_class is None:
         raise click.BadParameter(f"{shell}: this version of click has no completion for it")
-    return found(program, {}, "gliderhpc", "_GLIDERHPC_COMPLETE").source()
+    return completion_class(program, {}, "gliderhpc", "_GLIDERHPC_COMPLETE").source()
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -161,13 +161,13 @@ def is_unusable(error: OSError) -> bool:
     return error.errno in _UNUSABLE
 
 
-def describe_unexpected(found: Exception) -> str:
+def describe_unexpected(error: Exception) -> str:
     """Write the traceback of an unexpected error to a file, and describe the error in one line."""
-    if not isinstance(found, UnexpectedError):
-        found = UnexpectedError(found, _write_traceback(found))
-    what = message_line(found.error) or "no message"
+    if not isinstance(error, UnexpectedError):
+        error = UnexpectedError(error, _write_traceback(error))
+    what = message_line(error.error) or "no message"
     return (
-        f"unexpected error, {type(found.error).__name__}: {what}; this is a bug in gliderhpc: please send {found.file} "
+        f"unexpected error, {type(error.error).__name__}: {what}; this is a bug in gliderhpc: please send {error.file} "
         "and the command to its maintainers"
     )
 

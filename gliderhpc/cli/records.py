@@ -289,19 +289,19 @@ def inspect(
     if out is not None:
         check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another `out`")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = inspect_open(opened, platform, settings, profiles)
-    _print_findings(found)
+        inspection = inspect_open(opened, platform, settings, profiles)
+    _print_findings(inspection)
     if out is not None:
-        write_text(out, with_options(json.dumps(content(found), indent=2)) + "\n", overwrite=overwrite)
+        write_text(out, with_options(json.dumps(content(inspection), indent=2)) + "\n", overwrite=overwrite)
         echo(f"written to {out}")
     return DONE
 
 
-def _print_findings(found: Inspection) -> None:
-    print_left_out(found.left_out)
-    rows = [finding_row(finding)[:7] for finding in found.findings]
-    results().print(table(f"records of {counted(len(found.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
-    for finding in found.findings:
+def _print_findings(inspection: Inspection) -> None:
+    print_left_out(inspection.left_out)
+    rows = [finding_row(finding)[:7] for finding in inspection.findings]
+    results().print(table(f"records of {counted(len(inspection.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
+    for finding in inspection.findings:
         echo(f"{finding.quantity}: {finding.remark}")
-    for finding in found.found:
+    for finding in inspection.found:
         echo(f"suggested for {finding.quantity}: {finding.suggestion}")

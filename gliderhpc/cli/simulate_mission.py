@@ -113,13 +113,13 @@ def _note_ocean(platform: Platform, scenario: Scenario) -> None:
     """Log the compressibility assumed in the simulation if the platform file has none."""
     if scenario.ocean is None or platform.buoyancy.compressibility is not None:
         return
-    found = compressible(platform).buoyancy
+    buoyancy = compressible(platform).buoyancy
     log.info(
         "the platform %s states no buoyancy.compressibility; it is simulated with the usual %.2g 1/dbar and a thermal "
         "expansion of %.2g 1/K",
         platform.name,
-        found.compressibility,
-        found.thermal_expansion,
+        buoyancy.compressibility,
+        buoyancy.thermal_expansion,
     )
 
 

@@ -16,14 +16,14 @@ from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
 from gliderhpc.report.recent_hull import hull_changes, recent_hull, trim_of
 from gliderhpc.report.surfacing_message import (
     MESSAGE_VERSION,
+    Current,
     Ellipse,
+    Fix,
+    HullParameter,
     Inversion,
     NextSurfacing,
-    ReportedCurrent,
-    ReportedFix,
-    ReportedHullParameter,
-    ReportedMotion,
     SurfacingMessage,
+    Water,
 )
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.hull import STATEMENTS
@@ -128,45 +128,45 @@ def _value(row: xr.Dataset, name: str) -> float | None:
 
 
 def _pair(row: xr.Dataset, first: str, second: str) -> tuple[float, float] | None:
-    one, other = _value(row, first), _value(row, second)
-    return None if one is None or other is None else (one, other)
+    value, second_value = _value(row, first), _value(row, second)
+    return None if value is None or second_value is None else (value, second_value)
 
 
-def _surfacing(row: xr.Dataset) -> ReportedFix | None:
-    place = _pair(row, "exit_latitude", "exit_longitude")
-    if place is None:
+def _surfacing(row: xr.Dataset) -> Fix | None:
+    position = _pair(row, "exit_latitude", "exit_longitude")
+    if position is None:
         return None
-    return ReportedFix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
+    return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=position[0], longitude=position[1])
 
 
 def _next_surfacing(archive: Archive, number: int, plan: DivePlan | None) -> NextSurfacing | None:
-    found = predict_surfacing(archive, number, plan)
-    if found is None:
+    predicted = predict_surfacing(archive, number, plan)
+    if predicted is None:
         return None
     return NextSurfacing(
         plan="" if plan is None else plan.text,
-        time=iso_instant(found.time) or "",
-        latitude=found.latitude,
-        longitude=found.longitude,
-        ellipse=error_ellipse(found.covariance),
-        current_north=float(found.current[0]),
-        current_east=float(found.current[1]),
-        current_ellipse=error_ellipse(found.current_covariance),
-        dives=found.dives,
-        deviation=found.deviation,
-        correlation_time=found.correlation_time,
+        time=iso_instant(predicted.time) or "",
+        latitude=predicted.latitude,
+        longitude=predicted.longitude,
+        ellipse=error_ellipse(predicted.covariance),
+        current_north=float(predicted.current[0]),
+        current_east=float(predicted.current[1]),
+        current_ellipse=error_ellipse(predicted.current_covariance),
+        dives=predicted.dives,
+        deviation=predicted.deviation,
+        correlation_time=predicted.correlation_time,
     )
 
 
-def current_of_dive(row: xr.Dataset) -> ReportedCurrent | None:
+def current_of_dive(row: xr.Dataset) -> Current | None:
     """Return the adopted current from a profile's row of the archive's table; None if it is not known."""
-    found = adopted_current(row)
-    if not found.known:
+    adopted = adopted_current(row)
+    if not adopted.known:
         return None
     north, east, north_std, east_std, covariance = (
-        float(value) for value in (found.north, found.east, found.north_std, found.east_std, found.covariance)
+        float(value) for value in (adopted.north, adopted.east, adopted.north_std, adopted.east_std, adopted.covariance)
     )
-    return ReportedCurrent(
+    return Current(
         north=north,
         east=east,
         north_std=north_std,
@@ -175,7 +175,7 @@ def current_of_dive(row: xr.Dataset) -> ReportedCurrent | None:
         speed=math.hypot(north, east),
         direction=math.degrees(math.atan2(east, north)) % 360.0,
         ellipse=error_ellipse(covariance_matrix(north_std, east_std, covariance)),
-        estimate=str(found.estimate),
+        estimate=str(adopted.estimate),
     )
 
 
@@ -184,7 +184,7 @@ def read_best_estimate(archive: Archive, number: int, *, smoothed: bool) -> Prof
     return read_profile_data(archive, number, SMOOTHED if smoothed else ADJOINT)
 
 
-def water_of_dive(archive: Archive, data: ProfileData) -> ReportedMotion | None:
+def water_of_dive(archive: Archive, data: ProfileData) -> Water | None:
     """Return the motion through the water of a profile, with errors where the estimate is the smoother's.
 
     Without any velocity in the archive it is None.
@@ -199,7 +199,7 @@ def water_of_dive(archive: Archive, data: ProfileData) -> ReportedMotion | None:
         row = archive["smoothed"].to_dataset().sel(profile=data.number)
         north, east = (float(row[f"displacement_{name}"]) for name in ("north", "east"))
         deviations = _displacement_errors(row, np.array([north, east]), duration)
-    return ReportedMotion(
+    return Water(
         speed=float(np.nanmean(speeds)),
         horizontal_speed=math.hypot(north, east) / duration,
         north=north,
@@ -249,14 +249,14 @@ def _has_hull_information(archive: Archive) -> bool:
     return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
 
 
-def _hull(archive: Archive, number: int) -> tuple[ReportedHullParameter, ...]:
+def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:
     if "hull" not in archive.children:
         return ()
     row = archive["hull"].to_dataset().sel(profile=number).load()
     columns = ("parameter", "value", "plausible_deviation", "estimate_alone", "estimate_alone_std")
     rows = zip(*(row[name].values.tolist() for name in columns), strict=True)
     return tuple(
-        ReportedHullParameter(parameter=name, value=value, plausible_deviation=deviation, error=error, error_std=std)
+        HullParameter(parameter=name, value=value, plausible_deviation=deviation, error=error, error_std=std)
         for name, value, deviation, error, std in rows
         if all(map(math.isfinite, (value, deviation, error, std)))
     )

@@ -1,4 +1,4 @@
-"""Message of a surfacing, as a model with a JSON schema."""
+"""Message of a surfacing, as a model with a JSON schema, in which the names of the classes are published."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ class Ellipse(_Part):
     direction: float = _field("degree", "direction of the longer semi-axis, clockwise from north, 0 to 180")
 
 
-class ReportedCurrent(_Part):
+class Current(_Part):
     """Depth-averaged current of the dive."""
 
     north: float = _field("m s-1", "to the north")
@@ -42,7 +42,7 @@ class ReportedCurrent(_Part):
     estimate: str = _field("", "smoothed, or adjoint where the smoother has none")
 
 
-class ReportedMotion(_Part):
+class Water(_Part):
     """Motion through the water."""
 
     speed: float = _field("m s-1", "mean speed along the path")
@@ -54,7 +54,7 @@ class ReportedMotion(_Part):
     east_std: float | None = _field("m", "standard deviation of east")
 
 
-class ReportedFix(_Part):
+class Fix(_Part):
     """Time and position."""
 
     time: str = _field("", "ISO 8601, UTC")
@@ -73,7 +73,7 @@ class Inversion(_Part):
     seconds: float | None = _field("s", "computing time")
 
 
-class ReportedHullParameter(_Part):
+class HullParameter(_Part):
     """Error of one number of the platform file."""
 
     parameter: str = _field("", "key in the platform file")
@@ -83,7 +83,7 @@ class ReportedHullParameter(_Part):
     error_std: float = _field("1", "its standard deviation")
 
 
-class ReportedHullChange(_Part):
+class HullChange(_Part):
     """Change of one number of the platform file over the dives so far, at most the last hundred."""
 
     parameter: str = _field("", "key in the platform file")
@@ -149,15 +149,15 @@ class SurfacingMessage(_Part):
     duration: float = _field("s", "time from the first to the last sample")
     max_depth: float | None = _field("m", "greatest depth")
     samples: int = _field("1", "number of samples")
-    surfacing: ReportedFix | None = _field("", "first fix after the dive")
-    current: ReportedCurrent | None
+    surfacing: Fix | None = _field("", "first fix after the dive")
+    current: Current | None
     surface_drift: tuple[float, float] | None = _field("m s-1", "drift at the surface, north and east")
-    water: ReportedMotion | None
+    water: Water | None
     next_surfacing: NextSurfacing | None
     inversion: Inversion
     odd: tuple[str, ...] = _field("", "anomalies in the records")
-    hull: tuple[ReportedHullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
-    hull_changes: tuple[ReportedHullChange, ...] = _field(
+    hull: tuple[HullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
+    hull_changes: tuple[HullChange, ...] = _field(
         "", "changes of the parameters that can change, from the fourth dive on"
     )
     trim: tuple[Trim, ...] = Field(
@@ -181,7 +181,7 @@ class SurfacingMessage(_Part):
             "current east, m/s": (_component(before.current, "east"), _component(self.current, "east")),
             "status": (before.inversion.status, self.inversion.status),
         }
-        return tuple(f"{name}: {one} to {other}" for name, (one, other) in pairs.items() if one != other)
+        return tuple(f"{name}: {old} to {new}" for name, (old, new) in pairs.items() if old != new)
 
     @property
     def line(self) -> str:
@@ -200,8 +200,8 @@ class SurfacingMessage(_Part):
             parts.append(f"at {self.surfacing.latitude:.4f}, {self.surfacing.longitude:.4f}")
         if self.next_surfacing is not None:
             following = self.next_surfacing
-            place = f"{following.latitude:.4f}, {following.longitude:.4f}"
-            parts.append(f"next {following.time[11:16]} at {place} ± {following.ellipse.major:.0f} m")
+            position = f"{following.latitude:.4f}, {following.longitude:.4f}"
+            parts.append(f"next {following.time[11:16]} at {position} ± {following.ellipse.major:.0f} m")
         if self.inversion.status != "done":
             parts.append(f"failed: {self.inversion.message}")
         elif self.inversion.converged_fraction is not None:
@@ -216,5 +216,5 @@ def _round(value: float | None, digits: int) -> str:
     return "unknown" if value is None else f"{value:.{digits}f}"
 
 
-def _component(current: ReportedCurrent | None, name: str) -> str:
+def _component(current: Current | None, name: str) -> str:
     return _round(None if current is None else getattr(current, name), 3)

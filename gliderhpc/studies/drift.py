@@ -159,7 +159,7 @@ def drift_of_rows(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
     table = _table(mission, rows)
     segments: list[SegmentMedians] = [row["segments"] for row in rows.values() if "segments" in row]
     slopes = coefficient_slopes(of_epochs(table), segments) if segments else []
-    return MissionDrift(mission, table, slopes, sum(one.segments for one in segments), plan.settings)
+    return MissionDrift(mission, table, slopes, sum(medians.segments for medians in segments), plan.settings)
 
 
 def _table(mission: DriftInputs, rows: Mapping[int, Row]) -> pd.DataFrame:

@@ -165,8 +165,8 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     """Combine the events of all profiles into one catalogue, with the strongest first."""
-    found = [event for row in rows.values() for event in row.get("events", ())]
-    events = sorted(found, key=lambda event: -abs(event["amplitude"]))
+    unsorted = [event for row in rows.values() for event in row.get("events", ())]
+    events = sorted(unsorted, key=lambda event: -abs(event["amplitude"]))
     return GroupContent(
         sizes={EVENT: len(events)},
         variables={variable.name: [event[variable.name] for event in events] for variable in CATALOGUE},

@@ -94,8 +94,8 @@ def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Real
     """Plan all nulls; each family uses the profiles in turn, evenly spread if there are fewer nulls than profiles."""
     planned: list[Realisation] = []
     for family, count in settings.families.items():
-        for place in range(count):
-            at = place * len(profiles) // count if count < len(profiles) else place % len(profiles)
+        for order in range(count):
+            at = order * len(profiles) // count if count < len(profiles) else order % len(profiles)
             index = len(planned)
             planned.append(Realisation(index, family, 1000 * settings.seed + index, profiles[at]))
     return planned
@@ -187,7 +187,7 @@ def gaussian_disturbances(
 
 def factors_of(hull: Platform, platform: Platform) -> Array:
     """True coefficients over the platform's, in the order of `coefficient_names`; NaN where the platform's is zero."""
-    true, known = (np.array(list(coefficients_of(one).values())) for one in (hull, platform))
+    true, known = (np.array(list(coefficients_of(flown).values())) for flown in (hull, platform))
     factors: Array = np.divide(true, known, out=np.full_like(true, np.nan), where=known != 0.0)
     return factors
 
@@ -238,8 +238,8 @@ def run_nulls(archive: str, estimate: str, settings: NullSettings, nulls: Sequen
         with_hull = estimate == SMOOTHED
         inverted = estimate_profiles(tasks(), without_corrections(mission), with_hull=with_hull)
         for (null, row, factors), inversion in inverted:
-            found = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
-            results.append((null, {**row, **found}, factors))
+            statistics = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
+            results.append((null, {**row, **statistics}, factors))
     return results
 
 
@@ -258,8 +258,8 @@ def _inverted_row(
     if part.message:
         return row | {"message": part.message}
     fast = averaged_over(part.series, settings.interval)
-    found = resolved_structure_functions(fast, settings, channel.sample_interval)
-    row |= statistics_row(part.series, found, channel, settings)
+    structures = resolved_structure_functions(fast, settings, channel.sample_interval)
+    row |= statistics_row(part.series, structures, channel, settings)
     row |= gaussianity_row(noise_of_estimate(inversion, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}

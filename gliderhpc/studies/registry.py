@@ -49,13 +49,13 @@ def run_study(name: str, request: Request) -> None:
     InputError
         The study is unknown, or the request lacks one of its inputs.
     """
-    study, given = load_study(name), study_assignments(request, name)
+    study, assignments = load_study(name), study_assignments(request, name)
     settings = study.settings_for(request)
     missing = study.missing(request, settings)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    if given and study.settings is None:
-        raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
+    if assignments and study.settings is None:
+        raise InputError(f"{name}: has no settings, and was given {', '.join(assignments)}")
     study.run(request, settings)
 
 

@@ -91,13 +91,13 @@ class Request:
         """Return the words of a command line for the profiles, settings and files of a study, without their folders."""
         files = {"observations": self.observations, "truth": self.truth, "budget": self.budget}
         files["reference"] = self.reference
-        given = [] if self.profiles is None else ["--profiles", self.profiles]
-        given += [word for name, path in files.items() if path is not None for word in (f"--{name}", path.name)]
+        words = [] if self.profiles is None else ["--profiles", self.profiles]
+        words += [word for name, path in files.items() if path is not None for word in (f"--{name}", path.name)]
         settings = study_assignments(self, study)
-        return given + [word for key, text in settings.items() for word in ("--set", f"{study}.{key}={text}")]
+        return words + [word for key, text in settings.items() for word in ("--set", f"{study}.{key}={text}")]
 
 
-def archive_on_disk(place: str | Path) -> Path:
+def archive_on_disk(store: str | Path) -> Path:
     """Return the path of an archive to study.
 
     Raises
@@ -105,10 +105,10 @@ def archive_on_disk(place: str | Path) -> Path:
     InputError
         The place is an address in an object store, or not a path.
     """
-    check_is_path(place)
-    if is_address(place):
-        raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
-    path = Path(place)
+    check_is_path(store)
+    if is_address(store):
+        raise InputError(f"{store}: studies require the archive on a disk; copy it from the object store first")
+    path = Path(store)
     # `.` and `..` have no name, from which the folder of the results is named.
     return path if path.stem.strip(".") else path.resolve()
 

@@ -17,7 +17,7 @@ from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
 from gliderhpc.report.recent_hull import implausible_warning, recent_hull, trim_of
 from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import ReportedHullChange, Trim
+from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import MissionDives
 
 HULL = read_platform("petrel-l")
@@ -135,7 +135,7 @@ def test_a_changed_hull_and_an_unsmoothed_dive_are_listed_as_anomalies(brief_sto
     summary = describe(brief_store)
     with open_for_reading(brief_store) as archive:
         message = surfacing_message(archive, 3)
-        change = ReportedHullChange(
+        change = HullChange(
             parameter="viscous.K_L", meaning="lift", unit="kg/m", first=440.0, probability=0.97, change=-130.0,
             change_std=20.0, since=2, dives=9, above_20_percent=0.0,
         )  # fmt: skip

@@ -13,7 +13,7 @@ from gliderhpc.report.page.surfacing_page import surfacing_page
 from gliderhpc.report.recent_hull import hull_changes, probability_above, recent_hull
 from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import ReportedHullChange
+from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.studies.hull import MissionDives
 from gliderhpc.watch.alerts import Rules
 
@@ -66,7 +66,7 @@ def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
     with open_for_reading(swift_store) as archive:
         message = surfacing_message(archive, 2)
     assert message.hull_changes == ()
-    change = ReportedHullChange(
+    change = HullChange(
         parameter="viscous.K_D0", meaning="drag at zero angle of attack", unit="kg/m", first=8.9, probability=0.97,
         change=2.5, change_std=0.3, since=message.profile - 1, dives=12, above_20_percent=0.96,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
 from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import ReportedHullChange
+from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.watch.alerts import Box, Rules, read_alerts
 
 pytestmark = pytest.mark.compiled
@@ -44,7 +44,7 @@ def test_rules_hold_on_one_side_of_their_limits(message):
 
 
 def test_a_change_of_the_hull_raises_an_alert_once_a_second_dive_shows_it(message):
-    change = ReportedHullChange(
+    change = HullChange(
         parameter="viscous.K_D0", meaning="drag", unit="kg/m", first=10.0, probability=0.99, change=4.0,
         change_std=0.5, since=message.profile, dives=9, above_20_percent=0.98,
     )  # fmt: skip

@@ -99,9 +99,9 @@ def community_rows(rows: Rows) -> Rows:
 
 def _after_the_dive(current: NDArray[np.generic], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return a dive's current in the row of the dive's last fix, and NaN in all others."""
-    place = np.flatnonzero(fixed)[-1:]
+    last = np.flatnonzero(fixed)[-1:]
     values = np.full(len(current), np.nan)
-    values[place] = current[place]
+    values[last] = current[last]
     return values
 
 

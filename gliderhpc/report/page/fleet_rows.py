@@ -20,7 +20,7 @@ from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
-from gliderhpc.report.surfacing_message import ReportedCurrent, ReportedMotion
+from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.registry import ALL_STUDIES
 
@@ -50,9 +50,9 @@ class MissionState:
     summary: Summary
     table: MissionTable
     current_of: int = 0
-    current: ReportedCurrent | None = None
+    current: Current | None = None
     water_of: int = 0
-    water: ReportedMotion | None = None
+    water: Water | None = None
     hull: tuple[StoredChange, ...] | None = None
     anomalies: tuple[str, ...] = field(default=())
 
@@ -149,13 +149,13 @@ class MissionState:
         latitude, longitude = self.table.fixes
         fixes = np.column_stack([longitude.ravel(), latitude.ravel()])
         fixes = fixes[np.isfinite(fixes).all(axis=1)]
-        place, current, deviations = (np.full(count, np.nan) for count in (2, 2, 3))
+        position, current, deviations = (np.full(count, np.nan) for count in (2, 2, 3))
         if self.current is not None:
-            found = self.current
-            place = self._place(fixes)
-            current = np.array([found.east, found.north])
-            deviations = np.array([found.north_std, found.east_std, found.covariance])
-        return FleetTrack(number, name, fixes, place, current, deviations)
+            last = self.current
+            position = self._place(fixes)
+            current = np.array([last.east, last.north])
+            deviations = np.array([last.north_std, last.east_std, last.covariance])
+        return FleetTrack(number, name, fixes, position, current, deviations)
 
     def _place(self, fixes: Array) -> Array:
         """Return longitude and latitude midway between the fixes of the dive with the last current."""

@@ -30,7 +30,7 @@ from gliderhpc.findings.drawing import (
 )
 from gliderhpc.report.page.content import Row, heading
 from gliderhpc.report.surfacing import current_of_dive
-from gliderhpc.report.surfacing_message import ReportedCurrent
+from gliderhpc.report.surfacing_message import Current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ SHOWN = len(LEADING_COLUMNS) + len(CURRENT) + 2
 """Number of columns on the page, including the profile number and the message."""
 
 
-def last_current(table: MissionTable) -> tuple[int, ReportedCurrent | None]:
+def last_current(table: MissionTable) -> tuple[int, Current | None]:
     """Return the number of the last profile with a current, and that current; 0 and None if there is none."""
     known = np.flatnonzero(table.with_current)
     if not known.size:
@@ -94,7 +94,7 @@ class MissionTable:
     def of(cls, archive: Archive) -> MissionTable:
         """Read an archive's table."""
         table = archive.to_dataset().load()
-        status = np.array([str(one) for one in table["status"].values], dtype=np.str_)
+        status = np.array([str(value) for value in table["status"].values], dtype=np.str_)
         columns = ("elapsed_days", "max_depth", "duration", "converged_fraction", "run_seconds")
         return cls(table, table["profile"].values, status, *(table[name].values.astype(float) for name in columns))
 

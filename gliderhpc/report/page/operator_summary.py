@@ -84,13 +84,13 @@ def _mission_current(table: MissionTable) -> dict[str, str]:
     if not known.any():
         return {}
     north, east = (component[known] for component in table.current)
-    found = {"mean current": f"{polar(north.mean(), east.mean())} ({counted(int(known.sum()), 'dive')})"}
+    facts = {"mean current": f"{polar(north.mean(), east.mean())} ({counted(int(known.sum()), 'dive')})"}
     days = table.days[known]
     if known.sum() >= _MIN_TREND_DIVES and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
         texts = [with_deviation(slope, error) for slope, error in slopes]
-        found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, from the scatter of the dives"
-    return found
+        facts["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, from the scatter of the dives"
+    return facts
 
 
 def _trend(days: Array, values: Array) -> tuple[float, float]:

@@ -90,8 +90,8 @@ def cell(value: Any, column: str = "") -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        place = column.partition(",")[0].endswith(_PLACES) and math.isfinite(value)
-        return f"{value:.4f}".replace("-", "−") if place else _decimal(float(value))
+        is_position = column.partition(",")[0].endswith(_PLACES) and math.isfinite(value)
+        return f"{value:.4f}".replace("-", "−") if is_position else _decimal(float(value))
     return str(value)
 
 

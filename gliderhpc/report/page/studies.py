@@ -72,11 +72,11 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Place) -
 
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
-        found = show_study(name, archive)
-        shown = _study_blocks(name, found, _headings(name, archive))
+        findings = show_study(name, archive)
+        shown = _study_blocks(name, findings, _headings(name, archive))
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
-    return [*_notes(name, archive, summary, found, command), *shown]
+    return [*_notes(name, archive, summary, findings, command), *shown]
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:
@@ -90,16 +90,16 @@ def _rerun(command: str) -> Commands:
     return Commands("To run it again:", (command,))
 
 
-def _notes(name: str, archive: Archive, summary: Summary, found: Findings, command: str) -> list[Block]:
+def _notes(name: str, archive: Archive, summary: Summary, findings: Findings, command: str) -> list[Block]:
     """Collect the caveats of the findings."""
     notes: list[Block] = []
     if archive[name].attrs.get("quick"):
         notes.append(Notice("a quick study with few profiles or small ensembles: a preview, not a result"))
-    if found.remarks:
-        notes.append(Remarks(found.remarks))
+    if findings.remarks:
+        notes.append(Remarks(findings.remarks))
     if summary.notes.get(name):
         notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _rerun(command)]
-    failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
+    failed = [f"profile {number} is left out: {why}" for number, why in findings.failed.items()]
     return [*notes, *limited_warnings(failed, "profiles are left out")]
 
 
@@ -109,25 +109,25 @@ def _headings(name: str, archive: Archive) -> dict[str, str]:
     return {str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()}
 
 
-def _study_blocks(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
+def _study_blocks(name: str, findings: Findings, headings: Mapping[str, str]) -> list[Block]:
     """Return figures, then the comparison, then tables."""
     blocks: list[Block] = [
-        FigureBlock(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
-        for stem, figure in found.figures.items()
+        FigureBlock(f"{name}_{stem}", findings.captions.get(stem, ""), _alternative(name, stem, findings), figure)
+        for stem, figure in findings.figures.items()
     ]
     blocks += [
         comparison_block(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
-        for index, rows in enumerate(found.comparisons.values())
+        for index, rows in enumerate(findings.comparisons.values())
         if rows
     ]
     blocks += [
         Table(
             f"{name}_{stem}",
-            found.captions.get(stem, ""),
+            findings.captions.get(stem, ""),
             [{headings.get(column, column): value for column, value in row.items()} for row in rows],
             None if stem.startswith("table_") else _MAX_COLUMNS,
         )
-        for stem, rows in found.tables.items()
+        for stem, rows in findings.tables.items()
     ]
     return blocks
 
@@ -138,9 +138,9 @@ _COMPARISON_CAPTION = (
 )
 
 
-def _alternative(name: str, stem: str, found: Findings) -> str:
+def _alternative(name: str, stem: str, findings: Findings) -> str:
     """Describe a figure by its title and those of its panels."""
-    figure = found.figures[stem]
+    figure = findings.figures[stem]
     panels = [title for axes in figure.axes if (title := axes.get_title(loc="left") or axes.get_title())]
     title = figure.get_suptitle() or f"{name}, {stem.replace('_', ' ')}"
     return f"{title}. Panels: {'; '.join(panels)}." if panels else f"{title}."

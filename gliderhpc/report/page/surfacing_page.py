@@ -5,7 +5,7 @@ from pathlib import Path
 from gliderhpc.report.facts import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing_message import Ellipse, ReportedCurrent, SurfacingMessage
+from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
 from gliderhpc.wording import counted
 
 _DETERMINED = 0.7
@@ -70,7 +70,7 @@ def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
     )
 
 
-def current_text(current: ReportedCurrent | None) -> str:
+def current_text(current: Current | None) -> str:
     """Return a current with its error ellipse as text."""
     if current is None:
         return "unknown"
@@ -82,11 +82,11 @@ def _next_surfacing(message: SurfacingMessage) -> str:
     following = message.next_surfacing
     if following is None:
         return "unknown"
-    place = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
+    position = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
     predicted = polar(following.current_north, following.current_east)
     dive = f"a dive as planned ({following.plan})" if following.plan else "a dive like this one"
     return (
-        f"{place}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
+        f"{position}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
         f"({counted(following.dives, 'dive')})"
     )
 

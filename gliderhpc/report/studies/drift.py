@@ -38,6 +38,7 @@ from gliderhpc.studies.library.drift.medians import (
     PRIOR,
     UNITS,
     ChangeSettings,
+    CoefficientSettings,
     DriftSettings,
     counted_estimates,
 )
@@ -52,6 +53,7 @@ from gliderhpc.studies.library.drift.series import (
 )
 from gliderhpc.studies.library.drift.verdict import (
     DriftFindings,
+    DriftVerdict,
     find_drift,
     slopes_of_all_samples,
     verdict_lines,
@@ -78,7 +80,7 @@ _NOTE = (
 def figure_9(
     title: str,
     table: pd.DataFrame,
-    found: Sequence[EstimateTrends],
+    trends: Sequence[EstimateTrends],
     changes: Sequence[Change] = (),
     moments: Sequence[Change] = (),
 ) -> Figure:
@@ -90,7 +92,7 @@ def figure_9(
         Title of the mission.
     table : pandas.DataFrame
         One row for each profile.
-    found : sequence of EstimateTrends
+    trends : sequence of EstimateTrends
         Trends of each estimate to draw.
     changes : sequence of Change
         Changes of drag and axial force to shade.
@@ -98,13 +100,13 @@ def figure_9(
         Changes of the moments to shade in their panels.
     """
     figure, axes = panels(2, 3, LANDSCAPE, f"Drift of the disturbances: {title}")
-    for letter, channel, one in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
-        label(one, f"({letter}) {channel}", "days", UNITS[channel])
-        for own in found:
+    for letter, channel, panel in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
+        label(panel, f"({letter}) {channel}", "days", UNITS[channel])
+        for own in trends:
             for phase in PHASES:
                 name, trend = median_column(channel, phase, own.estimate), own.trends[channel, phase]
-                _draw(one, table, name, trend, phase, own.estimate)
-        _shade(one, table, moments if channel in MOMENTS else changes)
+                _draw(panel, table, name, trend, phase, own.estimate)
+        _shade(panel, table, moments if channel in MOMENTS else changes)
     legend(axes[0])
     footnote(figure, _NOTE)
     return figure
@@ -113,12 +115,12 @@ def figure_9(
 def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
     """Draw the change of K_D0 equivalent to the disturbances, in one panel for each estimate, with changes shaded."""
     figure, axes = panels(1, len(drags), (11.0, 4.6), f"Change of drag equivalent to the drift: {title}")
-    for one, drag in zip(axes, drags, strict=True):
-        label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
+    for panel, drag in zip(axes, drags, strict=True):
+        label(panel, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
         for phase in PHASES:
-            _draw(one, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
-        _shade(one, table, changes)
-        legend(one)
+            _draw(panel, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
+        _shade(panel, table, changes)
+        legend(panel)
     footnote(
         figure,
         "Solid: drift by the robust test (each series by itself) and the slope's interval; dotted: by the plain test "
@@ -170,7 +172,7 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase:
 def captions(
     made: Provenance,
     table: pd.DataFrame,
-    found: DriftFindings,
+    findings: DriftFindings,
     settings: DriftSettings,
     band: Sequence[float],
     segments: int,
@@ -178,30 +180,43 @@ def captions(
     """Return the captions by stem."""
     epochs = int(table["epoch"].nunique())
     data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
-    reference = found.verdict.drags[0].reference
-    whose = " and ".join(ESTIMATES[own.estimate] for own in found.primary)
-    shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.drifting]
+    reference = findings.verdict.drags[0].reference
+    whose = " and ".join(ESTIMATES[own.estimate] for own in findings.primary)
+    shown = [f"{channel} {phase} ({own.estimate})" for own in findings.primary for channel, phase in own.drifting]
     robust = (
         f"A drift is accepted where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
     )
     changes, moments = (
         " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
-        for lines in (change_lines(found.changes, reference), moment_lines(found.moments, found.per_degree))
+        for lines in (change_lines(findings.changes, reference), moment_lines(findings.moments, findings.per_degree))
     )
-    low, high = (100.0 * end / found.verdict.drags[0].reference for end in found.verdict.interval)
     return {
         "figure_9": (
             f"Medians of the six disturbances over the mission by {whose}, separately for dive and climb: {data}. "
             f"{robust} Axial and heave force are weakly observed: their levels depend on the prior and the "
             f"coefficients. {changes} {moments}"
         ),
-        "drag": (
-            f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb "
-            f"is {100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission "
-            f"(95 % interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
-        ),
+        "drag": f"{_drag_caption(findings.verdict, whose, data)} {changes}",
         **_change_captions(f"by {whose}: {describe_data(made)}", settings.changes, changes, moments),
+        **_table_captions(settings.coefficients, data, robust, segments),
+    }
+
+
+def _drag_caption(verdict: DriftVerdict, whose: str, data: str) -> str:
+    """Return the caption of the figure of the drag, without the changes."""
+    reference = verdict.drags[0].reference
+    change, low, high = (100.0 * value / reference for value in (verdict.change, *verdict.interval))
+    return (
+        f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb is "
+        f"{change:+.1f} % of K_D0 over the mission (95 % interval {low:+.1f} to {high:+.1f} %). "
+        f"{OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}."
+    )
+
+
+def _table_captions(settings: CoefficientSettings, data: str, robust: str, segments: int) -> dict[str, str]:
+    """Return the captions of the tables of medians, trends and slopes by stem."""
+    return {
         "medians": (
             "One row per profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
             f"filter's for comparison: {data}. Medians of too few records are left out."
@@ -210,11 +225,10 @@ def captions(
             f"Trends of the twelve series of every estimate, the paper's grade and the robust verdict: {data}. {robust}"
         ),
         "table_6": (
-            f"Slopes for {settings.coefficients.draws} hulls whose coefficients are in error by up to "
-            f"{settings.coefficients.error:.0%}, and with a pitch error of {settings.coefficients.pitch_offset:g} "
-            f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the "
-            f"adjoint, of {data}. The segments are a sample of the record; errors that all hulls share are not in the "
-            "draws."
+            f"Slopes for {settings.draws} hulls whose coefficients are in error by up to {settings.error:.0%}, and "
+            f"with a pitch error of {settings.pitch_offset:g} degree: {segments} steady segments of "
+            f"{settings.length:g} s, inverted again by the adjoint, of {data}. The segments are a sample of the "
+            "record; errors that all hulls share are not in the draws."
         ),
     }
 
@@ -238,14 +252,14 @@ def _change_captions(data: str, settings: ChangeSettings, changes: str, moments:
     }
 
 
-def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
+def _by_information(archive: Archive, findings: DriftFindings) -> tuple[str, ...]:
     """Describe the findings of study `hull`, and any disagreement; empty if there are none."""
     finding = change_findings(archive)
     if finding is None:
         return ()
     changed, sentences = finding
     line = f"study hull, from all information of the dives on the hull: {'; '.join(sentences)}"
-    if changed == (found.verdict.cause != "none" or bool(found.verdict.changes.found)):
+    if changed == (findings.verdict.cause != "none" or bool(findings.verdict.changes.found)):
         return (line,)
     return (
         line,
@@ -258,20 +272,20 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
-    found = _found(archive, table, slopes, settings)
-    changes, moments = found.verdict.changes, found.verdict.moments
+    findings = _drift_findings(archive, table, slopes, settings)
+    changes, moments = findings.verdict.changes, findings.verdict.moments
     increase = settings.drag_increase
-    rows_5 = table_5(found.trends)
-    rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
+    rows_5 = table_5(findings.trends)
+    rows_6 = table_6(slopes, slopes_of_all_samples(findings)) if slopes else []
     band, segments = stored_attribute(archive, NAME, "depth_band"), stored_attribute(archive, NAME, "segments")
-    change_table = change_rows(changes, found.verdict.drags[0].reference)
+    change_table = change_rows(changes, findings.verdict.drags[0].reference)
     facts = {
         "profiles": list(made.profiles),
         "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in of_epochs(table).groupby("epoch")],
         "depth_band": band,
         "quick": made.quick,
         "settings": settings.model_dump(),
-        "verdict": found.verdict.as_json(increase),
+        "verdict": findings.verdict.as_json(increase),
         "segments": segments,
         "table_5": rows_5,
         "table_6": rows_6,
@@ -280,29 +294,29 @@ def show(archive: Archive) -> Findings:
     tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
     tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
     figures = {
-        "figure_9": partial(figure_9, mission_of(archive), table, found.primary, changes.found, moments.found),
-        "drag": partial(drag_figure, mission_of(archive), table, found.verdict.drags, changes.found),
+        "figure_9": partial(figure_9, mission_of(archive), table, findings.primary, changes.found, moments.found),
+        "drag": partial(drag_figure, mission_of(archive), table, findings.verdict.drags, changes.found),
     }
-    by_medians = verdict_lines(found.verdict, found.primary, increase)
-    remarks = (*made.remarks, *_inputs(found), *by_medians, *_by_information(archive, found))
+    by_medians = verdict_lines(findings.verdict, findings.primary, increase)
+    remarks = (*made.remarks, *_inputs(findings), *by_medians, *_by_information(archive, findings))
     documents = {
         "table_5.md": table_5_text(rows_5),
-        "table_6.md": table_6_text(rows_6, settings.coefficients, found.check),
+        "table_6.md": table_6_text(rows_6, settings.coefficients, findings.check),
     }
     return archive_findings(
         NAME,
-        comparisons=comparisons(found.trends, found.verdict, slopes, found.check, increase),
+        comparisons=comparisons(findings.trends, findings.verdict, slopes, findings.check, increase),
         tables=tables,
         figures=figures,
         facts=facts,
         failed=failed_profiles(table)[0],
         remarks=remarks,
-        captions=captions(made, table, found, settings, band, segments),
+        captions=captions(made, table, findings, settings, band, segments),
         documents=documents,
     )
 
 
-def _found(
+def _drift_findings(
     archive: Archive, table: pd.DataFrame, slopes: Sequence[CoefficientSlopes], settings: DriftSettings
 ) -> DriftFindings:
     """Compute trends, drag and verdict from what the study has stored."""
@@ -314,23 +328,23 @@ def _found(
 def drift_sentences(archive: Archive) -> tuple[str, ...]:
     """Return sentences on the drift, steps and episodes that the study found; empty if it found none."""
     settings = DriftSettings.model_validate(provenance_of(archive, NAME).settings)
-    verdict = _found(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
+    verdict = _drift_findings(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
     changes = change_lines(verdict.changes, verdict.drags[0].reference) if verdict.changes.found else ()
     return (*((verdict.meaning,) if verdict.cause != "none" else ()), *changes)
 
 
-def _inputs(found: DriftFindings) -> tuple[str, ...]:
+def _inputs(findings: DriftFindings) -> tuple[str, ...]:
     """Return remarks on missing inputs."""
     remarks = []
-    if found.check is None:
+    if findings.check is None:
         remarks.append(
             "no independent check: run `gliderhpc validate` on the archive first for the forward model's error"
         )
-    if not are_drawn(found.slopes):
+    if not are_drawn(findings.slopes):
         remarks.append(
             "no coefficients were drawn: the intervals include only the scatter of the profiles and an unknown heave "
             "force"
         )
-    if all(drag.estimate != SMOOTHED for drag in found.verdict.drags):
+    if all(drag.estimate != SMOOTHED for drag in findings.verdict.drags):
         remarks.append("the archive contains no smoothed estimate: the verdict is that of the adjoint alone")
     return tuple(remarks)

@@ -170,7 +170,7 @@ _COLUMNS_5 = (
 _TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
 
 
-def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
+def table_5(trends: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
     """Return the rows of Table 5: forces in N, moments in N m, slopes per day, drift in % of the line's first value."""
     return [
         {
@@ -181,7 +181,7 @@ def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
             "floor": trend.floor, "ratio": trend.ratio, "tier": own.tier((channel, phase)), "robust_p": trend.robust.p,
             "block": trend.robust.block, "holm_p": trend.corrected, "shown": trend.is_significant,
         }
-        for own in found
+        for own in trends
         for (channel, phase), trend in own.trends.items()
     ]  # fmt: skip
 
@@ -273,10 +273,10 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
 def _check_rows(check: ForwardModelCheck | None) -> str:
     if check is None:
         return "No independent check: `gliderhpc validate` has not written the forward model's error to the archive.\n"
-    one = check.trend
+    error = check.trend
     return (
-        f"Error of the forward model, an independent check without the adjoint: {number(one.trend.first)} to "
-        f"{number(one.trend.last)} ({one.trend.change_text}), Mann-Kendall p {number(one.trend.p)}, robust p "
-        f"{number(one.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p {number(check.with_day.p)}), "
+        f"Error of the forward model, an independent check without the adjoint: {number(error.trend.first)} to "
+        f"{number(error.trend.last)} ({error.trend.change_text}), Mann-Kendall p {number(error.trend.p)}, robust p "
+        f"{number(error.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p {number(check.with_day.p)}), "
         f"with |B_cu| on the climb {check.with_axial.rho:+.2f} (p {number(check.with_axial.p)}).\n"
     )

@@ -110,7 +110,7 @@ def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) 
     track, time = _track_of_estimate(archive, data, model, anchors), data.record_time
     knots = np.append(np.arange(time[0], time[-1], _KNOTS), time[-1])
     on_knots = np.array([[np.interp(knot, time, axis) for axis in track.T] for knot in knots])
-    places = np.array([moved((entry.latitude, entry.longitude), place) for place in on_knots])
+    places = np.array([moved((entry.latitude, entry.longitude), offset) for offset in on_knots])
     latitude, longitude = places[:, 0], np.unwrap(places[:, 1], period=360.0)
     return np.column_stack([np.interp(time, knots, axis) for axis in (latitude, longitude)])
 

@@ -40,8 +40,8 @@ def read_changes(archive: Archive) -> Changes:
     """
     p = stored_attribute(archive, _GROUP, "p_of_next_change")
     group = archive[_GROUP].to_dataset()
-    found = [_change(group.isel(change=place)) for place in range(group.sizes["change"])]
-    return Changes(tuple(change for change in found if change is not None), _MISSING if p is None else float(p))
+    changes = [_change(group.isel(change=index)) for index in range(group.sizes["change"])]
+    return Changes(tuple(change for change in changes if change is not None), _MISSING if p is None else float(p))
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -178,9 +178,9 @@ def read_moment_changes(archive: Archive) -> Changes:
     columns = {(name, phase, ADJOINT): moment_column(name, phase) for name in MOMENTS for phase in PHASES}
     if not {f"{_MOMENT_PREFIX}change_kind", *columns.values()} <= set(group):
         return Changes()
-    entries = [group.isel({MOMENT_CHANGE: place}) for place in range(group.sizes[MOMENT_CHANGE])]
-    found = [read_change(entry, columns, _MOMENT_PREFIX) for entry in entries]
-    return Changes(tuple(change for change in found if change is not None), float("nan") if p is None else float(p))
+    entries = [group.isel({MOMENT_CHANGE: index}) for index in range(group.sizes[MOMENT_CHANGE])]
+    changes = [read_change(entry, columns, _MOMENT_PREFIX) for entry in entries]
+    return Changes(tuple(change for change in changes if change is not None), float("nan") if p is None else float(p))
 
 
 def _moment_row(change: Change) -> dict[str, Any]:

@@ -110,8 +110,8 @@ def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: i
     candidates = np.linspace(t[0], np.sort(t)[-MIN_VALUES_OF_SLOPE], _CANDIDATES)
     rng = np.random.default_rng(seed)
     draws = epoch_draws(own, min(resamples, _RESAMPLES), rng)
-    found = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
-    return Onset(_best_onset(t, y, candidates), *interval(found), float(t[0]))
+    onsets = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
+    return Onset(_best_onset(t, y, candidates), *interval(onsets), float(t[0]))
 
 
 def _best_onset(t: Array, y: Array, candidates: Array) -> float:

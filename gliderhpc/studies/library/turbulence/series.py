@@ -293,11 +293,11 @@ def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSe
     return ChannelSeries(data.time[on], values[on], depth[on], data.own_quality[on], output_interval, interval)
 
 
-def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
+def channel_of_estimate(estimate: ProfileEstimate, channel: str, source: str, every: int) -> ChannelSeries:
     """Return a channel of an estimate that is not in an archive; records are `every` steps apart."""
     series, column = estimate.series, list(CHANNELS).index(channel)
     time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
-    if which != SMOOTHED or estimate.smoothed is None:
+    if source != SMOOTHED or estimate.smoothed is None:
         values = pad_to(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
     time, quality, depth = time[::every], without_windows(quality[::every]), depth[::every]
