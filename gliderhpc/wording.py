@@ -22,7 +22,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def most_frequent_reason(reasons: Iterable[str]) -> str:
-    """Return the most frequent of several reasons as it was given first, with its count if there are several.
+    """Return the most frequent of several reasons as it is listed first, with its count if there are several.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def most_frequent_reason(reasons: Iterable[str]) -> str:
     str
         Such as ``11 of 12: profile 37: pitch is +18 degree while the glider sinks``.
     """
-    given = list(reasons)
-    kinds = [_NUMBER.sub("", reason) for reason in given]
+    texts = list(reasons)
+    kinds = [_NUMBER.sub("", reason) for reason in texts]
     ((kind, count),) = Counter(kinds).most_common(1)
-    first = given[kinds.index(kind)]
-    return first if len(given) == 1 else f"{count} of {len(given)}: {first}"
+    first = texts[kinds.index(kind)]
+    return first if len(texts) == 1 else f"{count} of {len(texts)}: {first}"

@@ -172,7 +172,8 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 
 def _simulation_of(request: Request) -> Simulation:
-    assert request.simulation is not None, "checked as a missing input"
+    if request.simulation is None:
+        raise InputError(f"{GROUP}: needs records, hull and settings; run it with gliderhpc.validate")
     return request.simulation
 
 

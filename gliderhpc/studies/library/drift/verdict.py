@@ -371,7 +371,7 @@ def find_drift(
     error = error_by_coefficients(slopes, weight_effects(table)) if slopes else (0.0, 0.0)
     return DriftFindings(
         [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
-        [drag_drift(table, name, hull, error, settings.resamples, settings.seed, outside) for name in estimates],
+        [drag_drift(table, name, hull, error, settings, outside) for name in estimates],
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
