@@ -92,7 +92,8 @@ def calibrate(
     Returns
     -------
     CalibratedHull
-        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``.
+        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``: a
+        `HullFromDives` if there were rounds and they found a better hull, and otherwise a `HullFromGlides`.
 
     Raises
     ------
