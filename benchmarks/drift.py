@@ -35,7 +35,7 @@ from gliderhpc.mission.prepared import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
-from gliderhpc.report.studies.drift import table_5, table_5_text
+from gliderhpc.report.studies.drift_tables import table_5, table_5_text
 from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.studies.drift import STUDY, MissionDrift, drift_of_rows
 from gliderhpc.studies.library.drift.change_text import phases_text

@@ -38,6 +38,7 @@ from benchmarks.hull_commands import (
     run_commands,
     scenario_of,
 )
+from gliderhpc.api.estimated_hulls import HullFromDives
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.platform import platform_yaml
@@ -98,7 +99,8 @@ def fly_mission(kind: str, seed: int, dives: int, folder: Path) -> MissionRanks:
         found, tree = run_commands(records, hull, folder, USUAL_ROUNDS, workers=0)
     except GliderhpcError as error:
         return MissionRanks(seed, {}, failure=str(error))
-    errors, refused, done = parameter_errors(found.platform, true), found.dives is None, done_profiles(tree)
+    refused = not isinstance(found, HullFromDives)
+    errors, done = parameter_errors(found.platform, true), done_profiles(tree)
     if not done:
         return MissionRanks(seed, errors, refused=refused, failed=dives, failure="no profile was inverted")
     dive = dive_errors(tree, records, int(rng.choice(done)))

@@ -10,9 +10,9 @@ LIBRARIES = (
 def preload(kernels: bool) -> None:
     """Import every command, every study and their libraries, and load the kernels where asked."""
     from gliderhpc.cli.main import VERBS
-    from gliderhpc.report.studies import SHOWN
+    from gliderhpc.studies.registry import ALL_STUDIES
 
-    studies = [f"gliderhpc.{part}" for study in SHOWN for part in (f"studies.{study}", f"report.studies.{study}")]
+    studies = [f"gliderhpc.{part}" for study in ALL_STUDIES for part in (f"studies.{study}", f"report.studies.{study}")]
     for name in (*LIBRARIES, *(f"gliderhpc.cli.{module}" for module in VERBS.values()), *studies):
         __import__(name)
     if kernels:

@@ -20,12 +20,13 @@ from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
     from gliderhpc.api.currents import currents
-    from gliderhpc.api.hulls import calibrate, load_platform, tune
-    from gliderhpc.api.missions import invert, open_mission, run_mission
+    from gliderhpc.api.hulls import calibrate, tune
+    from gliderhpc.api.missions import invert, run_mission
     from gliderhpc.api.records import import_records, inspect, open_records
     from gliderhpc.api.studies import analyze, plot_profile, validate
+    from gliderhpc.archive.mission import open_mission
     from gliderhpc.errors import CalibrationError, GliderhpcError, InputError, ProfileError, RunStoppedError
-    from gliderhpc.flight.glider import Glider
+    from gliderhpc.flight.glider import Glider, load_platform
     from gliderhpc.mission.settings import MissionSettings
     from gliderhpc.platform import Platform
     from gliderhpc.report.page import write_report as report
@@ -59,12 +60,13 @@ __all__ = [
 
 _NAMES = {
     "gliderhpc.api.currents": ("currents",),
-    "gliderhpc.api.hulls": ("calibrate", "load_platform", "tune"),
-    "gliderhpc.api.missions": ("invert", "open_mission", "run_mission"),
+    "gliderhpc.api.hulls": ("calibrate", "tune"),
+    "gliderhpc.api.missions": ("invert", "run_mission"),
     "gliderhpc.api.records": ("import_records", "inspect", "open_records"),
     "gliderhpc.api.studies": ("analyze", "plot_currents", "plot_profile", "validate"),
+    "gliderhpc.archive.mission": ("open_mission",),
     "gliderhpc.errors": ("CalibrationError", "GliderhpcError", "InputError", "ProfileError", "RunStoppedError"),
-    "gliderhpc.flight.glider": ("Glider",),
+    "gliderhpc.flight.glider": ("Glider", "load_platform"),
     "gliderhpc.mission.settings": ("MissionSettings",),
     "gliderhpc.platform": ("Platform",),
 }

@@ -2,7 +2,11 @@
 
 
 class GliderhpcError(Exception):
-    """Base class of all errors that gliderhpc raises deliberately; its message is one line."""
+    """Base class of all errors that gliderhpc raises deliberately; its message is one line.
+
+    Messages and remarks name arguments and settings as Python does, in backquotes: `` `out` ``, `` `overwrite=True` ``,
+    `` `window.length=60` ``. The commands show their options instead (`gliderhpc.cli.messages.with_options`).
+    """
 
 
 class InputError(GliderhpcError):

@@ -46,7 +46,7 @@ def check_output(
         raise InputError(f"{out}: cannot be written, it is a device or a pipe; give {instead}")
     _check_no_input(out, inputs, instead)
     if out.exists() and not overwrite:
-        raise InputError(f"{out}: this file exists; give {instead} or replace it with --overwrite")
+        raise InputError(f"{out}: this file exists; give {instead} or replace it with `overwrite=True`")
     check_parents(out, instead)
     if not folder.is_dir():
         raise InputError(f"{out}: the folder {folder} does not exist; create it first or give {instead}")
@@ -210,12 +210,12 @@ def check_folder(out: Path) -> None:
     """
     there = next(path for path in (out, *out.absolute().parents) if os.path.lexists(path))
     if not there.exists():
-        raise InputError(f"{out}: cannot be written, {there} is a broken link; remove it or give another --out")
+        raise InputError(f"{out}: cannot be written, {there} is a broken link; remove it or give another `out`")
     if not there.is_dir():
-        raise InputError(f"{out}: cannot be written, {there} is not a folder; give another --out")
+        raise InputError(f"{out}: cannot be written, {there} is not a folder; give another `out`")
     if not os.access(there, os.W_OK | os.X_OK):
         raise InputError(
-            f"{out}: cannot be written, you have no write permission in the folder {there}; give another --out"
+            f"{out}: cannot be written, you have no write permission in the folder {there}; give another `out`"
         )
 
 
@@ -242,7 +242,7 @@ def filled_aside(out: Path) -> Iterator[Path]:
             for path in sorted(Path(aside).iterdir()):
                 path.replace(out / path.name)
     except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror or error}); give another --out") from None
+        raise InputError(f"{out}: cannot be written ({error.strerror or error}); give another `out`") from None
     finally:
         for folder in missing:
             # A folder that is not empty remains.

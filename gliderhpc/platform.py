@@ -299,13 +299,13 @@ def with_overrides(platform: Platform, overrides: Mapping[str, Any]) -> Platform
     # What the hull does not state must stay unstated: the errors that it may have depend on that.
     content = platform.model_dump(exclude_unset=True, exclude_none=True)
     for key, value in overrides.items():
-        _check_known_key(f"--set platform.{key}", key)
+        _check_known_key(f"`platform.{key}`", key)
         expected = "neither a number nor a list such as [1, 2, 3]"
-        given = parse_value(value, f"--set platform.{key}", expected) if isinstance(value, str) else value
+        given = parse_value(value, f"platform.{key}", expected) if isinstance(value, str) else value
         _assign(content, key.split("."), given)
     if not overrides:
         return platform
-    return _validated("--set " + " ".join(f"platform.{key}={value}" for key, value in overrides.items()), content)
+    return _validated(" ".join(f"`platform.{key}={value}`" for key, value in overrides.items()), content)
 
 
 def _assign(content: dict[str, Any], keys: list[str], value: Any) -> None:

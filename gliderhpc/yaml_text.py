@@ -107,15 +107,15 @@ def parse_yaml(text: str, label: str) -> Any:
         raise InputError(f"{label}: a value cannot be read ({str(error).splitlines()[0]}); correct it") from None
 
 
-def split_assignment(text: str, option: str, form: str, example: str) -> tuple[str, str]:
-    """Split an option's ``KEY=VALUE``.
+def split_assignment(text: str, label: str, form: str, example: str) -> tuple[str, str]:
+    """Split a text ``KEY=VALUE``.
 
     Parameters
     ----------
     text : str
         The text.
-    option : str
-        The option, for messages.
+    label : str
+        Beginning of a message.
     form, example : str
         Expected form and an example, for messages.
 
@@ -131,7 +131,7 @@ def split_assignment(text: str, option: str, form: str, example: str) -> tuple[s
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise InputError(f"{option} {text}: write it as {form}, for example {example}")
+        raise InputError(f"{label} {text}: write it as {form}, for example {example}")
     return key.strip(), value
 
 

@@ -102,8 +102,8 @@ def settings_of(model: type[SettingsModel], settings: SettingsModel | None, name
     if settings is None:
         return validated_settings(model, named)
     if not isinstance(settings, model):
-        given = type(settings).__name__
-        raise InputError(f"settings is of type {given}; give {model.__name__}, or keyword arguments")
+        kind = type(settings).__name__
+        raise InputError(f"settings is of type {kind}; give {model.__name__}, or keyword arguments")
     return validated_settings(model, settings.model_dump(exclude_unset=True), named) if named else settings
 
 
@@ -125,5 +125,5 @@ def _as_yaml(value: Any) -> str:
         return value
     plain = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
     if isinstance(plain, list | tuple):
-        plain = [one.tolist() if isinstance(one, np.generic) else one for one in plain]
+        plain = [item.tolist() if isinstance(item, np.generic) else item for item in plain]
     return str(yaml.safe_dump(plain, default_flow_style=True, width=10_000)).removesuffix("...\n").strip()

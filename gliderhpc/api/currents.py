@@ -39,12 +39,11 @@ from gliderhpc.observations.series import describe_false_samples
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.store_schema.schema import MISSION
 from gliderhpc.version import __version__
-from gliderhpc.wording import most_frequent_reason, speaks_python
+from gliderhpc.wording import most_frequent_reason
 
 Array = NDArray[np.float64]
 
 
-@speaks_python
 def currents(
     records: xr.Dataset | str | Path | Iterable[str | Path],
     *,
@@ -191,14 +190,14 @@ def _degrees(declination: Any) -> float:
 
 def _paths(records: str | Path | Iterable[str | Path]) -> list[Path]:
     """Return the path of a file, or those of several; `InputError` for anything else, such as a table."""
-    found: list[Any] = [records]
+    paths: list[Any] = [records]
     if isinstance(records, Iterable) and not isinstance(records, str) and not hasattr(records, "columns"):
-        found = list(records)
-    for each in found:
-        if not isinstance(each, str | Path):
-            kind = type(each).__name__
+        paths = list(records)
+    for path in paths:
+        if not isinstance(path, str | Path):
+            kind = type(path).__name__
             raise InputError(f"records: a {kind} cannot be used; give an xarray.Dataset, a file or files")
-    return [Path(each) for each in found]
+    return [Path(path) for path in paths]
 
 
 _NETCDF = (".nc", ".nc4")
@@ -213,8 +212,8 @@ def _plain_files(path: Path, out: Path | None) -> list[Path]:
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
     held = sorted(path.iterdir())
-    chosen = [each for each in held if _is_netcdf(each) and each.is_file()]
-    chosen = [each for each in chosen if out is None or each.resolve() != out.resolve()]
+    chosen = [candidate for candidate in held if _is_netcdf(candidate) and candidate.is_file()]
+    chosen = [candidate for candidate in chosen if out is None or candidate.resolve() != out.resolve()]
     name_compressed(chosen, held, _is_netcdf)
     if not chosen:
         raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")
@@ -244,7 +243,7 @@ def _dataset(
     samples = [_samples(record, track) for record, track in zip(records, tracks, strict=True)]
     series = {name: ("time", np.concatenate([part[name] for part in samples]), _SERIES[name]) for name in _SERIES}
     time = np.concatenate([part["time"] for part in samples])
-    found = xr.Dataset(
+    dataset = xr.Dataset(
         {**table, **series},
         coords={
             "profile": ("profile", np.array([row["profile"] for row in rows]), _attributes("profile")),
@@ -252,13 +251,13 @@ def _dataset(
         },
         attrs=_global_attributes(navigation, polar, errors),
     )
-    latitude, longitude, depth = (found[name].values for name in ("latitude", "longitude", "depth"))
+    latitude, longitude, depth = (dataset[name].values for name in ("latitude", "longitude", "depth"))
     identifier = f"{Path(navigation.source).stem}_currents"
-    found.attrs = {
+    dataset.attrs = {
         **discovery_attributes(_SUMMARY, time, latitude, longitude, depth, identifier),
-        **found.attrs,
+        **dataset.attrs,
     }
-    return with_content_types(found)
+    return with_content_types(dataset)
 
 
 def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:
@@ -348,8 +347,8 @@ def _attributes(name: str) -> dict[str, Any]:
     # Units of times belong to the encoding.
     wanted = ("long_name", "standard_name") if variable.is_time else ("long_name", "standard_name", "units")
     attributes = variable.all_attributes()
-    found = {key: attributes[key] for key in wanted if key in attributes}
-    return found | ({"standard_name": _STANDARD_NAMES[name]} if name in _STANDARD_NAMES else {})
+    chosen = {key: attributes[key] for key in wanted if key in attributes}
+    return chosen | ({"standard_name": _STANDARD_NAMES[name]} if name in _STANDARD_NAMES else {})
 
 
 def _global_attributes(navigation: Navigation, polar: GlidePolar, errors: GlideErrors) -> dict[str, Any]:

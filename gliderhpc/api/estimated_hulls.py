@@ -1,5 +1,7 @@
 """Hulls estimated by a calibration or a tuning, and their files."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +20,6 @@ from gliderhpc.tuning.calibration import Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
-from gliderhpc.wording import speaks_python
 
 _MAX_ERROR = 100.0
 """Largest error of a logarithm that is shown as a factor; a number without information has none."""
@@ -36,7 +37,6 @@ class EstimatedHull:
 
     platform: Platform
 
-    @speaks_python
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the platform file, completely or not at all.
 
@@ -47,57 +47,38 @@ class EstimatedHull:
         CalibrationError
             The platform could not be loaded again.
         """
-        check_output(Path(path), overwrite=overwrite, instead="another --out")
+        check_output(Path(path), overwrite=overwrite, instead="another `path`")
         return write_platform(Path(path), self.platform, overwrite)
 
 
-@dataclass(frozen=True, eq=False)
-class CalibratedHull(EstimatedHull):
-    """Calibrated hull.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibratedHull(EstimatedHull, ABC):
+    """Calibrated hull: `HullFromGlides` or `HullFromDives`.
 
     Attributes
     ----------
     platform : Platform
         Hull with the estimates and their errors.
-    calibration : Calibration, optional
-        Calibration on the steady glides; None if `dives` is given.
-    dives : DiveCalibration, optional
-        Calibration on whole dives; None if no rounds were requested or they found no better hull.
     failure : str
-        Reason why the dives gave no better hull; otherwise empty.
+        Reason why the dives gave no better hull than the steady glides; otherwise empty.
     caution : str
         Caution about the intervals if the starting platform was itself calibrated; else empty.
     """
 
-    calibration: Calibration | None
-    dives: DiveCalibration | None = None
     failure: str = ""
     caution: str = ""
 
     @property
+    @abstractmethod
     def table(self) -> pd.DataFrame:
         """One row per parameter: unit, before, after, 95 % interval, and a remark.
 
         For whole dives the table includes the remaining part of the plausible deviation; for the steady glides alone,
         the share of scatter between profiles.
         """
-        if self.dives is not None:
-            return rounds_report.parameter_table(self.dives.rounds)
-        found = self.steady.parameters
-        return pd.DataFrame(
-            {
-                "unit": [p.parameter.unit for p in found],
-                "before": [p.before for p in found],
-                "after": [p.after for p in found],
-                "low": [p.interval[0] for p in found],
-                "high": [p.interval[1] for p in found],
-                "scatter": [p.scatter_share for p in found],
-                "remark": [calibration_report.remark_of(p) for p in found],
-            },
-            index=pd.Index([p.parameter.key for p in found], name="parameter"),
-        )
 
     @property
+    @abstractmethod
     def history(self) -> pd.DataFrame:
         """One row per dive and parameter: estimates from all dives and from those up to it, with standard deviations.
 
@@ -106,21 +87,16 @@ class CalibratedHull(EstimatedHull):
         InputError
             There were no rounds over the dives, or they found no better hull.
         """
-        if self.dives is None:
-            raise InputError(
-                "history: a fit of the steady glides alone has none; calibrate with rounds.most above zero"
-            )
-        return rounds_report.history_table(self.dives.rounds)
 
     @property
+    @abstractmethod
     def fitted(self) -> Score:
         """Errors of the steady balance on the fitted profiles."""
-        return self.steady.fitted if self.dives is None else self.dives.fitted
 
     @property
+    @abstractmethod
     def held_out(self) -> Score:
         """Errors of the steady balance on the held-out profiles; without segments if none were held out."""
-        return self.steady.held_out if self.dives is None else self.dives.held_out
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -137,23 +113,115 @@ class CalibratedHull(EstimatedHull):
     @property
     def notes(self) -> list[str]:
         """Remarks that supplement the tables."""
-        if self.dives is None:
-            lines = calibration_report.notes(self.steady)
-        else:
-            lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
-            lines += calibration_report.score_notes(self.fitted, self.held_out)
-        return [*lines, *(f"WARNING: {text}" for text in self.warnings)]
+        return [*self._remarks(), *(f"WARNING: {text}" for text in self.warnings)]
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the hull or its intervals: `failure` and `caution`, if any."""
         return tuple(filter(None, (self.failure, self.caution)))
 
+    @abstractmethod
+    def _remarks(self) -> list[str]:
+        """Remarks on the estimates."""
+
+    @abstractmethod
+    def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
+        """Describe the calibration for the platform file: name and digest of the records, settings, and estimates."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HullFromGlides(CalibratedHull):
+    """Hull calibrated on the steady glides alone.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Calibration on the steady glides.
+    """
+
+    calibration: Calibration
+
     @property
-    def steady(self) -> Calibration:
-        """Calibration on the steady glides, if there is none on whole dives."""
-        assert self.calibration is not None, "one of the two exists"
-        return self.calibration
+    def table(self) -> pd.DataFrame:
+        """One row per parameter, as described in `CalibratedHull.table`."""
+        parameters = self.calibration.parameters
+        return pd.DataFrame(
+            {
+                "unit": [p.parameter.unit for p in parameters],
+                "before": [p.before for p in parameters],
+                "after": [p.after for p in parameters],
+                "low": [p.interval[0] for p in parameters],
+                "high": [p.interval[1] for p in parameters],
+                "scatter": [p.scatter_share for p in parameters],
+                "remark": [calibration_report.remark_of(p) for p in parameters],
+            },
+            index=pd.Index([p.parameter.key for p in parameters], name="parameter"),
+        )
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """Refuse: there are no estimates dive by dive."""
+        raise InputError("history: a fit of the steady glides alone has none; calibrate with rounds.most above zero")
+
+    @property
+    def fitted(self) -> Score:
+        """Errors of the steady balance on the fitted profiles."""
+        return self.calibration.fitted
+
+    @property
+    def held_out(self) -> Score:
+        """Errors of the steady balance on the held-out profiles."""
+        return self.calibration.held_out
+
+    def _remarks(self) -> list[str]:
+        return calibration_report.notes(self.calibration)
+
+    def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
+        """Describe the calibration, with its warnings."""
+        made = calibration_report.provenance(self.calibration, observations, digest, assignments)
+        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in self.warnings)])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HullFromDives(CalibratedHull):
+    """Hull calibrated in rounds over whole dives.
+
+    Attributes
+    ----------
+    dives : DiveCalibration
+        Calibration on the dives.
+    """
+
+    dives: DiveCalibration
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row per parameter, as described in `CalibratedHull.table`."""
+        return rounds_report.parameter_table(self.dives.rounds)
+
+    @property
+    def history(self) -> pd.DataFrame:
+        """One row per dive and parameter, as described in `CalibratedHull.history`."""
+        return rounds_report.history_table(self.dives.rounds)
+
+    @property
+    def fitted(self) -> Score:
+        """Errors of the steady balance on the fitted profiles."""
+        return self.dives.fitted
+
+    @property
+    def held_out(self) -> Score:
+        """Errors of the steady balance on the held-out profiles."""
+        return self.dives.held_out
+
+    def _remarks(self) -> list[str]:
+        lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
+        return lines + calibration_report.score_notes(self.fitted, self.held_out)
+
+    def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
+        """Describe the calibration; its notes include the warnings."""
+        scores = (("fitted", self.fitted), ("held out", self.held_out))
+        return rounds_report.provenance(self.notes, scores, observations, digest, assignments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,12 +281,12 @@ def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:
         except InputError as error:
             raise CalibrationError(
                 "the estimated platform could not be used: "
-                f"{str(error).removeprefix(f'{aside}: ')}; start from another --platform or choose other --profiles"
+                f"{str(error).removeprefix(f'{aside}: ')}; start from another platform or choose other `profiles`"
             ) from None
     return out
 
 
-def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
+def write_history(path: Path, calibrated: CalibratedHull, overwrite: bool) -> None:
     """Write the parameters dive by dive as CSV, completely or not at all.
 
     Raises
@@ -226,5 +294,5 @@ def write_history(path: Path, found: CalibratedHull, overwrite: bool) -> None:
     InputError
         The calibration has no history, or the file cannot be written.
     """
-    content = found.history.to_csv(index=False, float_format="%.8g")
+    content = calibrated.history.to_csv(index=False, float_format="%.8g")
     write_text(path, content, overwrite=overwrite)

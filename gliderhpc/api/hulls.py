@@ -16,10 +16,9 @@ from gliderhpc.api.arguments import (
     profiles_text,
     settings_of,
 )
-from gliderhpc.api.estimated_hulls import CalibratedHull, TunedHull
+from gliderhpc.api.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
-from gliderhpc.flight import glider
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.dive_calibration import (
     DiveCalibrationInputs,
@@ -32,8 +31,6 @@ from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.profile_numbers import evenly_spaced, select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.report import calibration as calibration_report
-from gliderhpc.report import hull_rounds as rounds_report
 from gliderhpc.report import tuning as tuning_report
 from gliderhpc.tuning.calibration import CalibrateSettings, fit_trim
 from gliderhpc.tuning.calibration import calibrate as fit
@@ -42,7 +39,6 @@ from gliderhpc.tuning.likelihood import tuning_profiles
 from gliderhpc.tuning.measured_polar import with_measured_polar
 from gliderhpc.tuning.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
-from gliderhpc.wording import speaks_python
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -57,7 +53,6 @@ HELD_OUT = 4
 """Interval, in profiles, of those held out for the score if none are named."""
 
 
-@speaks_python
 def calibrate(
     records: Records,
     hull: HullArgument,
@@ -97,7 +92,8 @@ def calibrate(
     Returns
     -------
     CalibratedHull
-        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``.
+        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``: a
+        `HullFromDives` if there were rounds and they found a better hull, and otherwise a `HullFromGlides`.
 
     Raises
     ------
@@ -143,38 +139,67 @@ def calibrate_open(
 
     ``progress(total)`` opens a display of the number of finished dives, over all rounds.
     """
-    observations, platform, settings = inputs.observations, inputs.platform, inputs.settings
-    rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
     with threadpool_limits(limits=1):
-        taken, named = chosen_profiles(observations, inputs.profiles, inputs.hold_out, settings)
-        every = steady_segments(observations, platform, taken, settings, settings.steady, allow_flatter=True)
-        segments, held_out = split_segments(every, named)
-        platform, segments, held_out = choose_buoyancy(platform, segments, held_out, settings.seawater, log.info)
-        log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(held_out))
-    base, dives, failure = platform, None, ""
+        platform, segments, held_out = _read_segments(inputs)
+    calibrated = _calibrated(inputs, platform, segments, held_out, executor, progress)
+    if platform.calibration is not None:
+        calibrated = replace(calibrated, caution=CALIBRATED_BEFORE)
+    observations = inputs.observations
+    made = calibrated.provenance(observations.path.name, observations.digest(), inputs.assignments)
+    return _with_source(calibrated, f"{platform.source} {made}")
+
+
+def _read_segments(inputs: CalibrationInputs) -> tuple[Platform, SteadySegments, SteadySegments]:
+    """Return the platform with the buoyancy that the segments allow, and the fitted and the held-out segments."""
+    observations, settings = inputs.observations, inputs.settings
+    chosen, named = chosen_profiles(observations, inputs.profiles, inputs.hold_out, settings)
+    every = steady_segments(observations, inputs.platform, chosen, settings, settings.steady, allow_flatter=True)
+    platform, segments, held_out = choose_buoyancy(
+        inputs.platform, *split_segments(every, named), settings.seawater, log.info
+    )
+    log.info("calibrating on %d segments of steady flight; %d more are held out", len(segments), len(held_out))
+    if observations.has_velocity and not _has_velocity(segments):
+        log.warning("the measured velocity is not used: in no steady segment does it agree with the depth rate")
+    return platform, segments, held_out
+
+
+def _has_velocity(segments: SteadySegments) -> bool:
+    return bool(np.isfinite(segments.velocity).any())
+
+
+def _calibrated(
+    inputs: CalibrationInputs,
+    platform: Platform,
+    segments: SteadySegments,
+    held_out: SteadySegments,
+    executor: OpenExecutor,
+    progress: Progress,
+) -> CalibratedHull:
+    """Calibrate in rounds over the dives if any are requested; otherwise, or if these fail, on the steady glides."""
+    settings = inputs.settings
+    rounds = 0 if settings.calibration.trend else settings.rounds.largest_number(platform)
+    base, failure = platform, ""
     try:
-        measured = bool(np.isfinite(segments.velocity).any())
-        if observations.has_velocity and not measured:
-            log.warning("the measured velocity is not used: in no steady segment does it agree with the depth rate")
-        if rounds > 0 or measured:
+        if rounds > 0 or _has_velocity(segments):
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
-            given = DiveCalibrationInputs(observations, platform, base, start, segments, held_out, settings, rounds)
-            dives = calibrate_on_dives(given, executor, progress)
+            dives = calibrate_on_dives(
+                DiveCalibrationInputs(inputs.observations, platform, base, start, segments, held_out, settings, rounds),
+                executor,
+                progress,
+            )
+            return HullFromDives(platform=dives.platform, dives=dives)
     except CalibrationError as error:
         failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
         log.warning(failure)
-    if dives is not None:
-        found = CalibratedHull(dives.platform, None, dives)
-    else:
-        with threadpool_limits(limits=1):
-            steady = fit(base, segments, held_out, settings.calibration, log.info)
-        found = CalibratedHull(with_deviations_of(platform, steady.platform), steady, failure=failure)
-    if platform.calibration is not None:
-        found = replace(found, caution=CALIBRATED_BEFORE)
-    made = _provenance(found, observations.path.name, observations.digest(), inputs.assignments)
-    return replace(found, platform=found.platform.model_copy(update={"source": f"{platform.source} {made}"}))
+    with threadpool_limits(limits=1):
+        steady = fit(base, segments, held_out, settings.calibration, log.info)
+    return HullFromGlides(platform=with_deviations_of(platform, steady.platform), calibration=steady, failure=failure)
+
+
+def _with_source(calibrated: CalibratedHull, source: str) -> CalibratedHull:
+    return replace(calibrated, platform=calibrated.platform.model_copy(update={"source": source}))
 
 
 def calibrate_and_tune(
@@ -195,14 +220,14 @@ def calibrate_and_tune(
         return _without_prior(first, refused)
     with_prior = inputs.platform.model_copy(update={"prior": tuned.platform.prior})
     try:
-        found = calibrate_open(replace(inputs, platform=with_prior), executor, progress)
+        second = calibrate_open(replace(inputs, platform=with_prior), executor, progress)
     except CalibrationError as error:
         return _without_prior(first, f"with it no hull was found ({error})")
-    if first.dives is not None and found.dives is None:
-        return _without_prior(first, f"with it the dives gave no hull ({found.failure})")
+    if isinstance(first, HullFromDives) and not isinstance(second, HullFromDives):
+        return _without_prior(first, f"with it the dives gave no hull ({second.failure})")
     used = tuning_report.used_text(list(tuned.profiles), tuning)
-    source = f"{found.platform.source} Disturbance prior tuned on {used} with the hull of a first calibration."
-    return replace(found, platform=found.platform.model_copy(update={"source": source}))
+    source = f"{second.platform.source} Disturbance prior tuned on {used} with the hull of a first calibration."
+    return _with_source(second, source)
 
 
 def _without_prior(first: CalibratedHull, reason: str) -> CalibratedHull:
@@ -225,14 +250,6 @@ def _before_rounds(
     return base, start if base is platform else fit_trim(base, segments, settings.calibration, log.info)
 
 
-def _provenance(found: CalibratedHull, observations: str, digest: str, assignments: Sequence[str]) -> str:
-    if found.dives is None:
-        made = calibration_report.provenance(found.steady, observations, digest, assignments)
-        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in found.warnings)])
-    scores = (("fitted", found.fitted), ("held out", found.held_out))
-    return rounds_report.provenance(found.notes, scores, observations, digest, assignments)
-
-
 def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
@@ -240,9 +257,9 @@ def chosen_profiles(
     taken = _profiles_to_use(observations, profiles, settings.calibration.profiles)
     if hold_out is None:
         return taken, None
-    held_out = list(select_profiles(observations.profile_numbers, hold_out, "--hold-out"))
+    held_out = list(select_profiles(observations.profile_numbers, hold_out, "hold_out"))
     if set(taken) <= set(held_out):
-        raise InputError("--hold-out leaves no profile for the fit; name fewer profiles")
+        raise InputError("`hold_out` leaves no profile for the fit; name fewer profiles")
     return sorted({*taken, *held_out}), held_out
 
 
@@ -264,7 +281,6 @@ def split_segments(segments: SteadySegments, held_out: Sequence[int] | None) -> 
     return segments.select(~mask), segments.select(mask)
 
 
-@speaks_python
 def tune(
     records: Records,
     hull: HullArgument,
@@ -309,18 +325,15 @@ def tune_open(
     settings: TuneSettings,
     profiles: str | None,
     assignments: Sequence[str],
-    report: Callable[[str], None],
+    announce: Callable[[str], None],
 ) -> TunedHull:
-    """Tune on an open file, as `tune` does; `report` is called with a line at each step."""
+    """Tune on an open file, as `tune` does; `announce` is called with a line at each step."""
     with threadpool_limits(limits=1):
         numbers = _profiles_to_use(observations, profiles, settings.tuning.profiles)
         prepared = tuning_profiles(observations, platform, numbers, settings.tuning.longest, settings)
         used = [profile.series.number for profile in prepared]
-        report(f"tuning on {tuning_report.used_text(used, settings)}")
-        tuned = tune_prior(platform, prepared, settings, lambda value: report(f"log-likelihood {value:.1f}"))
+        announce(f"tuning on {tuning_report.used_text(used, settings)}")
+        tuned = tune_prior(platform, prepared, settings, lambda value: announce(f"log-likelihood {value:.1f}"))
     made = tuning_report.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
     update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)
-
-
-load_platform = speaks_python(glider.load_platform)

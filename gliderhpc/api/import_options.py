@@ -79,8 +79,8 @@ def _broken_rule(name: str, value: Any) -> str | None:
     """Describe the requirement that a value violates; None if it is valid."""
     if name in NUMBERS:
         number = NUMBERS[name]
-        given = number.optional if value is None else _is_within(value, *number.limits)
-        return None if given else f"a number from {number.low:.7g} to {number.high:.7g}{number.unit}"
+        valid = number.optional if value is None else _is_within(value, *number.limits)
+        return None if valid else f"a number from {number.low:.7g} to {number.high:.7g}{number.unit}"
     if name in FLAGS:
         return None if isinstance(value, bool) else "true or false"
     if name in FOLDERS:

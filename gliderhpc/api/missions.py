@@ -25,7 +25,6 @@ from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import Place, is_address
 from gliderhpc.tuning.record_checks import inspect_records
-from gliderhpc.wording import python_words, speaks_python
 
 log = logging.getLogger("gliderhpc.run")
 
@@ -33,7 +32,6 @@ CHECKED_PROFILES, LAG_PROFILES = 24, 4
 """Maximum numbers of profiles examined before a run: for all record checks except the lag, and for the lag."""
 
 
-@speaks_python
 def invert(
     records: Records,
     hull: HullArgument,
@@ -83,7 +81,6 @@ def invert(
         return run.invert_profile(observations, platform, chosen, number)
 
 
-@speaks_python
 def run_mission(
     records: Records,
     hull: HullArgument,
@@ -147,12 +144,12 @@ def run_mission(
     # Arguments are checked before anything is read.
     archived.check_is_path(store, "store")
     executor_of(workers, cluster)
-    place = store if is_address(store) else Path(store)
+    archive = store if is_address(store) else Path(store)
     with opened_records(records) as observations:
         text, shared = profiles_text(profiles), cluster is not None
         prepared = prepare_mission(observations, platform, chosen, text, workers, on_cluster=shared, warn=_warn)
         try:
-            invert_prepared(prepared, place, cluster, existing=existing, words=python_words)
+            invert_prepared(prepared, archive, cluster, existing=existing)
         except FileNotSharedError as error:
             if not isinstance(records, xr.Dataset) or error.path != observations.path.resolve():
                 raise
@@ -160,10 +157,7 @@ def run_mission(
                 f"records: a Dataset that was made or changed in memory, which {error.worker} cannot see; save it to a "
                 "file that the workers share, records.to_netcdf('m12.nc'), and give its path"
             ) from None
-    return open_mission(place)
-
-
-open_mission = speaks_python(archived.open_mission)
+    return archived.open_mission(archive)
 
 
 def _no_progress(_: int) -> AbstractContextManager[Callable[[], None]]:
@@ -176,7 +170,6 @@ def invert_prepared(
     cluster: ClusterAddress | None = None,
     *,
     existing: Existing = Existing.REFUSE,
-    words: Callable[[str], str] = str,
     progress: Callable[[int], AbstractContextManager[Callable[[], None]]] = _no_progress,
 ) -> run.MissionResult:
     """Run a prepared inversion on local workers or a cluster, after a brief check of the records of a new archive.
@@ -191,14 +184,12 @@ def invert_prepared(
         Running cluster; by default as many local workers as the run was prepared for.
     existing : Existing
         Treatment of an archive that exists.
-    words : callable
-        Adapts the warnings about the records to the caller's language.
     progress : callable
         Opens the display of progress over a number of profiles; its context is the function that advances it.
     """
     numbers = prepared.plan.profiles
     if not existing.continues:
-        warn_about_records(prepared.observations, prepared.platform, prepared.settings, numbers, words)
+        warn_about_records(prepared.observations, prepared.platform, prepared.settings, numbers)
     workers, warm = None if cluster is not None else prepared.workers, partial(warm_kernels, prepared.settings.engine)
     executor = executor_of(workers, cluster, prepared.needed(store), len(numbers), warm)
     with progress(len(numbers)) as advance:
@@ -206,7 +197,7 @@ def invert_prepared(
 
 
 def _warn(text: str) -> None:
-    log.warning("%s", python_words(text))
+    log.warning("%s", text)
 
 
 def warn_about_records(
@@ -214,9 +205,8 @@ def warn_about_records(
     platform: Platform,
     settings: MissionSettings,
     chosen: Sequence[int],
-    words: Callable[[str], str] = str,
 ) -> None:
-    """Log one line, adapted by `words`, for each error that a brief check of the records finds; correct nothing."""
+    """Log one line for each error that a brief check of the records finds; correct nothing."""
     checks = settings.inspect
     brief = checks.model_copy(
         update={
@@ -225,6 +215,6 @@ def warn_about_records(
         }
     )
     with threadpool_limits(limits=1):
-        found = inspect_records(observations, platform, chosen, settings, brief, settings.current)
-    for finding in found.found:
-        log.warning("%s", words(f"{finding.line} (for details run gliderhpc inspect)"))
+        inspection = inspect_records(observations, platform, chosen, settings, brief, settings.current)
+    for finding in inspection.found:
+        log.warning("%s (for details run `gliderhpc inspect`)", finding.line)

@@ -35,7 +35,7 @@ from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.report.record_checks import content
 from gliderhpc.tuning.record_checks import Inspection, inspect_records
-from gliderhpc.wording import most_frequent_reason, python_words, speaks_python
+from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.import")
 
@@ -51,7 +51,6 @@ _MAX_OPENED_FILES = 20
 """Number of netCDF files in a folder that are opened to detect their kind: all files of a mission are of one kind."""
 
 
-@speaks_python
 def open_records(path: str | Path) -> xr.Dataset:
     """Open and check an observation file; import records of another kind that can be inverted.
 
@@ -88,7 +87,6 @@ def _can_be_imported(path: Path) -> bool:
         return False
 
 
-@speaks_python
 def import_records(files: str | Path | Iterable[str | Path], kind: str | None = None, **options: Any) -> xr.Dataset:
     """Make observations from an instrument's own records.
 
@@ -150,8 +148,8 @@ def import_as(
         raise InputError(f"kind={kind!r}: give one of {', '.join(IMPORTERS)}")
     check_option_names(kind, options)
     check_option_values(options)
-    given = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
-    return IMPORTERS[kind](sources, out, **given, overwrite=overwrite, reads=reads)
+    converted = {name: Path(value) if name == "cache" and value else value for name, value in options.items()}
+    return IMPORTERS[kind](sources, out, **converted, overwrite=overwrite, reads=reads)
 
 
 def kind_of(sources: Sequence[Path]) -> str:
@@ -171,9 +169,10 @@ def kind_of(sources: Sequence[Path]) -> str:
             if kind is not None:
                 kinds.setdefault(kind, path)
     if len(kinds) > 1:
-        (first, one), (second, other), *_ = kinds.items()
+        (first, first_path), (second, second_path), *_ = kinds.items()
         raise InputError(
-            f"{one} is of kind {first}, and {other} of kind {second}; give the files of one kind, or set kind"
+            f"{first_path} is of kind {first}, and {second_path} of kind {second}; give the files of one kind, or set "
+            "kind"
         )
     if not kinds:
         _refuse_with_needs(sources)
@@ -212,9 +211,9 @@ def is_instrument_file(path: Path) -> bool:
     if path.suffix.lower() != ".nc":
         return False
     with ForeignFile(path) as file:
-        found = importer_of(file.names)
+        importer = importer_of(file.names)
     # OG1 needs no import: its variables are read by name.
-    return found is not None and found[0] != "og1"
+    return importer is not None and importer[0] != "og1"
 
 
 def _files(source: Path) -> list[Path]:
@@ -247,8 +246,8 @@ def kind_of_file(path: Path) -> str | None:
     if named is not None or path.suffix.lower() != ".nc":
         return named
     with ForeignFile(path) as file:
-        found = importer_of(file.names)
-    return None if found is None else found[0]
+        importer = importer_of(file.names)
+    return None if importer is None else importer[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,13 +266,13 @@ class InspectedRecords:
     def table(self) -> pd.DataFrame:
         """One row per finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
         rows = content(self.inspection)["findings"]
-        rows = [row | {"suggestion": python_words(row["suggestion"])} for row in rows]
+        rows = [row | {"suggestion": _setting(row["suggestion"])} for row in rows]
         return pd.DataFrame(rows).astype(dict.fromkeys(("size", "standard_error", "threshold"), float))
 
     @property
     def suggestions(self) -> dict[str, str]:
         """Settings that would correct the detected errors, by quantity."""
-        return {finding.quantity: python_words(finding.suggestion) for finding in self.inspection.found}
+        return {finding.quantity: _setting(finding.suggestion) for finding in self.inspection.found}
 
     @property
     def left_out(self) -> dict[int, str]:
@@ -281,7 +280,11 @@ class InspectedRecords:
         return self.inspection.left_out
 
 
-@speaks_python
+def _setting(suggestion: str) -> str:
+    """Return a suggested setting without the backquotes that mark it in a message."""
+    return suggestion.replace("`", "")
+
+
 def inspect(
     records: Records,
     hull: HullArgument,
@@ -326,9 +329,9 @@ def inspect_open(
     """Inspect an open file, as `inspect` does."""
     with threadpool_limits(limits=1):
         numbers = select_profiles(observations.profile_numbers, profiles)
-        found = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
-    if not found.profiles:
+        inspection = inspect_records(observations, platform, numbers, settings, settings.inspect, settings.current)
+    if not inspection.profiles:
         raise InputError(
-            f"{observations.path}: no profile can be inspected; {most_frequent_reason(found.left_out.values())}"
+            f"{observations.path}: no profile can be inspected; {most_frequent_reason(inspection.left_out.values())}"
         )
-    return found
+    return inspection

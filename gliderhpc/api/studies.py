@@ -1,7 +1,6 @@
 """Studies of a finished mission, the validation of the forward model, and the drawing of a profile."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,21 +22,15 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import COLUMNS, Findings, as_plain, write_findings
-from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
-from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.platform import Platform
 from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import show_study
 from gliderhpc.store_schema import read_attributes, restored_on_error, set_study_attributes
-from gliderhpc.studies.registry import STUDIES, run_study
-from gliderhpc.studies.request import Request, archive_on_disk
-from gliderhpc.studies.validation import GROUP
-from gliderhpc.studies.validation import validate as run_validation
-from gliderhpc.wording import python_words, speaks_python
+from gliderhpc.studies.registry import STUDIES, VALIDATION, run_study
+from gliderhpc.studies.request import Request, Simulation, archive_on_disk
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,14 +81,13 @@ class StudyFindings:
     @property
     def remarks(self) -> Sequence[str]:
         """Remarks, such as a note on an input that was not supplied."""
-        return [python_words(remark) for remark in self.findings.remarks]
+        return self.findings.remarks
 
     @property
     def failed(self) -> Mapping[int, str]:
         """Profiles that could not be studied, with the reason."""
         return self.findings.failed
 
-    @speaks_python
     def save(self, folder: str | Path) -> list[Path]:
         """Write tables as CSV, figures as PNG and all numbers as JSON, as the command does.
 
@@ -113,7 +105,7 @@ def analyze_archive(name: str, request: Request) -> Findings:
     Parameters
     ----------
     name : str
-        Name of the study, in `gliderhpc.studies.registry.STUDIES`.
+        Name of the study, in `gliderhpc.studies.registry.ALL_STUDIES`.
     request : Request
         Archive, workers, estimate, profiles and inputs.
 
@@ -132,41 +124,15 @@ def analyze_archive(name: str, request: Request) -> Findings:
         return _findings(name, request.archive)
 
 
-def validate_archive(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    store: str | Path,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    *,
-    profiles: str | None = None,
-    quick: bool = False,
-    on_profile: Callable[[int], None] = lambda _: None,
-) -> Findings:
-    """Compare the forward model with an archive's records; parameters as in `gliderhpc.studies.validation.validate`.
-
-    Raises
-    ------
-    InputError
-        The archive was made from other observations or on other axes, or has no such profile.
-    """
-    with restored_on_error(store, GROUP):
-        run_validation(
-            observations, platform, settings, store, executor, profiles=profiles, quick=quick, on_profile=on_profile
-        )
-        return _findings(GROUP, store)
-
-
 def _findings(name: str, store: str | Path) -> Findings:
     """Make a study's findings, and store their facts and comparisons as attributes of its group."""
     with open_for_reading(store) as archive:
         findings = show_study(name, archive)
-    found = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
-    set_study_attributes(store, name, as_plain(found))
+    attributes = {**findings.content["facts"], "comparisons": findings.content["comparisons"]}
+    set_study_attributes(store, name, as_plain(attributes))
     return findings
 
 
-@speaks_python
 def analyze(
     store: str | Path,
     study: str,
@@ -226,7 +192,7 @@ def analyze(
         raise InputError(f"estimate={estimate!r}: give one of {', '.join(ESTIMATES)}")
     archive = archive_on_disk(store)
     executor = executor_of(workers, cluster_of(scheduler), (archive,))
-    given = (models,) if isinstance(models, str | Path) else models
+    sources = (models,) if isinstance(models, str | Path) else models
     request = Request(
         archive,
         executor,
@@ -236,7 +202,7 @@ def analyze(
         observations=_path(observations),
         truth=_path(truth),
         budget=_path(budget),
-        models=tuple(map(str, given)),
+        models=tuple(map(str, sources)),
         reference=_path(reference),
         assignments=assignments_of(named, f"{study}."),
     )
@@ -247,7 +213,6 @@ def analyze(
         return StudyFindings(study, _draw_figures(analyze_archive(study, request)))
 
 
-@speaks_python
 def validate(
     records: Records,
     hull: HullArgument,
@@ -297,13 +262,11 @@ def validate(
         else:
             settings = settings_of(MissionSettings, settings, named)
     with archive_errors(archive), locked(archive), opened_records(records) as observations:
-        found = validate_archive(
-            observations, platform, settings, archive, executor, profiles=profiles_text(profiles), quick=quick
-        )
-        return StudyFindings(GROUP, _draw_figures(found))
+        simulation = Simulation(observations, platform, settings)
+        request = Request(archive, executor, profiles=profiles_text(profiles), quick=quick, simulation=simulation)
+        return StudyFindings(VALIDATION, _draw_figures(analyze_archive(VALIDATION, request)))
 
 
-@speaks_python
 def plot_profile(
     dive: xr.DataTree, profile: int | None = None, *, truth: str | Path | xr.Dataset | None = None
 ) -> "Figure":
@@ -340,7 +303,6 @@ def plot_profile(
     return profile_figure(dive, number, known)
 
 
-@speaks_python
 def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     """Draw a map of depth-averaged currents: arrow and error ellipse of each dive, fixes, and the track under water.
 
@@ -367,10 +329,10 @@ def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":
     return currents_map(found.to_dataset() if isinstance(found, xr.DataTree) else found)
 
 
-def _draw_figures(found: Findings) -> Findings:
+def _draw_figures(findings: Findings) -> Findings:
     """Draw all figures while the archive is locked, since another run of the study may change it afterwards."""
-    return replace(found, figures=dict(found.figures))
+    return replace(findings, figures=dict(findings.figures))
 
 
-def _path(given: str | Path | None) -> Path | None:
-    return None if given is None else Path(given)
+def _path(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)

@@ -189,7 +189,7 @@ def _metadata(content: bytes) -> ConsolidatedMetadata:
 
 def _store(path: Place) -> Any:
     if is_empty(path):
-        raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission --store` wrote")
+        raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission` wrote")
     if not is_archive(path):
         raise InputError(describe_other(path))
     return VerifiedStore(store_at(path, read_only=True), str(path))

@@ -11,7 +11,7 @@ from rich.text import Text
 from gliderhpc.archive.mission import Summary, archive_errors, attribute_faults, describe
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.errors import InputError
 from gliderhpc.report.facts import facts, flatten_settings
 from gliderhpc.store_schema import (
@@ -33,7 +33,7 @@ from gliderhpc.wording import counted
 SHOWN_MESSAGES = 20
 
 
-@click.command("info")
+@click.command("info", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
 def info(archive: Place, all_messages: bool) -> int:
@@ -121,7 +121,7 @@ def _messages(summary: Summary, shown: int | None) -> Table:
     return table
 
 
-@click.command("check")
+@click.command("check", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--deep", is_flag=True, help="Also compare every chunk with the digest recorded when it was written.")
 def check(archive: Place, deep: bool) -> int:
@@ -159,14 +159,14 @@ def check(archive: Place, deep: bool) -> int:
 
 def _differences(archive: Place, deep: bool) -> list[str]:
     """List the differences from the schema, else faults of attributes, else missing or, if `deep`, damaged chunks."""
-    found = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
-    return found or (damaged_chunks(archive) if deep else missing_chunks(archive))
+    differences = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
+    return differences or (damaged_chunks(archive) if deep else missing_chunks(archive))
 
 
 SHOWN_PROFILES = 12
 
 
-@click.command("compare")
+@click.command("compare", cls=Verb)
 @click.argument("first", type=options.PLACE)
 @click.argument("second", type=options.PLACE)
 def compare(first: Place, second: Place) -> int:
@@ -179,17 +179,20 @@ def compare(first: Place, second: Place) -> int:
       gliderhpc compare before.zarr after.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with archive_errors(first, second):
-        for place in (first, second):
-            for difference in structure_differences(place, studies=False):
-                raise InputError(f"{place}: {difference}; only archives that conform to the schema can be compared")
-        found = compare_archives(first, second)
-    for line in found.attributes:
+        for archive in (first, second):
+            for difference in structure_differences(archive, studies=False):
+                raise InputError(f"{archive}: {difference}; only archives that conform to the schema can be compared")
+        comparison = compare_archives(first, second)
+    for line in comparison.attributes:
         echo(line)
-    for place, numbers in ((first, found.only_first), (second, found.only_second)):
+    for archive, numbers in ((first, comparison.only_first), (second, comparison.only_second)):
         if numbers:
             shown = ", ".join(map(str, numbers[:SHOWN_PROFILES])) + (" ..." if len(numbers) > SHOWN_PROFILES else "")
-            echo(f"only in {place}: {counted(len(numbers), 'profile')} ({shown})")
-    for variable in found.variables:
+            echo(f"only in {archive}: {counted(len(numbers), 'profile')} ({shown})")
+    for variable in comparison.variables:
         echo(variable.describe())
-    echo(f"{counted(found.same, 'profile is', 'profiles are')} the same" + (" in every value" if found.equal else ""))
-    return 0 if found.equal else 1
+    echo(
+        f"{counted(comparison.same, 'profile is', 'profiles are')} the same"
+        + (" in every value" if comparison.equal else "")
+    )
+    return 0 if comparison.equal else 1

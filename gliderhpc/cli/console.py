@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
+import click
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 from rich.table import Table
 
-from gliderhpc.cli.messages import UnexpectedError, echo, environment, is_expected, printable
+from gliderhpc.cli.messages import UnexpectedError, echo, environment, is_expected, printable, with_options
 from gliderhpc.errors import InputError
 
 _FILE_WIDTH = 160
@@ -29,14 +30,19 @@ class _Console(Console):
 
 
 class LogFormatter(logging.Formatter):
-    """Format of log lines: a message is one line, followed by the traceback, if any."""
+    """Format of log lines: a message is one line, followed by the traceback, if any.
+
+    The lines name the options of the command that is running when the format is made; other threads also log them.
+    """
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)s %(message)s")
+        context = click.get_current_context(silent=True)
+        self._command = None if context is None else context.command
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
         """Format the line."""
-        return printable(super().formatMessage(record), lines=False)
+        return printable(with_options(super().formatMessage(record), self._command), lines=False)
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - logging's name
         """Format the traceback."""

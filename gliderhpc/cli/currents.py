@@ -9,7 +9,7 @@ import xarray as xr
 from gliderhpc.api.currents import estimate_currents
 from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.options import Finite, deployment, overwrite
 from gliderhpc.output_files import check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
@@ -19,7 +19,7 @@ _HEADINGS = ("profile", "start", "depth, m", "north, m/s", "east, m/s", "remark"
 _WORDS = ("start", "remark")
 
 
-@click.command("currents")
+@click.command("currents", cls=Verb)
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
@@ -56,28 +56,28 @@ def currents(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     check_output(out, overwrite=overwrite, inputs=files)
     stated = {} if deployment is None else read_deployment(deployment)
-    found = estimate_currents(files, platform=platform, declination=declination, out=out).assign_attrs(stated)
-    _write(found, out, overwrite)
-    title = f"depth-averaged currents of {counted(found.sizes['profile'], 'profile')}"
-    results().print(table(title, _rows(found), _HEADINGS, _WORDS))
-    if found.attrs["comment"] != "none":
-        echo(found.attrs["comment"])
-    known = int(np.isfinite(found["dac_north"]).sum())
+    estimates = estimate_currents(files, platform=platform, declination=declination, out=out).assign_attrs(stated)
+    _write(estimates, out, overwrite)
+    title = f"depth-averaged currents of {counted(estimates.sizes['profile'], 'profile')}"
+    results().print(table(title, _rows(estimates), _HEADINGS, _WORDS))
+    if estimates.attrs["comment"] != "none":
+        echo(estimates.attrs["comment"])
+    known = int(np.isfinite(estimates["dac_north"]).sum())
     verb = "has" if known == 1 else "have"
-    echo(f"{known} of {counted(found.sizes['profile'], 'profile')} {verb} a current; written to {out}")
+    echo(f"{known} of {counted(estimates.sizes['profile'], 'profile')} {verb} a current; written to {out}")
     return DONE if known else FAILED
 
 
-def _write(found: xr.Dataset, out: Path, overwrite: bool) -> None:
+def _write(estimates: xr.Dataset, out: Path, overwrite: bool) -> None:
     units = {"units": "seconds since 1970-01-01T00:00:00Z", "dtype": "float64", "calendar": "proleptic_gregorian"}
     # CF forbids a fill value for a coordinate (section 2.5.1), and xarray would add one.
-    times = [name for name in map(str, found.variables) if np.issubdtype(found[name].dtype, np.datetime64)]
+    times = [name for name in map(str, estimates.variables) if np.issubdtype(estimates[name].dtype, np.datetime64)]
     encoding = {name: {**units, **({"_FillValue": None} if name == "time" else {})} for name in times}
     with output_file(out, overwrite=overwrite) as aside:
-        found.to_netcdf(aside, engine="netcdf4", encoding=encoding)
+        estimates.to_netcdf(aside, engine="netcdf4", encoding=encoding)
 
 
-def _rows(found: xr.Dataset) -> list[tuple[str, ...]]:
+def _rows(estimates: xr.Dataset) -> list[tuple[str, ...]]:
     return [
         (
             str(int(row["profile"])),
@@ -86,7 +86,7 @@ def _rows(found: xr.Dataset) -> list[tuple[str, ...]]:
             *(_with_error(row, name) for name in ("dac_north", "dac_east")),
             str(row["message"].values),
         )
-        for row in (found.isel(profile=place) for place in range(found.sizes["profile"]))
+        for row in (estimates.isel(profile=index) for index in range(estimates.sizes["profile"]))
     ]
 
 

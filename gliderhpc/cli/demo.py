@@ -11,10 +11,10 @@ import xarray as xr
 from rich.table import Table
 
 from gliderhpc.api.currents import currents
-from gliderhpc.api.studies import analyze_archive, validate_archive
+from gliderhpc.api.studies import analyze_archive
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.cli.console import logging_to, results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import write_findings
@@ -34,13 +34,13 @@ from gliderhpc.report.accuracy import accuracy_table, render
 from gliderhpc.report.page import Written, write_mission_page
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
-from gliderhpc.studies.registry import STUDIES
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.registry import STUDIES, VALIDATION
+from gliderhpc.studies.request import Request, Simulation
 from gliderhpc.twins.windows import STUDY as WINDOWS
 from gliderhpc.wording import counted
 
 
-@click.command("demo")
+@click.command("demo", cls=Verb)
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
@@ -173,9 +173,9 @@ def _days(scenario: Scenario) -> float:
 
 def _describe_light_currents(observations: Path) -> str:
     """Describe the currents estimated without a flight model, the first results of the demo."""
-    found = currents(observations)
-    north, east = (np.asarray(found[f"dac_{name}"]) for name in ("north", "east"))
-    error = float(np.nanmedian([found["dac_north_std"], found["dac_east_std"]]))
+    estimates = currents(observations)
+    north, east = (np.asarray(estimates[f"dac_{name}"]) for name in ("north", "east"))
+    error = float(np.nanmedian([estimates["dac_north_std"], estimates["dac_east_std"]]))
     vectors = ", ".join(f"{n:+.2f} {e:+.2f}" for n, e in zip(north, east, strict=True))
     return (
         f"depth-averaged currents from pitch, heading, depth and fixes alone, by gliderhpc currents, "
@@ -191,10 +191,10 @@ def _check_folder(observations: Path, mission: str) -> None:
         return
     try:
         with xr.open_dataset(observations, decode_times=False) as dataset:
-            found = dataset.attrs.get("mission")
+            name = dataset.attrs.get("mission")
     except (OSError, ValueError):
-        found = None
-    if found != mission:
+        name = None
+    if name != mission:
         raise InputError(f"{observations}: was not made by the demo, so it is not replaced; give another --out")
 
 
@@ -207,7 +207,8 @@ def _invert(tour: _DemoRun) -> MissionResult:
 def _validate(tour: _DemoRun) -> None:
     tour.announce("comparing the fixed-coefficient model with the records")
     with open_observations(tour.observations) as opened:
-        validate_archive(opened, tour.platform, MissionSettings(), tour.store, tour.workers)
+        simulation = Simulation(opened, tour.platform, MissionSettings())
+        analyze_archive(VALIDATION, Request(tour.store, tour.workers, simulation=simulation))
 
 
 def _study(tour: _DemoRun) -> None:

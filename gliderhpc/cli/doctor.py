@@ -7,12 +7,12 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.mission.doctor import Check, State, examine
 from gliderhpc.store_schema.place import Place
 
 
-@click.command("doctor")
+@click.command("doctor", cls=Verb)
 @click.option(
     "--store",
     type=options.PLACE,

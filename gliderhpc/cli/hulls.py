@@ -6,12 +6,18 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from gliderhpc.api.estimated_hulls import CalibratedHull, write_history, write_platform
+from gliderhpc.api.estimated_hulls import (
+    CalibratedHull,
+    HullFromDives,
+    HullFromGlides,
+    write_history,
+    write_platform,
+)
 from gliderhpc.api.hulls import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -27,7 +33,7 @@ from gliderhpc.report.calibration import (
     score_rows,
 )
 from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
-from gliderhpc.tuning.calibration import CalibrateSettings
+from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
 _out = click.option(
@@ -39,7 +45,7 @@ _out = click.option(
 )
 
 
-@click.command("calibrate")
+@click.command("calibrate", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
@@ -121,31 +127,35 @@ def calibrate(
     with logging_to(log_file), open_observations(observations) as opened:
         calibration = calibrate_and_tune if tunes else calibrate_open
         inputs = CalibrationInputs(opened, platform, settings, profiles, hold_out, assignments)
-        found = calibration(inputs, options.executor_for(workers), lambda total: progress(total, "dives"))
-    write_platform(out, found.platform, overwrite)
-    if history is not None and found.dives is not None:
-        write_history(history, found, overwrite)
-    _print_calibration(found)
-    if history is not None and found.dives is None:
+        calibrated = calibration(inputs, options.executor_for(workers), lambda total: progress(total, "dives"))
+    write_platform(out, calibrated.platform, overwrite)
+    has_history = isinstance(calibrated, HullFromDives)
+    if history is not None and has_history:
+        write_history(history, calibrated, overwrite)
+    _print_calibration(calibrated)
+    if history is not None and not has_history:
         echo(f"{history} is not written: the dives gave no better hull, so there is no history", err=True)
     echo(f"written to {out}")
     return DONE
 
 
-def _print_calibration(found: CalibratedHull) -> None:
-    for each in _steady_tables(found) if found.dives is None else _dive_tables(found.dives.rounds):
-        results().print(each)
-    results().print(
-        table(
-            "root mean square errors of the balance", score_rows(found.fitted, found.held_out), SCORES, ("profiles",)
-        ),
-    )
-    for line in found.notes:
+def _print_calibration(calibrated: CalibratedHull) -> None:
+    for grid in _tables(calibrated):
+        results().print(grid)
+    rows = score_rows(calibrated.fitted, calibrated.held_out)
+    results().print(table("root mean square errors of the balance", rows, SCORES, ("profiles",)))
+    for line in calibrated.notes:
         echo(line)
 
 
-def _steady_tables(found: CalibratedHull) -> list[Table]:
-    steady = found.steady
+def _tables(calibrated: CalibratedHull) -> list[Table]:
+    if isinstance(calibrated, HullFromDives):
+        return _dive_tables(calibrated.dives.rounds)
+    assert isinstance(calibrated, HullFromGlides), "a hull from steady glides or from dives"
+    return _glide_tables(calibrated.calibration)
+
+
+def _glide_tables(steady: Calibration) -> list[Table]:
     return [
         table("parameters, with 95 % intervals", parameter_rows(steady), PARAMETERS, ("parameter", "unit", "remark")),
         table(
@@ -157,26 +167,26 @@ def _steady_tables(found: CalibratedHull) -> list[Table]:
     ]
 
 
-def _dive_tables(found: HullRounds) -> list[Table]:
+def _dive_tables(rounds: HullRounds) -> list[Table]:
     made = [
         table(
             "parameters, with 95 % intervals",
-            rounds_report.parameter_rows(found),
+            rounds_report.parameter_rows(rounds),
             rounds_report.PARAMETERS,
             ("parameter", "unit", "remark"),
         ),
         table(
             "directions that the dives determine",
-            rounds_report.direction_rows(found),
+            rounds_report.direction_rows(rounds),
             rounds_report.DIRECTIONS,
             rounds_report.DIRECTIONS[1:],
         ),
     ]
-    if found.held_out:
+    if rounds.held_out:
         made.append(
             table(
                 "held-out dives compared with the sum of the others",
-                rounds_report.held_out_rows(found),
+                rounds_report.held_out_rows(rounds),
                 rounds_report.HELD_OUT,
                 (),
             )
@@ -187,7 +197,7 @@ def _dive_tables(found: HullRounds) -> list[Table]:
 log = logging.getLogger("gliderhpc.tune")
 
 
-@click.command("tune")
+@click.command("tune", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @_out
@@ -223,11 +233,11 @@ def tune(
     values, platform_values = parse_assignments(assignments)
     settings = build_settings_of(TuneSettings, {}, values)
     platform = load_platform(platform_name, platform_values)
-    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+    check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another `out`")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = tune_open(opened, platform, settings, profiles, assignments, log.info)
-    write_platform(out, found.platform, overwrite)
-    _print_prior(found.tuned, list(found.profiles), settings)
+        tuned = tune_open(opened, platform, settings, profiles, assignments, log.info)
+    write_platform(out, tuned.platform, overwrite)
+    _print_prior(tuned.tuned, list(tuned.profiles), settings)
     echo(f"written to {out}")
     return DONE
 

@@ -11,7 +11,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.interruption import interruptible
-from gliderhpc.cli.messages import FULL, describe_unexpected, is_unusable, names_a_file, printable
+from gliderhpc.cli.messages import FULL, Verb, describe_unexpected, is_unusable, names_a_file, printable
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
@@ -141,7 +141,7 @@ def program() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@click.command("completion")
+@click.command("completion", cls=Verb)
 @click.argument("shell", type=click.Choice(SHELLS))
 def completion(shell: str) -> int:
     """Print the completion script of SHELL.
@@ -158,10 +158,10 @@ def completion(shell: str) -> int:
 
 def completion_script(shell: str) -> str:
     """Return the completion script of one of `SHELLS`."""
-    found = get_completion_class(shell)
-    if found is None:
+    completion_class = get_completion_class(shell)
+    if completion_class is None:
         raise click.BadParameter(f"{shell}: this version of click has no completion for it")
-    return found(program, {}, "gliderhpc", "_GLIDERHPC_COMPLETE").source()
+    return completion_class(program, {}, "gliderhpc", "_GLIDERHPC_COMPLETE").source()
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,11 +1,13 @@
 """Text for a terminal, and one-line reports of unexpected errors. Every printed line passes through this module.
 
-Names, messages and attributes come from files and may contain control characters, which must not reach a terminal.
+Names, messages and attributes come from files and may contain control characters, which must not reach a terminal. The
+library's messages name arguments and settings, in backquotes; a command shows its options instead.
 """
 
 import errno
 import os
 import platform
+import re
 import shlex
 import sys
 import tempfile
@@ -32,9 +34,65 @@ def printable(text: str, *, lines: bool = True) -> str:
     return shown if lines else shown.replace("\n", " ")
 
 
+_QUOTED = re.compile(r"`([\w.]+)(?:=([^`]+))?`")
+"""Pattern of an argument or a setting in a message, with its value if any."""
+
+
+def with_options(text: str, command: click.Command | None = None) -> str:
+    """Replace the arguments and settings named in a message by the options of a command.
+
+    Parameters
+    ----------
+    text : str
+        Message of the library, such as ``this file exists; replace it with `overwrite=True```.
+    command : click.Command, optional
+        The command that shows it; by default the one being run. Without a command the text remains as it is.
+
+    Returns
+    -------
+    str
+        Such as ``this file exists; replace it with --overwrite``. An argument that the command does not have, and any
+        other text in backquotes, remain.
+    """
+    if command is None:
+        context = click.get_current_context(silent=True)
+        if context is None:
+            return text
+        command = context.command
+    parameters = {str(parameter.name): parameter for parameter in command.params}
+
+    def option(quoted: re.Match[str]) -> str:
+        name, value = quoted.groups()
+        if name in parameters:
+            return _describe_parameter(parameters[name], value)
+        # Only flags have the value True in messages.
+        is_setting = "." in name or value not in (None, "True")
+        return f"--set {quoted[0][1:-1]}" if is_setting and "assignments" in parameters else quoted[0]
+
+    return _QUOTED.sub(option, text)
+
+
+def _describe_parameter(parameter: click.Parameter, value: str | None) -> str:
+    """Return an option with its value, or the name of a positional argument in the command's usage."""
+    name = parameter.opts[0] if isinstance(parameter, click.Option) else parameter.human_readable_name
+    return name if value is None or getattr(parameter, "is_flag", False) else f"{name} {value}"
+
+
+class Verb(click.Command):
+    """Command whose errors name its options."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except GliderhpcError as error:
+            error.args = (with_options(str(error), self), *error.args[1:])
+            raise
+
+
 def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to stdout or stderr."""
-    click.echo(printable(str(text)), err=err, nl=nl)
+    click.echo(printable(with_options(str(text))), err=err, nl=nl)
 
 
 _SHOWN_LEFT_OUT = 10
@@ -103,13 +161,13 @@ def is_unusable(error: OSError) -> bool:
     return error.errno in _UNUSABLE
 
 
-def describe_unexpected(found: Exception) -> str:
+def describe_unexpected(error: Exception) -> str:
     """Write the traceback of an unexpected error to a file, and describe the error in one line."""
-    if not isinstance(found, UnexpectedError):
-        found = UnexpectedError(found, _write_traceback(found))
-    what = message_line(found.error) or "no message"
+    if not isinstance(error, UnexpectedError):
+        error = UnexpectedError(error, _write_traceback(error))
+    what = message_line(error.error) or "no message"
     return (
-        f"unexpected error, {type(found.error).__name__}: {what}; this is a bug in gliderhpc: please send {found.file} "
+        f"unexpected error, {type(error.error).__name__}: {what}; this is a bug in gliderhpc: please send {error.file} "
         "and the command to its maintainers"
     )
 

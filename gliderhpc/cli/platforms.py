@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.flight.steady_glide import (
     SteadyGlide,
     glide_table,
@@ -36,7 +36,7 @@ MAX_SIGN_DOUBT = 0.05
 """Maximum fraction of 15 % coefficient draws with the opposite sign for which the yaw moment determines a current."""
 
 
-@click.command("platforms")
+@click.command("platforms", cls=Verb)
 @click.argument("name_or_file", required=False)
 @click.option(
     "--net-mass", "net_masses", multiple=True, type=options.Finite(0, 1000, min_open=True), help="Net mass, kg."

@@ -14,7 +14,7 @@ from gliderhpc.api.records import IMPORTERS, inspect_open, kind_of
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import echo, print_left_out
+from gliderhpc.cli.messages import Verb, echo, print_left_out, with_options
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
@@ -43,7 +43,7 @@ def import_() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@import_.command("any")
+@import_.command("any", cls=Verb)
 @options.sources("FILE...")
 @options.records_out
 @options.overwrite
@@ -63,7 +63,7 @@ def any_(sources: tuple[Path, ...], out: Path, overwrite: bool) -> int:
     return _print_summary(IMPORTERS[kind](sources, out, overwrite=overwrite), results())
 
 
-@import_.command("seaexplorer")
+@import_.command("seaexplorer", cls=Verb)
 @options.sources("SOURCE...")
 @options.records_out
 @click.option(
@@ -113,7 +113,7 @@ def seaexplorer(
     return _print_summary(summary, results())
 
 
-@import_.command("slocum")
+@import_.command("slocum", cls=Verb)
 @options.sources("SOURCE...")
 @options.records_out
 @click.option(
@@ -168,7 +168,7 @@ def slocum(
     return _print_summary(summary, results())
 
 
-@import_.command("seaglider")
+@import_.command("seaglider", cls=Verb)
 @options.sources("SOURCE...")
 @options.records_out
 @options.declination()
@@ -185,7 +185,7 @@ def seaglider(sources: tuple[Path, ...], out: Path, declination: float | None, o
     return _print_summary(import_seaglider(sources, out, declination=declination, overwrite=overwrite), results())
 
 
-@import_.command("og1")
+@import_.command("og1", cls=Verb)
 @options.sources("SOURCE...")
 @options.records_out
 @options.declination()
@@ -254,7 +254,7 @@ def profile_table(title: str, pieces: str, profiles: Sequence[ImportedProfile]) 
 _WORDS = ("check", "quantity", "unit", "verdict")
 
 
-@click.command("inspect")
+@click.command("inspect", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @options.profiles
@@ -287,21 +287,21 @@ def inspect(
     settings = build_settings({}, values)
     platform = load_platform(platform_name, platform_values)
     if out is not None:
-        check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another --out")
+        check_output(out, overwrite=overwrite, inputs=(observations, platform_name), instead="another `out`")
     with logging_to(log_file), open_observations(observations) as opened:
-        found = inspect_open(opened, platform, settings, profiles)
-    _print_findings(found)
+        inspection = inspect_open(opened, platform, settings, profiles)
+    _print_findings(inspection)
     if out is not None:
-        write_text(out, json.dumps(content(found), indent=2) + "\n", overwrite=overwrite)
+        write_text(out, with_options(json.dumps(content(inspection), indent=2)) + "\n", overwrite=overwrite)
         echo(f"written to {out}")
     return DONE
 
 
-def _print_findings(found: Inspection) -> None:
-    print_left_out(found.left_out)
-    rows = [finding_row(finding)[:7] for finding in found.findings]
-    results().print(table(f"records of {counted(len(found.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
-    for finding in found.findings:
+def _print_findings(inspection: Inspection) -> None:
+    print_left_out(inspection.left_out)
+    rows = [finding_row(finding)[:7] for finding in inspection.findings]
+    results().print(table(f"records of {counted(len(inspection.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
+    for finding in inspection.findings:
         echo(f"{finding.quantity}: {finding.remark}")
-    for finding in found.found:
+    for finding in inspection.found:
         echo(f"suggested for {finding.quantity}: {finding.suggestion}")

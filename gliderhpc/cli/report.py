@@ -6,7 +6,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
-from gliderhpc.cli.messages import echo, print_left_out
+from gliderhpc.cli.messages import Verb, echo, print_left_out
 from gliderhpc.errors import InputError
 from gliderhpc.report.exports.currents import export_currents
 from gliderhpc.report.exports.deployment import read_deployment
@@ -18,7 +18,7 @@ from gliderhpc.wording import counted
 from gliderhpc.yaml_text import split_assignment
 
 
-@click.command("report")
+@click.command("report", cls=Verb)
 @click.argument("archives", nargs=-1, required=True, type=options.PLACE, metavar="ARCHIVE...")
 @click.option(
     "--out",
@@ -74,7 +74,7 @@ def export() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@export.command("og1")
+@export.command("og1", cls=Verb)
 @click.argument("archive", type=options.PLACE, metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @click.option(
@@ -112,7 +112,7 @@ def og1(
     return DONE
 
 
-@export.command("currents")
+@export.command("currents", cls=Verb)
 @click.argument("archive", type=options.PLACE, metavar="ARCHIVE.zarr")
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.deployment

@@ -15,7 +15,7 @@ from gliderhpc.api.missions import invert_prepared
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo, with_options
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.existing import Existing
@@ -35,7 +35,7 @@ _SHOWN_FAULTS = 10
 _MESSAGE_WIDTH = 60
 
 
-@click.command("run-mission")
+@click.command("run-mission", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @options.store
@@ -113,7 +113,7 @@ def run_mission(
 
 
 def _warn(warning: str) -> None:
-    log.warning(warning)
+    log.warning("%s", warning)
     echo(f"warning: {warning}", err=True)
 
 
@@ -147,7 +147,7 @@ def summary_table(result: MissionResult) -> Table:
             _number(row, "converged_fraction", ".0%"),
             *_current(row),
             _number(row, "run_seconds", ".1f"),
-            Text(row.get("message", "")),
+            Text(with_options(row.get("message", ""))),
         )
     return table
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.main import DONE
+from gliderhpc.cli.messages import Verb
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.flight.hull_parameters import compressible
 from gliderhpc.mission.executors import local_executor
@@ -37,7 +38,7 @@ MAX_SERIAL_PROFILES = 8
 """Largest mission that is simulated in this process by default."""
 
 
-@click.command("simulate-mission")
+@click.command("simulate-mission", cls=Verb)
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.platform
 @click.option(
@@ -112,13 +113,13 @@ def _note_ocean(platform: Platform, scenario: Scenario) -> None:
     """Log the compressibility assumed in the simulation if the platform file has none."""
     if scenario.ocean is None or platform.buoyancy.compressibility is not None:
         return
-    found = compressible(platform).buoyancy
+    buoyancy = compressible(platform).buoyancy
     log.info(
         "the platform %s states no buoyancy.compressibility; it is simulated with the usual %.2g 1/dbar and a thermal "
         "expansion of %.2g 1/K",
         platform.name,
-        found.compressibility,
-        found.thermal_expansion,
+        buoyancy.compressibility,
+        buoyancy.thermal_expansion,
     )
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-from gliderhpc.api.studies import analyze_archive, validate_archive
+from gliderhpc.api.studies import analyze_archive
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import echo, print_left_out
+from gliderhpc.cli.messages import Verb, echo, print_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
 from gliderhpc.findings.findings import Findings, comparison_table, write_findings
@@ -23,14 +23,13 @@ from gliderhpc.output_files import check_folder
 from gliderhpc.store_schema import read_attributes
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
-from gliderhpc.studies.registry import STUDIES, missing_input
-from gliderhpc.studies.request import Request, archive_on_disk, default_folder
-from gliderhpc.studies.validation import GROUP, validated_profiles
+from gliderhpc.studies.registry import STUDIES, VALIDATION, load_study, missing_input
+from gliderhpc.studies.request import Request, Simulation, archive_on_disk, default_folder
 
 ALL = "all"
 
 
-@click.command("analyze")
+@click.command("analyze", cls=Verb)
 @click.argument("archive", metavar="ARCHIVE", type=options.PLACE)
 @click.argument("study", metavar="STUDY", type=options.Choice([*STUDIES, ALL]))
 @options.profiles
@@ -167,7 +166,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
             echo(f"{name} left out: {lack}", err=True)
 
 
-@click.command("validate")
+@click.command("validate", cls=Verb)
 @click.argument("observations", type=click.Path(path_type=Path))
 @options.platform
 @options.store
@@ -199,13 +198,13 @@ def validate(
       gliderhpc validate m12.nc --platform seaexplorer --set platform.buoyancy.neutral_volume=-215 --store m12.zarr
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     store = archive_on_disk(store)
-    out = out or default_folder(store, GROUP)
+    out = out or default_folder(store, VALIDATION)
     check_folder(out)
     values, platform_values = parse_assignments(assignments)
     platform = load_platform(platform_name, platform_values)
     with archive_errors(store), open_for_reading(store) as archive:
         settings = build_settings(read_attributes(store)["settings"], values)
-        count = len(validated_profiles(archive, profiles, quick))
+        count = len(load_study(VALIDATION).choose(archive, profiles, quick))
     with (
         logging_to(log_file),
         archive_errors(store),
@@ -213,17 +212,16 @@ def validate(
         open_observations(observations) as opened,
         progress(count, "profiles") as advance,
     ):
-        findings = validate_archive(
-            opened,
-            platform,
-            settings,
+        request = Request(
             store,
             executor_for(workers),
             profiles=profiles,
             quick=quick,
+            simulation=Simulation(opened, platform, settings),
             on_profile=lambda _: advance(),
         )
-    return write_and_print(findings, GROUP, out)
+        findings = analyze_archive(VALIDATION, request)
+    return write_and_print(findings, VALIDATION, out)
 
 
 def write_and_print(findings: Findings, study: str, folder: Path) -> int:

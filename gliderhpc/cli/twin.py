@@ -8,6 +8,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress
+from gliderhpc.cli.messages import Verb
 from gliderhpc.cli.options import executor_for
 from gliderhpc.cli.studies import write_and_print
 from gliderhpc.estimation.current_errors import read_budget
@@ -65,7 +66,7 @@ def twin() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@twin.command(WINDOWS.name)
+@twin.command(WINDOWS.name, cls=Verb)
 @_PLATFORMS
 @_common
 def windows(platforms: tuple[str, ...], **how: Any) -> int:
@@ -78,7 +79,7 @@ def windows(platforms: tuple[str, ...], **how: Any) -> int:
     return _run(WINDOWS, platforms or _HULLS, **how)
 
 
-@twin.command(SENSITIVITY.name)
+@twin.command(SENSITIVITY.name, cls=Verb)
 @_PLATFORM
 @_common
 def sensitivity(platform: str, **how: Any) -> int:
@@ -91,7 +92,7 @@ def sensitivity(platform: str, **how: Any) -> int:
     return _run(SENSITIVITY, [platform], **how)
 
 
-@twin.command(RECOVERABILITY.name)
+@twin.command(RECOVERABILITY.name, cls=Verb)
 @_PLATFORM
 @_common
 def recoverability(platform: str, **how: Any) -> int:
@@ -104,7 +105,7 @@ def recoverability(platform: str, **how: Any) -> int:
     return _run(RECOVERABILITY, [platform], **how)
 
 
-@twin.command(ESTIMATORS.name)
+@twin.command(ESTIMATORS.name, cls=Verb)
 @_PLATFORM
 @_common
 def estimators(platform: str, **how: Any) -> int:
@@ -117,7 +118,7 @@ def estimators(platform: str, **how: Any) -> int:
     return _run(ESTIMATORS, [platform], **how)
 
 
-@twin.command(CURRENTS)
+@twin.command(CURRENTS, cls=Verb)
 @_PLATFORM
 @click.option(
     "--budget",

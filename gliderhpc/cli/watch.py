@@ -9,7 +9,7 @@ import click
 
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to
-from gliderhpc.cli.messages import echo
+from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
@@ -31,7 +31,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         ctx.exit()
 
 
-@click.command("watch")
+@click.command("watch", cls=Verb)
 @click.argument("source", type=click.Path())
 @options.platform
 @options.store

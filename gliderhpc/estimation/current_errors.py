@@ -295,7 +295,7 @@ def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_
         Fewer than three twins.
     """
     if len(errors) < MIN_TWINS:
-        raise InputError(f"a budget needs at least {MIN_TWINS} twins, not {len(errors)}; give more --seeds")
+        raise InputError(f"a budget needs at least {MIN_TWINS} twins, not {len(errors)}; give more `seeds`")
 
     shapes, wrong = _shapes(errors, names), np.array([error.error for error in errors])
     known = np.array([error.known for error in errors])

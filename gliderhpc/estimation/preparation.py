@@ -90,8 +90,8 @@ def check_seawater(platform: Platform, settings: EstimationSettings) -> None:
     """
     if settings.seawater == "density" and platform.buoyancy.compressibility is None:
         raise InputError(
-            f"--set seawater=density: the platform {platform.name} states no buoyancy.compressibility; add it "
-            "(1/dbar, as `gliderhpc calibrate` estimates it), or give --set seawater=depth_slope"
+            f"`seawater=density`: the platform {platform.name} states no buoyancy.compressibility; add it "
+            "(1/dbar, as `gliderhpc calibrate` estimates it), or give `seawater=depth_slope`"
         )
 
 

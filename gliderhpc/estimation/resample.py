@@ -70,7 +70,7 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     if settings.seawater == "density" and series.seawater is None:
         raise ProfileError(
             f"profile {record.number}: {series.without_seawater}, but seawater=density requires the density; give "
-            "--set seawater=auto to use the depth slope here"
+            "`seawater=auto` to use the depth slope here"
         )
     return series
 

@@ -57,9 +57,9 @@ def panels(
     figure = new_figure(size)
     figure.suptitle(title, fontsize=11, fontweight="bold", parse_math=False)
     grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
-    axes = [one for row in grid for one in row]
-    for one in axes:
-        style_axes(one)
+    axes = [panel for row in grid for panel in row]
+    for panel in axes:
+        style_axes(panel)
     return figure, axes
 
 

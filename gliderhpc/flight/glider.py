@@ -16,7 +16,6 @@ from gliderhpc.kernels import window
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.parameters import Body
 from gliderhpc.platform import Platform, read_platform, with_overrides
-from gliderhpc.wording import speaks_python
 
 Array = NDArray[np.float64]
 
@@ -82,7 +81,7 @@ class Glider:
 
     def __init__(self, platform: Platform | str | Path) -> None:
         if not isinstance(platform, Platform):
-            platform = speaks_python(load_platform)(platform)
+            platform = load_platform(platform)
         self.platform = platform
         self.hull = hull_of(platform)
         self.masses = masses_of(platform)

@@ -129,7 +129,7 @@ def calibrate_on_dives(
     if not glides_stably(Glider(found.platform)):
         raise CalibrationError(
             "calibration: the hull that fits the dives best has no stable dive and climb; start from another platform, "
-            "or choose other --profiles"
+            "or choose other `profiles`"
         )
     errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
     hull = with_deviations_of(inputs.platform, with_covariance(found.platform, errors))

@@ -145,7 +145,7 @@ def compiled_kernels() -> Check:
 def write_access(place: Place) -> Check:
     """Check that an archive can be written at a place."""
     write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_file(Path(place)))
-    return _check_write("write access", str(place), write, "give a --store that can be written")
+    return _check_write("write access", str(place), write, "give a `store` that can be written")
 
 
 def free_disk(place: Path) -> Check:

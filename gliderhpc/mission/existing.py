@@ -29,7 +29,9 @@ class Existing(Enum):
         """
         chosen = [name for name, given in (("overwrite", overwrite), ("resume", resume), ("append", append)) if given]
         if len(chosen) > 1:
-            raise InputError("--overwrite, --resume and --append are mutually exclusive; give one of them")
+            raise InputError(
+                "`overwrite=True`, `resume=True` and `append=True` are mutually exclusive; give one of them"
+            )
         return cls(chosen[0] if chosen else "refuse")
 
     @property

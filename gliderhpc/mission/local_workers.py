@@ -142,7 +142,7 @@ class LocalWorkers:
             self._failed_starts += 1
             if self._failed_starts > ALLOWED_DEATHS:
                 raise RunStoppedError(
-                    f"local worker processes exit immediately ({worker.status}); try --workers 0, and in "
+                    f"local worker processes exit immediately ({worker.status}); try `workers=0`, and in "
                     'a script call this function under `if __name__ == "__main__":`'
                 )
         log.warning("worker process %s ended (%s); another replaces it", worker.process_id, worker.status)

@@ -243,8 +243,8 @@ def locked(archive: Place) -> Iterator[str]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
         if isinstance(error, FileExistsError | NotADirectoryError):
-            check_parents(Path(absolute(archive)), "another place with --store")
-        raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with --store") from None
+            check_parents(Path(absolute(archive)), "another place with `store`")
+        raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with `store`") from None
     stop = threading.Event()
     refresher = threading.Thread(target=_keep_refreshing, args=(place, holder, stop), daemon=True)
     refresher.start()

@@ -93,7 +93,7 @@ class MissionPlan:
             return
         fitting = self.workers_that_fit(settings, workers)
         fits = self._total_memory(settings, fitting) <= limit
-        remedy = f"give --workers {fitting}" if fits else "leave the longest profiles out with --profiles"
+        remedy = f"give `workers={fitting}`" if fits else "leave the longest profiles out with `profiles`"
         raise InputError(
             f"{counted(workers, 'worker')} would need {needed / 1e9:.1f} GB of memory, but "
             f"{limit / 1e9:.1f} GB are available; {remedy}"
@@ -161,7 +161,7 @@ def _check_longest(
             hours = observations.duration(number) / 3600.0
             raise InputError(
                 f"{observations.path}: profile {number} lasts {hours:.1f} h with {sample_count} samples and needs "
-                f"{needed / 1e9:.1f} GB of memory, but {limit / 1e9:.1f} GB are available; leave it out with --profiles"
+                f"{needed / 1e9:.1f} GB of memory, but {limit / 1e9:.1f} GB are available; leave it out with `profiles`"
             )
 
 
@@ -171,6 +171,6 @@ def _check_margin(observations: Observations, settings: MissionSettings, profile
     length = settings.window_length(min(intervals))
     if settings.window.margin is not None and settings.window.margin >= length:
         raise InputError(
-            f"--set window.margin={settings.window.margin:g}: must be shorter than the window, {length:g} s here; "
-            "set window.length too"
+            f"`window.margin={settings.window.margin:g}`: must be shorter than the window, {length:g} s here; "
+            "set `window.length` too"
         )

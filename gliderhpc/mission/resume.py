@@ -216,32 +216,32 @@ def prepare_archive(
 def _check_version(store: str) -> None:
     if not is_archive(store):
         raise InputError(
-            f"{store}: is not an archive of gliderhpc, so there is nothing to resume; give another --store"
+            f"{store}: is not an archive of gliderhpc, so there is nothing to resume; give another `store`"
         )
     version = read_attributes(store).get("schema_version")
     if version != SCHEMA_VERSION:
         raise InputError(
             f"{store}: was made with another schema version, {version}; finish it with the version of gliderhpc that "
-            "began it, or start again with --overwrite"
+            "began it, or start again with `overwrite=True`"
         )
 
 
 def _check_structure(store: str) -> None:
     differences = structure_differences(store, studies=False)
     if differences:
-        raise InputError(f"{store}: {differences[0]}; its content cannot be used; start again with --overwrite")
+        raise InputError(f"{store}: {differences[0]}; its content cannot be used; start again with `overwrite=True`")
 
 
 def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:
     if set(plan.profiles) != set(numbers):
         raise InputError(
-            f"{store}: was made for other profiles; resume with the same --profiles, add new ones with --append, or "
-            "use --overwrite"
+            f"{store}: was made for other profiles; resume with the same `profiles`, add new ones with "
+            "`append=True`, or use `overwrite=True`"
         )
     sizes = mission_sizes(store)
     short = [dim for dim, size in plan.sizes.items() if size > sizes[dim]]
     if short:
         raise InputError(
-            f"{store}: its rows are too short for these inputs ({', '.join(short)}); use --append, which lengthens "
-            "them, or --overwrite"
+            f"{store}: its rows are too short for these inputs ({', '.join(short)}); use `append=True`, which "
+            "lengthens them, or `overwrite=True`"
         )

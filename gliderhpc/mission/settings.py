@@ -1,4 +1,4 @@
-"""Settings of a mission's run, and their overrides by ``--set KEY=VALUE``."""
+"""Settings of a mission's run, and their overrides by texts ``KEY=VALUE``."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -36,7 +36,7 @@ def parse_assignments(assignments: Iterable[str]) -> tuple[dict[str, str], dict[
     settings: dict[str, str] = {}
     platform: dict[str, str] = {}
     for text in assignments:
-        key, value = split_assignment(text, "--set", "KEY=VALUE", "--set window.length=60")
+        key, value = split_assignment(text, "setting", "KEY=VALUE", "window.length=60")
         if key.startswith(PLATFORM_PREFIX):
             platform[key.removeprefix(PLATFORM_PREFIX)] = value
         else:
@@ -72,16 +72,13 @@ def build_settings_of(
     known = sorted(_dotted_keys(model))
     for key, text in assignments.items():
         if key not in known:
-            raise InputError(f"--set {_unknown(key, known)}; those of the hull begin with {PLATFORM_PREFIX}")
+            raise InputError(f"{_unknown(key, known)}; those of the hull begin with {PLATFORM_PREFIX}")
         node = values
         *parents, last = key.split(".")
         for parent in parents:
             node = node.setdefault(parent, {})
-        node[last] = parse_value(text, f"--set {key}", "neither a number nor a word")
-    try:
-        return validated_settings(model, values)
-    except InputError as error:
-        raise InputError(f"--set {error}") from None
+        node[last] = parse_value(text, key, "neither a number nor a word")
+    return validated_settings(model, values)
 
 
 def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -> SettingsModel:
@@ -106,13 +103,14 @@ def validated_settings(model: type[SettingsModel], *layers: Mapping[str, Any]) -
         return model.model_validate(nested)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "settings"
+        where = ".".join(str(part) for part in first["loc"])
         if first["type"] == "extra_forbidden":
             known = sorted(_dotted_keys(model))
             raise InputError(_unknown(where, known)) from None
+        label = f"`{where}`" if where else "settings"
         if first["type"] == "value_error":  # one of our own messages, which names the value
-            raise InputError(f"{where}: {first['ctx']['error']}") from None
-        raise InputError(f"{where}: {first['msg']}, not {shown(first['input'])}") from None
+            raise InputError(f"{label}: {first['ctx']['error']}") from None
+        raise InputError(f"{label}: {first['msg']}, not {shown(first['input'])}") from None
 
 
 def _unknown(key: str, known: Sequence[str]) -> str:
@@ -121,7 +119,7 @@ def _unknown(key: str, known: Sequence[str]) -> str:
     section = most_similar(key.split(".")[0], sections) if "." in key else None
     whose = "" if section is None else f" of {section}"
     listed = known if section is None else [name for name in known if name.startswith(f"{section}.")]
-    return f"{key}: no such setting{nearest(key, known)}; the settings{whose} are {', '.join(listed)}"
+    return f"`{key}`: no such setting{nearest(key, known)}; the settings{whose} are {', '.join(listed)}"
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.wording import counted
 
 
-def select_profiles(available: Sequence[int], text: str | None, option: str = "--profiles") -> tuple[int, ...]:
+def select_profiles(available: Sequence[int], text: str | None, argument: str = "profiles") -> tuple[int, ...]:
     """Select profiles by a string such as ``18:20,68`` (ranges are inclusive; ``18-20`` is accepted too), or all.
 
     Raises
@@ -23,12 +23,12 @@ def select_profiles(available: Sequence[int], text: str | None, option: str = "-
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,18})\s*(?:[:-]\s*(\d{1,18})\s*)?", part)
         if match is None:
-            raise InputError(f"{option} {text}: '{part}' is neither a number nor a range such as 18:20")
+            raise InputError(f"`{argument}={text}`: '{part}' is neither a number nor a range such as 18:20")
         first, last = int(match[1]), int(match[2] or match[1])
         found = {number for number in available if first <= number <= last}
         if not found or last < first:
             raise InputError(
-                f"{option} {text}: no profile {part.strip()}; the available ones are {describe_numbers(available)}"
+                f"`{argument}={text}`: no profile {part.strip()}; the available ones are {describe_numbers(available)}"
             )
         chosen |= found
     return tuple(sorted(chosen))

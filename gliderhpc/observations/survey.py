@@ -286,7 +286,7 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
         )
     rounded, remark = rounding_error(found.latitude, found.longitude)
     if remark:
-        warnings.append(f"{remark}; give the positions in full, or --set current.fix_error={rounded:.0f}")
+        warnings.append(f"{remark}; give the positions in full, or `current.fix_error={rounded:.0f}`")
     if found.reasons:
         others = f", and {len(found.reasons) - 1} more" if len(found.reasons) > 1 else ""
         warnings.append(f"{found.reasons[0]}{others}")

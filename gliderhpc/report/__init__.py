@@ -10,8 +10,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from gliderhpc.wording import speaks_python
-
 if TYPE_CHECKING:
     from gliderhpc.report.page import Written
     from gliderhpc.store_schema.place import Place
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
 class _Report(ModuleType):
     """Package that can be called to write a report."""
 
-    @speaks_python
     def __call__(
         self,
         store: "Place | Sequence[Place]",

@@ -12,7 +12,7 @@ from gliderhpc.archive.profile import TRACKED, ProfileData, done_profiles, read_
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.truth import read_profile_truths
-from gliderhpc.studies.library.scores import Score, finite_median, rms, score_columns
+from gliderhpc.studies.library.scores import EstimateScore, finite_median, rms, score_columns
 from gliderhpc.vocabulary import CHANNELS
 
 NAMES = {
@@ -48,8 +48,8 @@ class ProfileAccuracy:
     """
 
     number: int
-    adjoint: tuple[Score, ...]
-    prior: tuple[Score, ...]
+    adjoint: tuple[EstimateScore, ...]
+    prior: tuple[EstimateScore, ...]
     tracking: tuple[float, ...]
     current_error: float
 
@@ -73,8 +73,8 @@ class AccuracyRow:
     quantity: str
     label: str
     unit: str
-    adjoint: Score
-    prior: Score
+    adjoint: EstimateScore
+    prior: EstimateScore
 
 
 def accuracy_table(archive: Archive, truth_path: str | Path) -> list[AccuracyRow]:
@@ -166,16 +166,16 @@ def render(rows: Sequence[AccuracyRow], title: str | None = None) -> Table:
     return table
 
 
-def _median_score(scores: Iterable[Score]) -> Score:
+def _median_score(scores: Iterable[EstimateScore]) -> EstimateScore:
     all_scores = list(scores)
-    return Score(
+    return EstimateScore(
         finite_median([score.rmse for score in all_scores]), finite_median([score.correlation for score in all_scores])
     )
 
 
 def _error_row(quantity: str, label: str, unit: str, errors: Iterable[float]) -> AccuracyRow:
     nan = float("nan")
-    return AccuracyRow(quantity, label, unit, Score(finite_median(list(errors)), nan), Score(nan, nan))
+    return AccuracyRow(quantity, label, unit, EstimateScore(finite_median(list(errors)), nan), EstimateScore(nan, nan))
 
 
 def cells_of(row: AccuracyRow) -> tuple[str, ...]:

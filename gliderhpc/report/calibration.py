@@ -39,8 +39,8 @@ _OF_TURNS = QUANTITIES[2:]
 _REPORTED_GROWTH = 3.0
 """Growth of an error, from the first scale on, that is reported although the trimmed one has not grown."""
 _HOLD_LATERAL = (
-    "if turns matter, hold the lateral coefficients with --set calibration.hold="
-    f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]"
+    "if turns matter, hold the lateral coefficients with `calibration.hold="
+    f"[{','.join(key.removeprefix('viscous.') for key in LATERAL)}]`"
 )
 
 _SHOWN = 0.3
@@ -58,20 +58,20 @@ _HELD = {
 }
 
 
-def parameter_rows(found: Calibration) -> list[tuple[str, ...]]:
+def parameter_rows(calibration: Calibration) -> list[tuple[str, ...]]:
     """Return the rows of the table of parameters; *scatter* is the share of the interval due to profile scatter."""
     return [
         (p.parameter.key, p.parameter.unit, f"{p.before:.5g}", f"{p.after:.5g}", interval_text(p),
          "" if math.isnan(p.scatter_share) else f"{p.scatter_share:.0%}", remark_of(p))
-        for p in found.parameters
+        for p in calibration.parameters
     ]  # fmt: skip
 
 
-def direction_rows(found: Calibration) -> list[tuple[str, ...]]:
+def direction_rows(calibration: Calibration) -> list[tuple[str, ...]]:
     """Return the rows of the table of directions: singular value, and the main parameters of the direction."""
-    keys = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED]
+    keys = [p.parameter.key for p in calibration.parameters if p.verdict is CalibrationVerdict.ESTIMATED]
     rows: list[tuple[str, ...]] = []
-    for direction in found.directions:
+    for direction in calibration.directions:
         order = np.argsort(-np.abs(direction.vector))
         parts = [f"{direction.vector[i]:+.2f} {keys[i]}" for i in order if abs(direction.vector[i]) > _SHOWN]
         rows.append((f"{direction.singular_value:.3g}", ", ".join(parts)))
@@ -88,20 +88,20 @@ def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
     ]
 
 
-def notes(found: Calibration) -> list[str]:
+def notes(calibration: Calibration) -> list[str]:
     """Return remarks that supplement the tables."""
-    lines = [profiles_text(found)]
-    if any(p.parameter is TREND for p in found.parameters):
-        lines.append(f"the neutral volume is that at {np.datetime_as_string(found.reference_time, unit='m')} UTC")
-    if found.platform.buoyancy.compressibility is not None:
+    lines = [profiles_text(calibration)]
+    if any(p.parameter is TREND for p in calibration.parameters):
+        lines.append(f"the neutral volume is that at {np.datetime_as_string(calibration.reference_time, unit='m')} UTC")
+    if calibration.platform.buoyancy.compressibility is not None:
         lines.append(BY_DENSITY)
     for verdict, words in _HELD.items():
-        if held := [p.parameter.key for p in found.parameters if p.verdict is verdict]:
+        if held := [p.parameter.key for p in calibration.parameters if p.verdict is verdict]:
             lines.append(f"{words}: {', '.join(held)}")
     lines += [
-        f"WARNING: at the profiles {which}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
+        f"WARNING: at the profiles {selection}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
         f"{before} with the given platform; a few segments where the hull hardly balances cause this: {_HOLD_LATERAL}"
-        for which, score in (("fitted", found.fitted), ("held out", found.held_out))
+        for selection, score in (("fitted", calibration.fitted), ("held out", calibration.held_out))
         for name, heading, before, after, times in zip(
             QUANTITIES,
             SCORES[2:],
@@ -112,7 +112,7 @@ def notes(found: Calibration) -> list[str]:
         )
         if times > _REPORTED_GROWTH and name in _OF_TURNS
     ]
-    return [*lines, *score_notes(found.fitted, found.held_out)]
+    return [*lines, *score_notes(calibration.fitted, calibration.held_out)]
 
 
 def score_notes(fitted: Score, held_out: Score) -> list[str]:
@@ -138,26 +138,26 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
     return lines
 
 
-def provenance(found: Calibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
+def provenance(calibration: Calibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
     """Describe the calibration for the platform file: data, profiles, overrides, parameters and errors."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
         f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
-        *(line[0].upper() + line[1:] for line in notes(found)),
-        "; ".join(_sentence(p) for p in found.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
+        *(line[0].upper() + line[1:] for line in notes(calibration)),
+        "; ".join(_sentence(p) for p in calibration.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
         *(
             score_sentence(name, score)
-            for name, score in (("fitted", found.fitted), ("held out", found.held_out))
+            for name, score in (("fitted", calibration.fitted), ("held out", calibration.held_out))
             if score.segments
         ),
     ]
     return ". ".join(filter(None, sentences)) + "."
 
 
-def profiles_text(found: Calibration) -> str:
+def profiles_text(calibration: Calibration) -> str:
     """Describe the fitted and the held-out profiles."""
-    apart = f"; held out {_numbers(found.held_out)}" if found.held_out.segments else ""
-    return f"fitted on {_numbers(found.fitted)}{apart}"
+    apart = f"; held out {_numbers(calibration.held_out)}" if calibration.held_out.segments else ""
+    return f"fitted on {_numbers(calibration.fitted)}{apart}"
 
 
 def interval_text(parameter: CalibratedParameter) -> str:

@@ -93,7 +93,7 @@ def _draw_tracks(axes: Axes, table: xr.Dataset, centre: float) -> None:
         number = table["profile_number"].values
         points = np.column_stack([wrapped_longitude(table["longitude"].values, centre), table["latitude"].values])
         known = np.isfinite(points).all(axis=1)
-        tracks = [points[known & (number == one)] for one in np.unique(number)]
+        tracks = [points[known & (number == dive)] for dive in np.unique(number)]
         axes.add_collection(LineCollection(tracks, colors=SHADE, linewidths=0.8, zorder=1))
     for end in ("entry", "exit"):
         longitude = wrapped_longitude(table[f"{end}_longitude"].values, centre)

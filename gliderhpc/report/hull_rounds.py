@@ -25,23 +25,25 @@ _DOUBTED = 0.5
 """Weight below which a dive is listed as doubtful."""
 
 
-def parameter_table(found: HullRounds) -> pd.DataFrame:
+def parameter_table(rounds: HullRounds) -> pd.DataFrame:
     """Tabulate the parameters: unit, before, after, 95 % interval, remaining plausible deviation, and a remark."""
-    mean, std = found.errors.mean, found.errors.std
+    mean, std = rounds.errors.mean, rounds.errors.std
     rows = [
         {
             "unit": p.unit,
-            "before": p.value(found.base),
-            "after": p.value(found.platform),
+            "before": p.value(rounds.base),
+            "after": p.value(rounds.platform),
             "low": low,
             "high": high,
             "remaining": float(deviation),
             "remark": _remark(float(x), float(deviation)),
         }
-        for p, x, deviation in zip(found.parameters, mean, std, strict=True)
-        for low, high in [sorted(p.moved(found.base, float(x + sign * _NORMAL_95 * deviation)) for sign in (-1.0, 1.0))]
+        for p, x, deviation in zip(rounds.parameters, mean, std, strict=True)
+        for low, high in [
+            sorted(p.moved(rounds.base, float(x + sign * _NORMAL_95 * deviation)) for sign in (-1.0, 1.0))
+        ]
     ]
-    return pd.DataFrame(rows, index=pd.Index([p.key for p in found.parameters], name="parameter"))
+    return pd.DataFrame(rows, index=pd.Index([p.key for p in rounds.parameters], name="parameter"))
 
 
 def _remark(steps: float, left: float) -> str:
@@ -50,73 +52,73 @@ def _remark(steps: float, left: float) -> str:
     return f"{abs(steps):.1f} plausible deviations from the platform's" if abs(steps) > IMPLAUSIBLE else ""
 
 
-def parameter_rows(found: HullRounds) -> list[tuple[str, ...]]:
+def parameter_rows(rounds: HullRounds) -> list[tuple[str, ...]]:
     """Return the rows of the table of parameters."""
     return [
         (str(key), row["unit"], f"{row['before']:.5g}", f"{row['after']:.5g}", f"{row['low']:.4g} to {row['high']:.4g}",
          f"{row['remaining']:.3f}", row["remark"])
-        for key, row in parameter_table(found).iterrows()
+        for key, row in parameter_table(rounds).iterrows()
     ]  # fmt: skip
 
 
-def direction_rows(found: HullRounds) -> list[tuple[str, ...]]:
+def direction_rows(rounds: HullRounds) -> list[tuple[str, ...]]:
     """Return the rows of the directions that the dives determine, beginning with the best determined one."""
-    left, vectors = found.mission.directions()
+    left, vectors = rounds.mission.directions()
     rows: list[tuple[str, ...]] = []
     for part, vector in zip(left, vectors, strict=True):
         order = np.argsort(-np.abs(vector))
-        names = [f"{vector[i]:+.2f} {found.parameters[i].key}" for i in order if abs(vector[i]) > _SHOWN]
+        names = [f"{vector[i]:+.2f} {rounds.parameters[i].key}" for i in order if abs(vector[i]) > _SHOWN]
         if part < _DETERMINED:
             rows.append((f"{part:.3f}", ", ".join(names)))
     return rows
 
 
-def held_out_rows(found: HullRounds) -> list[tuple[str, ...]]:
+def held_out_rows(rounds: HullRounds) -> list[tuple[str, ...]]:
     """Return the rows of the table of held-out dives."""
-    return [(str(number), f"{value:.1f}", str(freedom)) for number, value, freedom in found.held_out]
+    return [(str(number), f"{value:.1f}", str(freedom)) for number, value, freedom in rounds.held_out]
 
 
-def history_table(found: HullRounds) -> pd.DataFrame:
+def history_table(rounds: HullRounds) -> pd.DataFrame:
     """Tabulate each dive and parameter: estimates from all dives and from those up to it, with standard deviations."""
     rows = []
-    for index, number in enumerate(found.mission.numbers.tolist()):
-        smoothed, sequential = found.mission.smoothed[index], found.mission.sequential[index]
-        for i, p in enumerate(found.parameters):
+    for index, number in enumerate(rounds.mission.numbers.tolist()):
+        smoothed, sequential = rounds.mission.smoothed[index], rounds.mission.sequential[index]
+        for i, p in enumerate(rounds.parameters):
             values = [float(x.mean[i]) for x in (smoothed, sequential)]
-            slopes = [abs(p.slope(found.base, value)) for value in values]
+            slopes = [abs(p.slope(rounds.base, value)) for value in values]
             rows.append({
-                "profile": number, "time": found.mission.times[index], "parameter": p.key, "unit": p.unit,
-                "estimate": p.moved(found.base, values[0]), "estimate_std": slopes[0] * float(smoothed.std[i]),
-                "estimate_sequential": p.moved(found.base, values[1]),
+                "profile": number, "time": rounds.mission.times[index], "parameter": p.key, "unit": p.unit,
+                "estimate": p.moved(rounds.base, values[0]), "estimate_std": slopes[0] * float(smoothed.std[i]),
+                "estimate_sequential": p.moved(rounds.base, values[1]),
                 "estimate_sequential_std": slopes[1] * float(sequential.std[i]),
-                "weight": float(found.mission.weight[index]),
+                "weight": float(rounds.mission.weight[index]),
             })  # fmt: skip
     return pd.DataFrame(rows)
 
 
-def notes(found: HullRounds, tolerance: float) -> list[str]:
+def notes(rounds: HullRounds, tolerance: float) -> list[str]:
     """Return remarks that supplement the tables."""
-    mission = found.mission
+    mission = rounds.mission
     left, _ = mission.directions()
     lines = [
-        profiles_text(found),
-        f"{len(found.moves)} rounds over the dives; last change {found.moves[-1]:.2f} plausible deviations",
+        profiles_text(rounds),
+        f"{len(rounds.moves)} rounds over the dives; last change {rounds.moves[-1]:.2f} plausible deviations",
         f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to better than half of their plausible "
         "deviation",
-        f"the dives' information on the hull is divided by {found.divisor:.1f}, and that on sway, roll and yaw by "
-        f"{found.turning_divisor:.1f}, because errors of the model are the same in all dives",
+        f"the dives' information on the hull is divided by {rounds.divisor:.1f}, and that on sway, roll and yaw by "
+        f"{rounds.turning_divisor:.1f}, because errors of the model are the same in all dives",
         f"the variance between dives is {mission.inflation:.1f} times the expected one; log evidence "
         f"{mission.log_evidence:.1f}",
     ]
-    ahead = float(np.abs(found.full_step).max())
-    if found.moves[-1] >= tolerance:
-        lines.append("WARNING: the hull still moved in the last round; allow more rounds with --set rounds.most")
+    ahead = float(np.abs(rounds.full_step).max())
+    if rounds.moves[-1] >= tolerance:
+        lines.append("WARNING: the hull still moved in the last round; allow more rounds with `rounds.most`")
     elif ahead >= tolerance:
         lines.append(
             f"WARNING: the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which "
             "has no stable glide; start from another platform"
         )
-    if found.base.buoyancy.compressibility is not None:
+    if rounds.base.buoyancy.compressibility is not None:
         lines.append(
             "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's "
             f"density at the surface and {REFERENCE_TEMPERATURE:g} degC"
@@ -124,15 +126,15 @@ def notes(found: HullRounds, tolerance: float) -> list[str]:
     doubted = [f"{n} ({w:.2f})" for n, w in zip(mission.numbers.tolist(), mission.weight, strict=True) if w < _DOUBTED]
     if doubted:
         lines.append(f"dives that do not fit the others, with their weight: {', '.join(doubted)}")
-    if found.skipped:
-        lines.append("left out: " + "; ".join(f"profile {each.number}, {each.message}" for each in found.skipped))
+    if rounds.skipped:
+        lines.append("left out: " + "; ".join(f"profile {dive.number}, {dive.message}" for dive in rounds.skipped))
     return lines
 
 
-def profiles_text(found: HullRounds) -> str:
+def profiles_text(rounds: HullRounds) -> str:
     """Describe the fitted and the held-out dives."""
-    apart = f"; held out {', '.join(str(number) for number, *_ in found.held_out)}" if found.held_out else ""
-    return f"fitted on the dives of profiles {', '.join(map(str, found.mission.numbers.tolist()))}{apart}"
+    apart = f"; held out {', '.join(str(number) for number, *_ in rounds.held_out)}" if rounds.held_out else ""
+    return f"fitted on the dives of profiles {', '.join(map(str, rounds.mission.numbers.tolist()))}{apart}"
 
 
 def provenance(

@@ -145,9 +145,9 @@ def predict_from(
     states = _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
     latest, last = states.pop(count - 1), fix_after(dives, count - 1)
     past = [
-        _predict_cycle(dives, place, state, surface, (expected[place], spread), fix_error)
-        for place, state in states.items()
-        if is_followed(dives, place)
+        _predict_cycle(dives, dive, state, surface, (expected[dive], spread), fix_error)
+        for dive, state in states.items()
+        if is_followed(dives, dive)
     ]
     scale = ellipse_scale([_squared_distance(dives, cycle) for cycle in past])
     through, duration = expected[-1], None
@@ -176,7 +176,7 @@ class _Cycle:
 
     Attributes
     ----------
-    place : int
+    dive : int
         Position of the dive in the table.
     state : Nowcast
         Nowcast after the dive.
@@ -188,7 +188,7 @@ class _Cycle:
         The water's part of this displacement, and its covariance.
     """
 
-    place: int
+    dive: int
     state: Nowcast
     elapsed: float
     displacement: Array
@@ -199,7 +199,7 @@ class _Cycle:
 
 def _predict_cycle(
     dives: xr.Dataset,
-    place: int,
+    dive: int,
     state: Nowcast,
     surface: tuple[Array, float],
     through: tuple[Array, Array],
@@ -211,13 +211,13 @@ def _predict_cycle(
     The next dive lasts as long as that dive, or the `duration` given, s.
     """
     (offset, scatter), (displacement, spread) = surface, through
-    at_surface, below = _cycle(dives, place)
+    at_surface, below = _cycle(dives, dive)
     below = below if duration is None else duration
-    begin = max(float(_seconds(dives, "exit_time")[place]), state.time)
+    begin = max(float(_seconds(dives, "exit_time")[dive]), state.time)
     drift, covariance = state.drift(begin, begin + at_surface + below)
     shear = (scatter * at_surface) ** 2 + 2.0 * fix_error**2
     return _Cycle(
-        place=place,
+        dive=dive,
         state=state,
         elapsed=at_surface + below,
         displacement=displacement + offset * at_surface + drift,
@@ -227,21 +227,21 @@ def _predict_cycle(
     )
 
 
-def is_followed(dives: xr.Dataset, place: int) -> bool:
+def is_followed(dives: xr.Dataset, dive: int) -> bool:
     """Return whether the next dive in the table began before the longest stay at the surface had passed."""
-    stay = (dives["start_time"].values[place + 1] - dives["exit_time"].values[place]) / SECOND
+    stay = (dives["start_time"].values[dive + 1] - dives["exit_time"].values[dive]) / SECOND
     return bool(stay <= LONGEST_STAY)
 
 
-def fix_after(dives: xr.Dataset, place: int) -> Fix:
+def fix_after(dives: xr.Dataset, dive: int) -> Fix:
     """Return the first fix after a dive in the table."""
-    row = dives.isel(profile=place)
+    row = dives.isel(profile=dive)
     return Fix(_instant(row, "exit_time"), float(row["exit_latitude"]), float(row["exit_longitude"]))
 
 
 def _squared_distance(dives: xr.Dataset, predicted: _Cycle) -> float:
     """Return the squared distance of the next surfacing from the predicted one, relative to its ellipse."""
-    here, there = (fix_after(dives, place) for place in (predicted.place, predicted.place + 1))
+    here, there = (fix_after(dives, dive) for dive in (predicted.dive, predicted.dive + 1))
     miss = np.array(local_displacement(here, there)) - predicted.displacement
     return float(miss @ np.linalg.solve(predicted.covariance, miss))
 
@@ -278,8 +278,8 @@ def dives_until(archive: Archive, number: int, most: int | None = MAX_DIVES) -> 
     table["stay"] = (table["entry_time"] - table["exit_time"].shift(profile=1)) / SECOND
     known = np.isfinite(table["dac_north_smoothed"].values) & np.isfinite(table["displacement_north"].values)
     known &= table["start_time"].values <= table["start_time"].sel(profile=number).values
-    found = np.flatnonzero(known)
-    return table.isel(profile=found if most is None else found[-most:])
+    rows = np.flatnonzero(known)
+    return table.isel(profile=rows if most is None else rows[-most:])
 
 
 def _instant(row: xr.Dataset, name: str) -> np.datetime64:
@@ -322,39 +322,39 @@ def _nowcasts_after(
 ) -> dict[int, Nowcast]:
     """Return the nowcast after each of the wanted dives, by the dive's position, in order."""
     observed = [
-        (place, observation)
-        for place, each in enumerate(_observations(dives, fix_error, *surface))
-        for observation in each
+        (dive, observation)
+        for dive, observed_by_dive in enumerate(_observations(dives, fix_error, *surface))
+        for observation in observed_by_dive
     ]
     states = nowcasts([observation for _, observation in observed], tides)
     # The last observation of a dive replaces those before.
-    return {place: state for (place, _), state in zip(observed, states, strict=True) if place in wanted}
+    return {dive: state for (dive, _), state in zip(observed, states, strict=True) if dive in wanted}
 
 
 def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: float) -> list[list[CurrentObservation]]:
     """Return for each dive, in order, its current, and the drift at the surface after it less the offset."""
     starts, exits = _seconds(dives, "start_time"), _seconds(dives, "exit_time")
-    found: list[list[CurrentObservation]] = []
-    for place, begin in enumerate(starts):
-        row = dives.isel(profile=place)
+    observations: list[list[CurrentObservation]] = []
+    for dive, begin in enumerate(starts):
+        row = dives.isel(profile=dive)
         duration = float(row["duration"])
         end = begin + duration
         surface = max(float((row["exit_time"].values - row["entry_time"].values) / SECOND) - duration, 0.0)
         variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
         velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
-        found.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
+        observations.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
         time = float(row["exit_surface_time"])
-        later = starts[place + 1] if place + 1 < len(starts) else np.inf
-        if time > 0.0 and end <= exits[place] <= later:
+        later = starts[dive + 1] if dive + 1 < len(starts) else np.inf
+        if time > 0.0 and end <= exits[dive] <= later:
             drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time - offset
             variance = scatter**2 + 2.0 * (fix_error / time) ** 2
-            found[-1].append(CurrentObservation(exits[place], exits[place], drift, variance * np.eye(2)))
-    return found
+            observations[-1].append(CurrentObservation(exits[dive], exits[dive], drift, variance * np.eye(2)))
+    return observations
 
 
-def _cycle(dives: xr.Dataset, place: int) -> tuple[float, float]:
+def _cycle(dives: xr.Dataset, dive: int) -> tuple[float, float]:
     """Return the times (s) at the surface and below for a cycle like that of a dive."""
-    row = dives.isel(profile=place)
+    row = dives.isel(profile=dive)
     below = float(row["duration"])
     surface = (row["exit_time"].values - row["entry_time"].values) / SECOND - below
     stay = float(row["stay"])

@@ -39,7 +39,7 @@ class RecentHull:
     ----------
     mission : MissionDives
         The dives and their information.
-    found : MissionHull
+    combined : MissionHull
         Sum of the information.
     changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
         Change of each parameter that may change, by its position.
@@ -49,22 +49,22 @@ class RecentHull:
     """
 
     mission: MissionDives
-    found: MissionHull
+    combined: MissionHull
     changes: dict[int, FoundChange | None]
     warning: str = ""
 
 
 def recent_hull(archive: Archive, number: int) -> RecentHull | None:
     """Combine the latest dives up to a profile; None if none of them has information on the hull."""
-    mission = read_dives(archive, [each for each in done_profiles(archive) if each <= number][-_DIVES:])
+    mission = read_dives(archive, [done for done in done_profiles(archive) if done <= number][-_DIVES:])
     if not mission.dives:
         return None
     settings = HullSettings()
     mission, check = agreeing_dives(archive, mission, robust=settings.robust)
-    found, changes = combine_dives(mission, settings)
-    last = dict(zip((p.key for p in mission.parameters), found.smoothed[-1].mean.tolist(), strict=True))
+    combined, changes = combine_dives(mission, settings)
+    last = dict(zip((p.key for p in mission.parameters), combined.smoothed[-1].mean.tolist(), strict=True))
     warnings = ("" if check is None else check.warning, implausible_warning(last))
-    return RecentHull(mission, found, changes, "; ".join(filter(None, warnings)))
+    return RecentHull(mission, combined, changes, "; ".join(filter(None, warnings)))
 
 
 def implausible_warning(steps: Mapping[str, float]) -> str:
@@ -87,13 +87,13 @@ def implausible_warning(steps: Mapping[str, float]) -> str:
 
 def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
     """Return the changes shown by the dives; empty if they are too few to show a change."""
-    mission, found = hull.mission, hull.found
+    mission, combined = hull.mission, hull.combined
     changes = []
     for i, change in hull.changes.items():
         if change is None:
             continue
-        parameter, values = mission.parameters[i], change_in_units(mission, found, i, change)
-        first = parameter.moved(mission.platform, float(found.smoothed[0].mean[i]))
+        parameter, values = mission.parameters[i], change_in_units(mission, combined, i, change)
+        first = parameter.moved(mission.platform, float(combined.smoothed[0].mean[i]))
         probability, total, std = (values[f"change_{name}"] for name in ("probability", "total", "total_std"))
         changes.append(
             HullChange(
@@ -156,10 +156,10 @@ def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
 
 def trim_of(hull: RecentHull) -> Iterator[Trim]:
     """Yield the quantities whose deviation, after a calibration and the dives, is below `UNDETERMINED`."""
-    mission, last = hull.mission, hull.found.smoothed[-1]
-    place = {p.key: i for i, p in enumerate(mission.parameters)}
+    mission, last = hull.mission, hull.combined.smoothed[-1]
+    positions = {p.key: i for i, p in enumerate(mission.parameters)}
     for quantity in pilot_units(mission.platform):
-        i = place.get(quantity.parameter)
+        i = positions.get(quantity.parameter)
         if i is None or last.std[i] >= UNDETERMINED:
             continue
         p, steps = mission.parameters[i], float(last.mean[i])

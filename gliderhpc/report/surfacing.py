@@ -128,43 +128,43 @@ def _value(row: xr.Dataset, name: str) -> float | None:
 
 
 def _pair(row: xr.Dataset, first: str, second: str) -> tuple[float, float] | None:
-    one, other = _value(row, first), _value(row, second)
-    return None if one is None or other is None else (one, other)
+    value, second_value = _value(row, first), _value(row, second)
+    return None if value is None or second_value is None else (value, second_value)
 
 
 def _surfacing(row: xr.Dataset) -> Fix | None:
-    place = _pair(row, "exit_latitude", "exit_longitude")
-    if place is None:
+    position = _pair(row, "exit_latitude", "exit_longitude")
+    if position is None:
         return None
-    return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=place[0], longitude=place[1])
+    return Fix(time=iso_instant(row["exit_time"].values) or "", latitude=position[0], longitude=position[1])
 
 
 def _next_surfacing(archive: Archive, number: int, plan: DivePlan | None) -> NextSurfacing | None:
-    found = predict_surfacing(archive, number, plan)
-    if found is None:
+    predicted = predict_surfacing(archive, number, plan)
+    if predicted is None:
         return None
     return NextSurfacing(
         plan="" if plan is None else plan.text,
-        time=iso_instant(found.time) or "",
-        latitude=found.latitude,
-        longitude=found.longitude,
-        ellipse=error_ellipse(found.covariance),
-        current_north=float(found.current[0]),
-        current_east=float(found.current[1]),
-        current_ellipse=error_ellipse(found.current_covariance),
-        dives=found.dives,
-        deviation=found.deviation,
-        correlation_time=found.correlation_time,
+        time=iso_instant(predicted.time) or "",
+        latitude=predicted.latitude,
+        longitude=predicted.longitude,
+        ellipse=error_ellipse(predicted.covariance),
+        current_north=float(predicted.current[0]),
+        current_east=float(predicted.current[1]),
+        current_ellipse=error_ellipse(predicted.current_covariance),
+        dives=predicted.dives,
+        deviation=predicted.deviation,
+        correlation_time=predicted.correlation_time,
     )
 
 
 def current_of_dive(row: xr.Dataset) -> Current | None:
     """Return the adopted current from a profile's row of the archive's table; None if it is not known."""
-    found = adopted_current(row)
-    if not found.known:
+    adopted = adopted_current(row)
+    if not adopted.known:
         return None
     north, east, north_std, east_std, covariance = (
-        float(value) for value in (found.north, found.east, found.north_std, found.east_std, found.covariance)
+        float(value) for value in (adopted.north, adopted.east, adopted.north_std, adopted.east_std, adopted.covariance)
     )
     return Current(
         north=north,
@@ -175,7 +175,7 @@ def current_of_dive(row: xr.Dataset) -> Current | None:
         speed=math.hypot(north, east),
         direction=math.degrees(math.atan2(east, north)) % 360.0,
         ellipse=error_ellipse(covariance_matrix(north_std, east_std, covariance)),
-        estimate=str(found.estimate),
+        estimate=str(adopted.estimate),
     )
 
 

@@ -1,4 +1,4 @@
-"""Message of a surfacing, as a model with a JSON schema."""
+"""Message of a surfacing, as a model with a JSON schema, in which the names of the classes are published."""
 
 from typing import Any
 
@@ -181,7 +181,7 @@ class SurfacingMessage(_Part):
             "current east, m/s": (_component(before.current, "east"), _component(self.current, "east")),
             "status": (before.inversion.status, self.inversion.status),
         }
-        return tuple(f"{name}: {one} to {other}" for name, (one, other) in pairs.items() if one != other)
+        return tuple(f"{name}: {old} to {new}" for name, (old, new) in pairs.items() if old != new)
 
     @property
     def line(self) -> str:
@@ -200,8 +200,8 @@ class SurfacingMessage(_Part):
             parts.append(f"at {self.surfacing.latitude:.4f}, {self.surfacing.longitude:.4f}")
         if self.next_surfacing is not None:
             following = self.next_surfacing
-            place = f"{following.latitude:.4f}, {following.longitude:.4f}"
-            parts.append(f"next {following.time[11:16]} at {place} ± {following.ellipse.major:.0f} m")
+            position = f"{following.latitude:.4f}, {following.longitude:.4f}"
+            parts.append(f"next {following.time[11:16]} at {position} ± {following.ellipse.major:.0f} m")
         if self.inversion.status != "done":
             parts.append(f"failed: {self.inversion.message}")
         elif self.inversion.converged_fraction is not None:

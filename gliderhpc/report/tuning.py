@@ -33,18 +33,18 @@ def whiteness_rows(tuned: TunedPrior) -> list[tuple[str, ...]]:
     """Return the whiteness rows: sensor, prior, count, mean, variance, first autocorrelations, portmanteau, p."""
     rows: list[tuple[str, ...]] = []
     for sensor in tuned.whiteness_before:
-        for prior, found in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
-            first = [_figure(value, "+.2f") for value in found.autocorrelation[:_SHOWN_LAGS]]
+        for prior, whiteness in (("before", tuned.whiteness_before[sensor]), ("after", tuned.whiteness_after[sensor])):
+            first = [_figure(value, "+.2f") for value in whiteness.autocorrelation[:_SHOWN_LAGS]]
             rows.append(
                 (
                     sensor,
                     prior,
-                    str(found.count),
-                    _figure(found.mean, "+.3f"),
-                    _figure(found.variance, ".3f"),
+                    str(whiteness.count),
+                    _figure(whiteness.mean, "+.3f"),
+                    _figure(whiteness.variance, ".3f"),
                     " ".join(filter(None, first)),
-                    _figure(found.portmanteau, ".2f"),
-                    _figure(found.p, ".2g"),
+                    _figure(whiteness.portmanteau, ".2f"),
+                    _figure(whiteness.p, ".2g"),
                 )
             )
     return rows
@@ -141,5 +141,5 @@ def _number_text(row: tuple[str, ...]) -> str:
     return f"{channel} {quantity} {before} to {after} {unit}" + (f" ({notes})" if notes else "")
 
 
-def _brief(found: Whiteness) -> str:
-    return f"{found.variance:.2f} ({found.portmanteau:.1f})"
+def _brief(whiteness: Whiteness) -> str:
+    return f"{whiteness.variance:.2f} ({whiteness.portmanteau:.1f})"

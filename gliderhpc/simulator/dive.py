@@ -14,10 +14,10 @@ from gliderhpc.observations.records import FloatArray
 from gliderhpc.platform import GRAVITY, ballast_masses
 from gliderhpc.simulator.disturbance import Disturbance
 from gliderhpc.simulator.hull import FloatingHull, TrueHull
-from gliderhpc.simulator.plan import FlightPlan, Leg, floating_hull
+from gliderhpc.simulator.plan import FlightPlan, PlannedLeg, floating_hull
 from gliderhpc.simulator.scenario import Scenario
 from gliderhpc.simulator.sections import Steering
-from gliderhpc.simulator.water import Water
+from gliderhpc.simulator.water import WaterMotion
 
 FIRST_DECISION = 60.0
 """Time of the first decision of the helm after the start of a dive (s)."""
@@ -104,7 +104,7 @@ class Helm:
         self._turn_ends = time + min(abs(error / turn_rate), self._steering.longest_turn)
 
 
-def setting_of(leg: Leg) -> FloatArray:
+def setting_of(leg: PlannedLeg) -> FloatArray:
     """Battery position (m), battery rotation (rad) and ballast volume (m3) of a leg."""
     return np.array([leg.glide.battery_position, 0.0, leg.ballast_volume])
 
@@ -163,7 +163,13 @@ class _Autopilot:
     """Working arrays of one flight, and the integration of single control intervals."""
 
     def __init__(
-        self, glider: Glider, hull: TrueHull, plan: FlightPlan, scenario: Scenario, water: Water, additive: FloatArray
+        self,
+        glider: Glider,
+        hull: TrueHull,
+        plan: FlightPlan,
+        scenario: Scenario,
+        water: WaterMotion,
+        additive: FloatArray,
     ) -> None:
         steps = len(additive)
         self.glider = glider
@@ -239,7 +245,7 @@ def fly(
     plan: FlightPlan,
     scenario: Scenario,
     disturbance: Disturbance,
-    water: Water,
+    water: WaterMotion,
     *,
     heading: float,
     course: float,

@@ -45,7 +45,7 @@ RESERVE = 1.25
 
 
 @dataclass(frozen=True)
-class Leg:
+class PlannedLeg:
     """Dive or climb.
 
     Attributes
@@ -78,8 +78,8 @@ class FlightPlan:
         Duration (s), horizontal distance and path length (m) of the two steady glides.
     """
 
-    dive: Leg
-    climb: Leg
+    dive: PlannedLeg
+    climb: PlannedLeg
     nominal_duration: float
     nominal_range: float
     nominal_path: float
@@ -145,7 +145,9 @@ def net_masses(platform: Platform, scenario: Scenario) -> tuple[float, float]:
     return dive, climb
 
 
-def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, floating: FloatingHull | None) -> Leg:
+def _leg(
+    glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float, floating: FloatingHull | None
+) -> PlannedLeg:
     platform = glider.platform
     pitch = -math.copysign(math.radians(scenario.actuation.pitch), net_mass)
     _refuse_stall(platform, scenario, net_mass)
@@ -166,9 +168,9 @@ def _leg(glider: Glider, scenario: Scenario, net_mass: float, entry_depth: float
     buoyancy = platform.buoyancy
     turn_rate = _turn_rate(glider, glide, math.radians(scenario.steering.rotation))
     if floating is None:
-        return Leg(glide, entry, buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density, turn_rate)
+        return PlannedLeg(glide, entry, buoyancy.neutral_volume_m3 - net_mass / buoyancy.water_density, turn_rate)
     volume = floating.oil_volume(net_mass)
-    return Leg(retrimmed(glider, glide, volume), retrimmed(glider, entry, volume), volume, turn_rate)
+    return PlannedLeg(retrimmed(glider, glide, volume), retrimmed(glider, entry, volume), volume, turn_rate)
 
 
 def _refuse_stall(platform: Platform, scenario: Scenario, net_mass: float) -> None:

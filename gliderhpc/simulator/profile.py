@@ -25,7 +25,7 @@ from gliderhpc.simulator.sensors import (
     states_at,
     with_faults,
 )
-from gliderhpc.simulator.water import Water, draw_water
+from gliderhpc.simulator.water import WaterMotion, draw_water
 
 LEVEL_SPACING = 10.0
 """Spacing of the depths at which the true current profile is written (m)."""
@@ -262,7 +262,7 @@ def _truth(
     *,
     hull: TrueHull,
     disturbance: Disturbance,
-    water: Water,
+    water: WaterMotion,
     levels: FloatArray,
     course: float,
 ) -> ProfileTruth:

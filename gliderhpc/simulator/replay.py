@@ -23,7 +23,7 @@ OUT_OF_THE_WATER = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Actuation:
+class RecordedActuation:
     """Recorded actuation of a glider.
 
     Attributes
@@ -66,7 +66,7 @@ class Actuation:
         return np.column_stack([np.interp(times, records, column) for column in self.commands.T])
 
 
-def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbances: FloatArray) -> Flight:
+def replay(hull: Platform, actuation: RecordedActuation, bodies: FloatArray, disturbances: FloatArray) -> Flight:
     """Fly a hull in still water.
 
     Parameters
@@ -76,7 +76,7 @@ def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbance
     actuation : Actuation
         Recorded actuation.
     bodies : (n, 11) array
-        Mass properties of the nominal hull at `Actuation.times`.
+        Mass properties of the nominal hull at `RecordedActuation.times`.
     disturbances : (n, 6) array
         Disturbances over the simulator's steps, N and N m.
 
@@ -107,7 +107,9 @@ def replay(hull: Platform, actuation: Actuation, bodies: FloatArray, disturbance
     )
 
 
-def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.random.Generator) -> ProfileRecord:
+def record_of(
+    flight: Flight, actuation: RecordedActuation, platform: Platform, rng: np.random.Generator
+) -> ProfileRecord:
     """Record a flight with the hull's sensor model, on the records at which the sensors were read."""
     sensors = platform.sensors.model_copy(update={"sample_interval": actuation.interval})
     record = observe(flight, sensors, SensorErrors(), rng, number=actuation.number, epoch=actuation.epoch)
@@ -117,7 +119,7 @@ def record_of(flight: Flight, actuation: Actuation, platform: Platform, rng: np.
     return replace(record, **{name: getattr(record, name)[sampled] for name in names}, rudder=rudder[sampled])
 
 
-def _intervals_in_the_water(depth: FloatArray, actuation: Actuation) -> int:
+def _intervals_in_the_water(depth: FloatArray, actuation: RecordedActuation) -> int:
     """Number of whole intervals before the glider leaves the water."""
     out = np.flatnonzero(depth < min(0.0, float(depth[0])) - OUT_OF_THE_WATER)
     steps = int(out[0]) if len(out) else len(depth) - 1

@@ -22,7 +22,7 @@ from gliderhpc.simulator.sections import (
     Latitude,
     Longitude,
     Ocean,
-    Section,
+    ScenarioSection,
     SensorErrors,
     Steering,
     Surface,
@@ -40,7 +40,7 @@ def _in_utc(start: object) -> object:
     return start
 
 
-class Scenario(Section):
+class Scenario(ScenarioSection):
     """A synthetic mission, except for its hull and its seed."""
 
     name: str = Field("impulses", min_length=1, description="name of the scenario")
@@ -144,9 +144,9 @@ def _explanation(error: ValidationError) -> str:
     return f"{key} is {shown(fault['input'])}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
 
 
-def _section_at(keys: tuple[int | str, ...]) -> type[Section]:
-    section: type[Section] = Scenario
+def _section_at(keys: tuple[int | str, ...]) -> type[ScenarioSection]:
+    section: type[ScenarioSection] = Scenario
     for key in keys:
         annotation = section.model_fields[str(key)].annotation
-        section = annotation if isinstance(annotation, type) and issubclass(annotation, Section) else section
+        section = annotation if isinstance(annotation, type) and issubclass(annotation, ScenarioSection) else section
     return section

@@ -26,7 +26,7 @@ Positive: TypeAlias = Annotated[float, Field(gt=0)]
 SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 
 
-class Section(BaseModel):
+class ScenarioSection(BaseModel):
     """Immutable section of finite values, without unknown names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -46,7 +46,7 @@ class Section(BaseModel):
         return self
 
 
-class Actuation(Section):
+class Actuation(ScenarioSection):
     """Actuation of the glider.
 
     Unset net masses are derived from the hull: 0.35 % of its mass at half the depth, and at least 0.25 % at any depth,
@@ -67,7 +67,7 @@ class Actuation(Section):
     lag: float = Field(0.7, gt=0, description="time constant at which all actuators follow the recorded commands, s")
 
 
-class Steering(Section):
+class Steering(ScenarioSection):
     """Heading controller: single turns towards the course, with the battery upright in between.
 
     The course is the bearing to the next waypoint, or one of `courses` if there are no waypoints.
@@ -87,14 +87,14 @@ class Steering(Section):
     initial_error: float = Field(30.0, ge=0, le=180, description="largest heading error at the start of a dive, degree")
 
 
-class GaussMarkov(Section):
+class GaussMarkov(ScenarioSection):
     """First-order Gauss-Markov processes, one per channel and stationary, as assumed by filter and smoother."""
 
     deviation: Six = Field(description="stationary standard deviation, six channels, N and N m")
     correlation_time: SixPositive = Field(description="correlation time, six channels, s")
 
 
-class Disturbances(Section):
+class Disturbances(ScenarioSection):
     """True disturbance: slow sinusoids and random processes in each channel, and impulses of the yaw moment."""
 
     slow_rms: Six = Field(
@@ -114,7 +114,7 @@ class Disturbances(Section):
     )
 
 
-class Current(Section):
+class Current(ScenarioSection):
     """Horizontal current: shear, and a uniform part that is steady within a profile and changes between profiles."""
 
     speed: Range = Field((0.05, 0.4), description="speed of the uniform part, m/s; its direction is uniform")
@@ -141,7 +141,7 @@ class Current(Section):
     )
 
 
-class VerticalCurrent(Section):
+class VerticalCurrent(ScenarioSection):
     """Vertical motion of the water, the same at all depths: sinusoids in time, like internal waves along the path.
 
     It varies only in time. It carries the glider and does not change its motion relative to the water.
@@ -152,7 +152,7 @@ class VerticalCurrent(Section):
     terms: int = Field(3, ge=1, le=1000, description="number of sinusoids")
 
 
-class Gusts(Section):
+class Gusts(ScenarioSection):
     """Lateral gusts: a frozen random velocity across the course, as a function of path length (docs/theory/model.md).
 
     ``cascade`` is a She-Leveque log-Poisson cascade, ``gaussian`` a Gaussian field with the same spectrum. Within an
@@ -180,7 +180,7 @@ class Gusts(Section):
         return self
 
 
-class Ocean(Section):
+class Ocean(ScenarioSection):
     """Stratified ocean, and the CTD that measures it; the hull's compressibility then replaces its depth slope.
 
     Temperature and salinity change from their surface values to their deep values as a logistic function of depth.
@@ -199,13 +199,13 @@ class Ocean(Section):
     spike_size: NonNegative = Field(1.0, description="rms error of a false sample, practical salinity")
 
 
-class Coefficients(Section):
+class Coefficients(ScenarioSection):
     """Errors of the platform file: every viscous and added-mass coefficient of the true hull has a random error."""
 
     spread: float = Field(0.0, ge=0, lt=1, description="largest relative error, uniform and independent; 0.15 is usual")
 
 
-class Fouling(Section):
+class Fouling(ScenarioSection):
     """Growth on the hull: coefficients that drift over the mission, and a loss of buoyancy.
 
     Fouling acts differently on dive and climb (positive and negative angle of attack): the changes on the climb are
@@ -223,7 +223,7 @@ class Fouling(Section):
     net_mass: float = Field(0.0, description="gain in net mass, not in any record, kg")
 
 
-class Episode(Section):
+class Episode(ScenarioSection):
     """Additional drag that appears suddenly, decays linearly and ends suddenly; dive and climb are separate."""
 
     first: int = Field(0, ge=0, description="first profile of the episode; 0 for none")
@@ -245,7 +245,7 @@ class Episode(Section):
         return 1.0 - (1.0 - self.remaining) * (number - self.first) / max(self.last - self.first, 1)
 
 
-class SensorErrors(Section):
+class SensorErrors(ScenarioSection):
     """Errors between the truth and the records."""
 
     factor: float = Field(
@@ -277,7 +277,7 @@ class SensorErrors(Section):
         return self
 
 
-class Surface(Section):
+class Surface(ScenarioSection):
     """Intervals at the surface; a mission begins and ends with half of one."""
 
     half_interval: PositiveRange = Field((180.0, 420.0), description="time at the surface before and after a dive, s")
@@ -295,7 +295,7 @@ class Surface(Section):
         return self
 
 
-class Integration(Section):
+class Integration(ScenarioSection):
     """Time steps of the simulation: half the estimator's, so the truth does not share its discretisation."""
 
     step: float = Field(0.05, gt=0, le=0.25, description="Runge-Kutta step, s")

@@ -128,7 +128,7 @@ _STILL = np.zeros((2, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Water:
+class WaterMotion:
     """Motion of the water along one profile.
 
     Attributes
@@ -162,16 +162,16 @@ class Water:
         return out
 
 
-def still_water() -> Water:
+def still_water() -> WaterMotion:
     """Water at rest."""
-    return Water(
+    return WaterMotion(
         CurrentProfile(1.0, np.zeros((2, 8))), _STILL, 1.0, 0.0, VerticalMotion(np.zeros(1), np.ones(1), np.zeros(1))
     )
 
 
 def draw_water(
     scenario: Scenario, plan: FlightPlan, seed: int, number: int, course: float, *, down_to: float = 0.0
-) -> Water:
+) -> WaterMotion:
     """Draw the water of the profile `number`, flown on a `course` (rad), at least to the depth `down_to` (m)."""
     depth = max(scenario.depth + OVERSHOOT, down_to)
     current = current_profile(scenario.current, seed, number, depth=depth, duration=plan.nominal_duration)
@@ -179,7 +179,7 @@ def draw_water(
     vertical = draw_vertical_motion(scenario.vertical, generator(seed, number, Stream.VERTICAL))
     settings = scenario.gusts
     if settings.kind == "none" or settings.rms == 0.0:
-        return Water(current, _STILL, 1.0, bearing, vertical)
+        return WaterMotion(current, _STILL, 1.0, bearing, vertical)
     values = gust_field(settings, plan.longest_path, generator(seed, number, Stream.GUSTS))
     spacing = node_spacing(settings)
-    return Water(current, with_slopes(values, spacing), spacing, bearing, vertical)
+    return WaterMotion(current, with_slopes(values, spacing), spacing, bearing, vertical)

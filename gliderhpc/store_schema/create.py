@@ -111,14 +111,16 @@ def check_place(place: Place, overwrite: bool) -> None:
         return
     if not is_archive(place):
         raise InputError(
-            f"{place}: exists and is not an archive of gliderhpc, so it is not replaced; give another --store"
+            f"{place}: exists and is not an archive of gliderhpc, so it is not replaced; give another `store`"
         )
     if not overwrite:
-        raise InputError(f"{place}: this archive exists; finish it with --resume or start again with --overwrite")
+        raise InputError(
+            f"{place}: this archive exists; finish it with `resume=True` or start again with `overwrite=True`"
+        )
     if (foreign := _foreign_entry(place)) is not None:
         raise InputError(
             f"{place}: contains {foreign}, which is not part of the archive, so it is not replaced; move {foreign} "
-            "elsewhere, or give another --store"
+            "elsewhere, or give another `store`"
         )
 
 
@@ -127,7 +129,7 @@ def _refuse_within_archive(place: Place) -> None:
         return
     within = next((str(folder) for folder in Path(place).absolute().parents if is_archive(folder)), None)
     if within is not None:
-        raise InputError(f"{place}: is within the archive {within}; give another --store")
+        raise InputError(f"{place}: is within the archive {within}; give another `store`")
 
 
 def _foreign_entry(place: Place) -> str | None:

@@ -85,7 +85,7 @@ def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[i
     if list(profiles[: len(before)]) != list(before):
         raise InputError(
             f"{place}: the chosen profiles do not begin with those of the archive; append only adds profiles after "
-            f"number {before[-1]}; otherwise use --overwrite"
+            f"number {before[-1]}; otherwise use `overwrite=True`"
         )
 
 

@@ -335,9 +335,9 @@ def is_archive(place: Place) -> bool:
 def describe_other(place: Place) -> str:
     """Describe a place that holds something other than an archive, with the remedy."""
     if not is_address(place) and Path(place).is_file():
-        wanted = "give the folder that `gliderhpc run-mission --store` makes from records"
+        wanted = "give the folder that `gliderhpc run-mission` makes from records"
         return f"{place}: a file, not an archive of gliderhpc; {wanted}"
-    return f"{place}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission --store` wrote"
+    return f"{place}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
 
 
 def remove_partial_files(place: Place) -> None:

@@ -108,7 +108,7 @@ def replace(place: Place, create: Callable[[Place], None], token: str) -> Predec
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
-        raise InputError(f"{place}: cannot be written ({error.strerror}); give another place with --store") from None
+        raise InputError(f"{place}: cannot be written ({error.strerror}); give another place with `store`") from None
     return Predecessor(name, aside)
 
 

@@ -74,20 +74,20 @@ def profile_currents(
             f"coefficients the yaw moment has the opposite sign in {100 * doubt:.0f} % of draws"
         )
         return {**row, "message": why}
-    found = retrieve(data, Glider(platform), settings)
-    scales = scale_draws(platform, found.angle_of_attack, settings.coefficient_error, settings.draws, settings.seed)
-    noise = _noise(data, found, errors)
-    absolute = found.horizontal + np.array([averaged["current_north"], averaged["current_east"]])
+    retrieved = retrieve(data, Glider(platform), settings)
+    scales = scale_draws(platform, retrieved.angle_of_attack, settings.coefficient_error, settings.draws, settings.seed)
+    noise = _noise(data, retrieved, errors)
+    absolute = retrieved.horizontal + np.array([averaged["current_north"], averaged["current_east"]])
     return {
         **row,
-        **_retrieval_row(data, found, scales, noise, absolute),
-        "yaw_moment": found.moment,
-        "lateral": found.lateral,
-        "lateral_coefficient_std": np.abs(found.lateral) * half_width(scales, axis=1),
+        **_retrieval_row(data, retrieved, scales, noise, absolute),
+        "yaw_moment": retrieved.moment,
+        "lateral": retrieved.lateral,
+        "lateral_coefficient_std": np.abs(retrieved.lateral) * half_width(scales, axis=1),
         "lateral_noise_std": noise,
-        "condition": found.condition,
-        **_components("shear", found.horizontal),
-        **_bin_currents(data, found, scales, noise, settings, bins),
+        "condition": retrieved.condition,
+        **_components("shear", retrieved.horizontal),
+        **_bin_currents(data, retrieved, scales, noise, settings, bins),
     }
 
 
@@ -135,19 +135,19 @@ def _sign_doubt(data: ProfileData, platform: Platform, settings: DepthResolvedSe
     return max(sign_in_doubt(platform, float(alpha), settings.coefficient_error) for alpha in medians)
 
 
-def _noise(data: ProfileData, found: Retrieval, errors: UncertaintyModel) -> Array:
+def _noise(data: ProfileData, retrieved: Retrieval, errors: UncertaintyModel) -> Array:
     """Standard deviation ``(m,)`` of the lateral current due to that of the yaw moment, m/s; NaN if it is unknown."""
-    moment = np.full(len(found.gain), errors.identification_noise)
+    moment = np.full(len(retrieved.gain), errors.identification_noise)
     if data.estimate == SMOOTHED:
         moment = np.interp(data.record_time, data.time[:-1], data.disturbances_std[:-1, 5])
-    return np.asarray(moment / np.abs(found.gain))
+    return np.asarray(moment / np.abs(retrieved.gain))
 
 
-def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Array, absolute: Array) -> Row:
-    known = np.isfinite(found.lateral)
-    signal = rms(found.lateral[known])
-    scatter = rms((np.abs(found.lateral) * half_width(scales, axis=1))[known])
-    over = np.abs(found.moment[known]) > _SIGNIFICANT * noise[known] * np.abs(found.gain[known])
+def _retrieval_row(data: ProfileData, retrieved: Retrieval, scales: Array, noise: Array, absolute: Array) -> Row:
+    known = np.isfinite(retrieved.lateral)
+    signal = rms(retrieved.lateral[known])
+    scatter = rms((np.abs(retrieved.lateral) * half_width(scales, axis=1))[known])
+    over = np.abs(retrieved.moment[known]) > _SIGNIFICANT * noise[known] * np.abs(retrieved.gain[known])
     speed = np.linalg.norm(absolute[known], axis=1)
     return {
         "shear_rms": signal,
@@ -155,30 +155,30 @@ def _retrieval_row(data: ProfileData, found: Retrieval, scales: Array, noise: Ar
         "coefficient_share_absolute": scatter / rms(speed) if known.any() else np.nan,
         "significant_fraction": float(over.mean()) if known.any() and np.isfinite(noise[known]).all() else np.nan,
         "retrieved_fraction": float(known[data.steady_records].mean()) if data.steady_records.any() else np.nan,
-        "rootless": found.rootless,
-        "ill_conditioned": found.ill_conditioned,
-        "interrupted": found.interrupted,
+        "rootless": retrieved.rootless,
+        "ill_conditioned": retrieved.ill_conditioned,
+        "interrupted": retrieved.interrupted,
     }
 
 
 def _bin_currents(
-    data: ProfileData, found: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
+    data: ProfileData, retrieved: Retrieval, scales: Array, noise: Array, settings: DepthResolvedSettings, bins: int
 ) -> Row:
     """Means, spreads, counts and standard deviations in each bin, for dive, climb and both."""
-    depth, known = data.measured[:, 3], np.isfinite(found.horizontal).all(axis=1)
+    depth, known = data.measured[:, 3], np.isfinite(retrieved.horizontal).all(axis=1)
     climbing = _climbing(data)
     interval = float(data.attributes["output_interval"])
     row: dict[str, Any] = {"bin_depth": (np.arange(bins) + 0.5) * settings.bin}
     for phase, chosen in zip(CURRENT_PHASES, (~climbing, climbing, np.ones_like(climbing)), strict=True):
         sorted_ = bins_of(depth, known & chosen, settings.bin, bins)
         independent = np.maximum(1.0, sorted_.count * interval / settings.smoothing)
-        drawn = np.stack([sorted_.mean(found.horizontal[:, i, None] * scales) for i in range(2)], axis=-1)
+        drawn = np.stack([sorted_.mean(retrieved.horizontal[:, i, None] * scales) for i in range(2)], axis=-1)
         with_noise = bins_of(depth, known & chosen & np.isfinite(noise), settings.bin, bins)
-        of_noise = np.sqrt(with_noise.mean((noise[:, None] * found.across) ** 2) / independent[:, None])
+        of_noise = np.sqrt(with_noise.mean((noise[:, None] * retrieved.across) ** 2) / independent[:, None])
         row |= {
             bin_column(phase, "count"): sorted_.count,
-            **_components(bin_column(phase, "shear"), sorted_.mean(found.horizontal)),
-            **_components(bin_column(phase, "shear_spread"), sorted_.spread(found.horizontal)),
+            **_components(bin_column(phase, "shear"), sorted_.mean(retrieved.horizontal)),
+            **_components(bin_column(phase, "shear_spread"), sorted_.spread(retrieved.horizontal)),
             **_components(bin_column(phase, "shear_coefficient_std"), half_width(drawn, axis=1)),
             **_components(bin_column(phase, "shear_noise_std"), of_noise),
         }
@@ -233,7 +233,7 @@ def _uncertainty_model(
     if request.budget is None:
         model = UncertaintyModel(settings.errors(platform), float("nan"), by_hull=settings.by_hull)
         return model, (
-            f"no --budget given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
+            f"no `budget` given: the ellipses are the run's own ({_origin(platform, model)}), and the yaw moment's "
             "noise floor is not known; `gliderhpc twin recoverability` and then `twin currents` measure both for a "
             "hull",
         )

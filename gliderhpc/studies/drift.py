@@ -21,7 +21,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, median_column
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
-from gliderhpc.studies.library.drift.change_text import stored_changes, stored_moment_changes
+from gliderhpc.studies.library.drift.change_rows import stored_changes, stored_moment_changes
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
     SegmentMedians,
@@ -55,7 +55,7 @@ QUICK_EPOCHS, QUICK_DRAWS = 4, 10
 
 
 @dataclass(frozen=True, eq=False)
-class Mission:
+class DriftInputs:
     """Inputs read from an archive before the study starts: profiles, epochs, depth band, hull."""
 
     numbers: list[int]
@@ -76,7 +76,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
     in_epochs = [number for epoch in epochs for number in epoch]
     chosen = every if settings.changes.most else in_epochs
     table = archive.to_dataset()
-    mission = Mission(
+    mission = DriftInputs(
         numbers=chosen,
         epochs=epochs,
         epoch=dict(zip(in_epochs, epoch_of_profiles(epochs).tolist(), strict=True)),
@@ -96,7 +96,7 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     """Compute the medians of one profile and, if it is in an epoch, of its ``segments`` inverted with drawn hulls."""
-    mission: Mission = context.inputs
+    mission: DriftInputs = context.inputs
     settings: DriftSettings = context.settings
     smoothed = read_profile_data(context.archive, data.number, SMOOTHED) if mission.smoothed else None
     row = profile_row(data, smoothed, mission.band, mission.hull)
@@ -120,7 +120,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 class MissionDrift:
     """A mission's table of medians, its slopes under drawn coefficients, the number of segments, and the settings."""
 
-    mission: Mission
+    mission: DriftInputs
     table: pd.DataFrame
     slopes: list[CoefficientSlopes]
     segments: int
@@ -155,14 +155,14 @@ def drift_of_rows(plan: Plan, rows: Mapping[int, Row]) -> MissionDrift:
     InputError
         Fewer than four profiles have medians.
     """
-    mission: Mission = plan.prepared.inputs
+    mission: DriftInputs = plan.prepared.inputs
     table = _table(mission, rows)
     segments: list[SegmentMedians] = [row["segments"] for row in rows.values() if "segments" in row]
     slopes = coefficient_slopes(of_epochs(table), segments) if segments else []
-    return MissionDrift(mission, table, slopes, sum(one.segments for one in segments), plan.settings)
+    return MissionDrift(mission, table, slopes, sum(medians.segments for medians in segments), plan.settings)
 
 
-def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
+def _table(mission: DriftInputs, rows: Mapping[int, Row]) -> pd.DataFrame:
     """Return the table of medians, with a row for each profile."""
     table = pd.DataFrame(
         [
@@ -177,7 +177,7 @@ def _table(mission: Mission, rows: Mapping[int, Row]) -> pd.DataFrame:
     if min(known) < MIN_VALUES:
         raise InputError(
             f"{NAME}: only {known[0]} dives and {known[1]} climbs have a median between {mission.band.low:.0f} and "
-            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give --set drift.depth_band=[LOW,HIGH]"
+            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give `drift.depth_band=[LOW,HIGH]`"
         )
     return table
 

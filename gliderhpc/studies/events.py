@@ -17,13 +17,13 @@ from gliderhpc.store_schema.columns import CATALOGUE, EVENT
 from gliderhpc.studies.archived import outdated_input_remarks, platform_of
 from gliderhpc.studies.library.tracks import estimated_positions, motions_of
 from gliderhpc.studies.library.turbulence.ensembles import NullFloor, null_floor
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     FastSettings,
     GappySeries,
     channel_of,
     fast_part,
+    missing_band,
 )
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, ProfileContext, Row, Study
@@ -165,8 +165,8 @@ def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settin
 
 def catalogue(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     """Combine the events of all profiles into one catalogue, with the strongest first."""
-    found = [event for row in rows.values() for event in row.get("events", ())]
-    events = sorted(found, key=lambda event: -abs(event["amplitude"]))
+    unsorted = [event for row in rows.values() for event in row.get("events", ())]
+    events = sorted(unsorted, key=lambda event: -abs(event["amplitude"]))
     return GroupContent(
         sizes={EVENT: len(events)},
         variables={variable.name: [event[variable.name] for event in events] for variable in CATALOGUE},

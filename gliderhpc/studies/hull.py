@@ -122,7 +122,9 @@ class MissionDives:
         """Positions of the parameters that may change together with one that may change, by the latter's position."""
         keys = [p.key for p in self.parameters]
         return {
-            keys.index(one): keys.index(other) for one, other in COMPANIONS.items() if one in keys and other in keys
+            keys.index(key): keys.index(companion)
+            for key, companion in COMPANIONS.items()
+            if key in keys and companion in keys
         }
 
 
@@ -136,15 +138,15 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
     acts = np.isfinite(group["score"].values).any(axis=0)
     labels = tuple(str(key) for key in group["parameter"].values)
     parameters = tuple(p for p in hull_parameters(platform) if p.key in labels and acts[labels.index(p.key)])
-    place = [labels.index(p.key) for p in parameters]
+    positions = [labels.index(p.key) for p in parameters]
     # A parameter without effect in a profile, such as one of the unused buoyancy model, has no information there.
-    known = np.isfinite(group["score"].values[:, place]).any(axis=1)
+    known = np.isfinite(group["score"].values[:, positions]).any(axis=1)
     scores, matrices, other_scores, other_matrices = (
-        np.nan_to_num(group[name].values[known][..., place]) for name in STATEMENTS
+        np.nan_to_num(group[name].values[known][..., positions]) for name in STATEMENTS
     )
     start = np.zeros(len(parameters))
     dives = [
-        DiveTerm(number, time, start, score, matrix[place], tuple(zip(others, other[:, place], strict=True)))
+        DiveTerm(number, time, start, score, matrix[positions], tuple(zip(others, other[:, positions], strict=True)))
         for number, time, score, matrix, others, other in zip(
             np.array(numbers)[known].tolist(), times[known], scores, matrices, other_scores, other_matrices, strict=True
         )
@@ -210,17 +212,17 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     """Sum up the dives, and search for changes of the parameters that can change."""
     mission: MissionDives = plan.prepared.inputs
     settings: HullSettings = plan.settings
-    found, changes = combine_dives(mission, settings)
+    hull, changes = combine_dives(mission, settings)
     rows: dict[int, Row] = {
         number: {"message": "the smoother has no estimate of this profile, or no information on the hull from it"}
         for number in mission.without
     }
-    rows |= {dive.number: _dive_row(mission, found, index) for index, dive in enumerate(mission.dives)}
+    rows |= {dive.number: _dive_row(mission, hull, index) for index, dive in enumerate(mission.dives)}
     keys = [mission.parameters[i].key for i in mission.suspects]
     return GroupContent(
         labels={SUSPECT: keys},
-        variables=_stored_changes(mission, found, changes),
-        attributes={"inflation": found.inflation, "log_evidence": found.log_evidence},
+        variables=_stored_changes(mission, hull, changes),
+        attributes={"inflation": hull.inflation, "log_evidence": hull.log_evidence},
         rows=rows,
     )
 
@@ -232,7 +234,7 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
     hulls before and after. The search for changes uses the undivided information of the dives: the error for which it
     is otherwise divided is the same in every dive, and cancels in the differences between dives.
     """
-    found = mission.undivided or _sum_of_dives(mission, robust=settings.robust)
+    hull = mission.undivided or _sum_of_dives(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
         changes = find_changes(
             mission.dives, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust
@@ -240,8 +242,8 @@ def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[Missio
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
         if probable or mission.divisor > 1.0:
             dives = [dive.weakened(mission.divisor) for dive in mission.dives]
-            found = solve_mission(dives, _with_changes(mission, probable, settings), robust=settings.robust)
-    return found, changes
+            hull = solve_mission(dives, _with_changes(mission, probable, settings), robust=settings.robust)
+    return hull, changes
 
 
 def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], settings: HullSettings) -> HullPrior:
@@ -255,8 +257,8 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
         if change.step_probability < 0.5:
             days = (mission.dives[-1].time - mission.dives[onset - 1].time) / np.timedelta64(1, "D")
             allowed = {parameter: size} if companion is None else {parameter: size, companion: settings.change}
-            for which, change_std in allowed.items() if days > 0.0 else ():
-                walk[which] = max(walk[which], change_std / np.sqrt(days))
+            for index, change_std in allowed.items() if days > 0.0 else ():
+                walk[index] = max(walk[index], change_std / np.sqrt(days))
             continue
         for position in range(first, last + 1):
             variance = jumps.setdefault(position, np.zeros(len(walk)))
@@ -266,14 +268,14 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
     return HullPrior(mission.prior.eta, walk, jumps)
 
 
-def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
+def _dive_row(mission: MissionDives, hull: MissionHull, index: int) -> Row:
     """Return the row of one dive, in the platform file's units."""
-    smoothed, sequential = found.smoothed[index], found.sequential[index]
+    smoothed, sequential = hull.smoothed[index], hull.sequential[index]
     moved, moved_std = _in_units(mission, smoothed.mean, smoothed.std)
     then, then_std = _in_units(mission, sequential.mean, sequential.std)
-    first, _ = _in_units(mission, found.smoothed[0].mean, smoothed.std)
+    first, _ = _in_units(mission, hull.smoothed[0].mean, smoothed.std)
     can_change = np.isin(np.arange(len(moved)), mission.suspects)
-    _, change_std = _in_units(mission, smoothed.mean, found.change_std[index])
+    _, change_std = _in_units(mission, smoothed.mean, hull.change_std[index])
     keys = [p.key for p in mission.parameters]
     columns = {
         "estimate": moved,
@@ -285,9 +287,9 @@ def _dive_row(mission: MissionDives, found: MissionHull, index: int) -> Row:
     }
     return {
         **{name: among_parameters(values, keys, mission.labels) for name, values in columns.items()},
-        "chi_square": float(found.chi_square[index]),
-        "freedom": float(found.freedom[index]),
-        "weight": float(found.weight[index]),
+        "chi_square": float(hull.chi_square[index]),
+        "freedom": float(hull.freedom[index]),
+        "weight": float(hull.weight[index]),
     }
 
 
@@ -300,11 +302,11 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
 
 
 def _stored_changes(
-    mission: MissionDives, found: MissionHull, changes: Mapping[int, HullChange | None]
+    mission: MissionDives, hull: MissionHull, changes: Mapping[int, HullChange | None]
 ) -> dict[str, Array]:
     """Return the variables of the parameters that may change; NaN if there are too few dives."""
     return {
-        name: np.array([np.nan if change is None else change_in_units(mission, found, i, change)[name]
+        name: np.array([np.nan if change is None else change_in_units(mission, hull, i, change)[name]
                         for i, change in changes.items()])
         for name in CHANGE_COLUMNS
     }  # fmt: skip
@@ -316,10 +318,10 @@ CHANGE_COLUMNS = (
 """Variables of the parameters that may change."""
 
 
-def change_in_units(mission: MissionDives, found: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
+def change_in_units(mission: MissionDives, hull: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
     """Return `CHANGE_COLUMNS` of a change, with sizes in the platform file's units and onsets as profile numbers."""
-    one = mission.parameters[parameter]
-    slope = one.slope(mission.platform, float(found.smoothed[0].mean[parameter]))
+    changed = mission.parameters[parameter]
+    slope = changed.slope(mission.platform, float(hull.smoothed[0].mean[parameter]))
     low, middle, high = (float(mission.dives[index].number) for index in change.onset)
     values = (
         change.probability, slope * change.total, abs(slope) * change.total_std, middle, low, high,

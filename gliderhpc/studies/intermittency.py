@@ -25,13 +25,13 @@ from gliderhpc.store_schema.columns import (
 )
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.gaussianity import noise_of, noise_rows
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     IntermittencySettings,
     averaged_over,
     channel_of,
     fast_part,
+    missing_band,
     series_step,
     steps_within,
 )
@@ -74,20 +74,20 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     if part.message:
         return {**row, "message": part.message}
     fast = averaged_over(part.series, settings.interval)
-    found = resolved_structure_functions(fast, settings, channel.sample_interval)
+    measured = resolved_structure_functions(fast, settings, channel.sample_interval)
     lags, rng = lag_samples(settings.every_lag, fast.step), np.random.default_rng([settings.seed, data.number, 0])
     drawn = bootstrap_structure_functions(fast, lags, settings.block, settings.block_draws, rng)
     drawn = without_unresolved_lags(drawn, channel.sample_interval)
     rng = np.random.default_rng([settings.seed, data.number, 1])
     tested = surrogate_test(fast, settings, channel.sample_interval, rng)
-    ranges = _by_range(found, drawn, settings)
+    ranges = _by_range(measured, drawn, settings)
     ratios = ranges[range_column("zeta_ratio")]
     exponents, drawn_exponents, surrogate_exponents = (
-        one.exponents(settings.scaling) for one in (found, drawn, tested.structures)
+        structures.exponents(settings.scaling) for structures in (measured, drawn, tested.structures)
     )
     return {
         **row,
-        **statistics_row(part.series, found, channel, settings),
+        **statistics_row(part.series, measured, channel, settings),
         **_interval_row("flatness", drawn.flatness_at(settings.lag)),
         **_interval_row("zeta_ratio", drawn.zeta_ratio(settings.scaling)),
         **_surrogates_row(tested, settings),
@@ -96,8 +96,8 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
         **_actuated_row(channel, settings, data.number),
         **noise_rows(noise_of(context.archive, data), settings),
         **ranges,
-        "lag_time": found.lags,
-        **_curve(FLATNESS_BY_LAG, found.flatness, drawn.flatness, tested.structures.flatness),
+        "lag_time": measured.lags,
+        **_curve(FLATNESS_BY_LAG, measured.flatness, drawn.flatness, tested.structures.flatness),
         **_curve(ZETA, exponents, drawn_exponents, surrogate_exponents),
     }
 
@@ -128,11 +128,11 @@ def _envelope_row(name: str, values: Array) -> Row:
 
 
 def _by_range(
-    found: StructureFunctions, drawn: StructureFunctions, settings: IntermittencySettings
+    measured: StructureFunctions, drawn: StructureFunctions, settings: IntermittencySettings
 ) -> dict[str, Array]:
     """Relative exponent of the sixth order and its interval ``(k,)`` for every range of lags."""
     values = [
-        (float(found.zeta_ratio(scaling)), *np.percentile(drawn.zeta_ratio(scaling), INTERVAL))
+        (float(measured.zeta_ratio(scaling)), *np.percentile(drawn.zeta_ratio(scaling), INTERVAL))
         for scaling in settings.scaling_ranges
     ]
     columns = np.array(values, dtype=np.float64).T
@@ -143,10 +143,10 @@ def _actuated_row(channel: ChannelSeries, settings: IntermittencySettings, seed:
     """Compute the same statistics with the actuated samples included."""
     part = fast_part(channel, settings, actuated=True)
     fast = averaged_over(part.series, settings.interval)
-    found = resolved_structure_functions(fast, settings, channel.sample_interval)
+    measured = resolved_structure_functions(fast, settings, channel.sample_interval)
     rng = np.random.default_rng([settings.seed, seed, 2])
     tested = surrogate_test(fast, settings, channel.sample_interval, rng)
-    row = statistics_row(part.series, found, channel, settings) | {"p_value": tested.p_value}
+    row = statistics_row(part.series, measured, channel, settings) | {"p_value": tested.p_value}
     return {actuated_column(name): value for name, value in row.items()}
 
 

@@ -30,12 +30,11 @@ from gliderhpc.mission.jobs import batch_size
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import Platform
-from gliderhpc.simulator.replay import Actuation, record_of, replay
+from gliderhpc.simulator.replay import RecordedActuation, record_of, replay
 from gliderhpc.store_schema.columns import COEFFICIENT, FAMILIES, GAUSSIAN, MODEL_ERROR, NOISE_ONLY, NULL, REALISATIONS
 from gliderhpc.studies.archived import CONTROLS_SI, platform_of, sample_interval, settings_of, states_of
 from gliderhpc.studies.library.turbulence.ensembles import stored_measured
 from gliderhpc.studies.library.turbulence.gaussianity import TESTED, gaussianity_row, noise_of_estimate
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     IntermittencySettings,
     averaged_over,
@@ -45,6 +44,7 @@ from gliderhpc.studies.library.turbulence.series import (
     channel_of_estimate,
     fast_part,
     high_passed,
+    missing_band,
 )
 from gliderhpc.studies.library.turbulence.statistics import resolved_structure_functions, statistics_row
 from gliderhpc.studies.library.turbulence.surrogates import surrogate_test
@@ -94,8 +94,8 @@ def realisations(settings: NullSettings, profiles: tuple[int, ...]) -> list[Real
     """Plan all nulls; each family uses the profiles in turn, evenly spread if there are fewer nulls than profiles."""
     planned: list[Realisation] = []
     for family, count in settings.families.items():
-        for place in range(count):
-            at = place * len(profiles) // count if count < len(profiles) else place % len(profiles)
+        for order in range(count):
+            at = order * len(profiles) // count if count < len(profiles) else order % len(profiles)
             index = len(planned)
             planned.append(Realisation(index, family, 1000 * settings.seed + index, profiles[at]))
     return planned
@@ -149,14 +149,16 @@ def without_corrections(mission: MissionSettings) -> MissionSettings:
     return mission.model_copy(update={"records": RecordSettings()})
 
 
-def actuation_of(data: ProfileData, platform: Platform) -> Actuation:
+def actuation_of(data: ProfileData, platform: Platform) -> RecordedActuation:
     """Recorded actuation of a profile, first state, and the records at which the sensors were read."""
     interval = float(data.attributes["output_interval"])
     sampled = data.sampled
     if not sampled.any():
         every = max(1, round(sample_interval(data, platform) / interval))
         sampled = np.arange(len(data.record_time)) % every == 0
-    return Actuation(data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled)
+    return RecordedActuation(
+        data.number, data.epoch, interval, states_of(data)[0], data.controls * CONTROLS_SI, sampled
+    )
 
 
 def gaussian_disturbances(
@@ -185,7 +187,7 @@ def gaussian_disturbances(
 
 def factors_of(hull: Platform, platform: Platform) -> Array:
     """True coefficients over the platform's, in the order of `coefficient_names`; NaN where the platform's is zero."""
-    true, known = (np.array(list(coefficients_of(one).values())) for one in (hull, platform))
+    true, known = (np.array(list(coefficients_of(flown).values())) for flown in (hull, platform))
     factors: Array = np.divide(true, known, out=np.full_like(true, np.nan), where=known != 0.0)
     return factors
 
@@ -236,8 +238,8 @@ def run_nulls(archive: str, estimate: str, settings: NullSettings, nulls: Sequen
         with_hull = estimate == SMOOTHED
         inverted = estimate_profiles(tasks(), without_corrections(mission), with_hull=with_hull)
         for (null, row, factors), inversion in inverted:
-            found = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
-            results.append((null, {**row, **found}, factors))
+            statistics = _inverted_row(inversion, estimate, settings.statistics, null.seed, mission.steps_per_record)
+            results.append((null, {**row, **statistics}, factors))
     return results
 
 
@@ -256,8 +258,8 @@ def _inverted_row(
     if part.message:
         return row | {"message": part.message}
     fast = averaged_over(part.series, settings.interval)
-    found = resolved_structure_functions(fast, settings, channel.sample_interval)
-    row |= statistics_row(part.series, found, channel, settings)
+    structures = resolved_structure_functions(fast, settings, channel.sample_interval)
+    row |= statistics_row(part.series, structures, channel, settings)
     row |= gaussianity_row(noise_of_estimate(inversion, every), settings)
     if not np.isfinite(row["flatness"]):
         return row | {"p_value": float("nan")}
@@ -287,7 +289,7 @@ def null_missions(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
     mission, names = plan.prepared.inputs
     planned = realisations(plan.settings, plan.numbers)
     if not planned:
-        raise InputError("--set nulls: no realisation is requested; set the number of at least one family above zero")
+        raise InputError("nulls: no realisation is requested; set the number of at least one family above zero")
     results = _run_batches(plan, planned, mission)
     variables: dict[str, Any] = {
         variable.name: [row.get(variable.name, variable.fill_value) for _, row, _ in results]

@@ -28,8 +28,8 @@ from gliderhpc.studies.library.scores import (
 )
 from gliderhpc.studies.library.tracks import (
     CURRENTS,
-    Current,
     DivePath,
+    UncertainCurrent,
     archived_currents,
     dive_path,
     ellipses_used,
@@ -57,7 +57,7 @@ _WITHOUT_STUDY = (
 
 
 def compare_with_models(
-    archive: Archive, data: ProfileData, current: Current, models: Sequence[OceanModel]
+    archive: Archive, data: ProfileData, current: UncertainCurrent, models: Sequence[OceanModel]
 ) -> dict[str, Any]:
     """Return the row of a profile, with a value or ``(model,)`` values in each column.
 
@@ -77,7 +77,7 @@ def compare_with_models(
     }
 
 
-def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> dict[str, float]:
+def _compare_with_model(current: UncertainCurrent, path: DivePath, model: OceanModel) -> dict[str, float]:
     """Average one model along the path, with equal weights for all records, and compare the mean with the current.
 
     The records are evenly spaced in time, and the glider's current is a mean over time too. In both, therefore, each
@@ -104,7 +104,7 @@ def _compare_with_model(current: Current, path: DivePath, model: OceanModel) -> 
 class ReanalysisInputs:
     """Inputs that the profiles share: the glider's currents by number, and the models' files and open models."""
 
-    currents: Mapping[int, Current]
+    currents: Mapping[int, UncertainCurrent]
     sources: tuple[str, ...]
     models: tuple[OceanModel, ...] = ()
 
@@ -124,7 +124,7 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
 
 def missing_input(request: Request, _: object) -> str | None:
     """Require a model."""
-    return None if request.models else "needs --model FILE_OR_URL, an ocean model's file (repeatable)"
+    return None if request.models else "needs `models`, files or addresses of ocean models"
 
 
 def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:

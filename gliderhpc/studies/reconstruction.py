@@ -277,7 +277,7 @@ def _source(
     if not by_slope:
         return None, remarks
     if request.observations is None:
-        return None, ("no --observations given: the inversion with k_z = 0 and the filter's time are left out",)
+        return None, ("no `observations` given: the inversion with k_z = 0 and the filter's time are left out",)
     with open_observations(request.observations) as opened:
         where = positions(archive)
         if not is_made_from(request.archive, opened, {number: where[number] for number in by_slope}):

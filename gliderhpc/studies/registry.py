@@ -1,4 +1,4 @@
-"""Studies that ``gliderhpc analyze`` runs, each imported on demand."""
+"""Studies of an archive, each imported on demand."""
 
 import importlib
 
@@ -18,7 +18,13 @@ STUDIES = (
     "hull",
     "drift",
 )
-"""Names of the studies, which are also those of their modules or packages and of their groups."""
+"""Names of the studies that ``gliderhpc analyze`` runs, which are also those of their modules and of their groups."""
+
+VALIDATION = "validation"
+"""Name of the study that ``gliderhpc validate`` runs: the forward model compared with the records."""
+
+ALL_STUDIES = (VALIDATION, *STUDIES)
+"""Names of all studies."""
 
 
 def load_study(name: str) -> Study:
@@ -29,7 +35,7 @@ def load_study(name: str) -> Study:
     InputError
         There is no such study.
     """
-    if name not in STUDIES:
+    if name not in ALL_STUDIES:
         raise InputError(f"{name}: no such study; there are {', '.join(STUDIES)}")
     study: Study = importlib.import_module(f"gliderhpc.studies.{name}").STUDY
     return study
@@ -43,13 +49,13 @@ def run_study(name: str, request: Request) -> None:
     InputError
         The study is unknown, or the request lacks one of its inputs.
     """
-    study, given = load_study(name), study_assignments(request, name)
+    study, assignments = load_study(name), study_assignments(request, name)
     settings = study.settings_for(request)
     missing = study.missing(request, settings)
     if missing is not None:
         raise InputError(f"{name}: {missing}")
-    if given and study.settings is None:
-        raise InputError(f"{name}: has no settings, and was given {', '.join(given)}")
+    if assignments and study.settings is None:
+        raise InputError(f"{name}: has no settings, and was given {', '.join(assignments)}")
     study.run(request, settings)
 
 

@@ -12,8 +12,28 @@ from gliderhpc.archive.mission import check_is_path
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
+from gliderhpc.mission.settings import MissionSettings, SettingsModel, build_settings_of, parse_assignments
+from gliderhpc.observations import Observations
+from gliderhpc.platform import Platform
 from gliderhpc.store_schema.place import is_address
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Inputs of a simulation of the records, for the study ``validation``.
+
+    Attributes
+    ----------
+    observations : Observations
+        The open file that the archive was made from.
+    platform, settings : Platform, MissionSettings
+        Hull to validate, which may differ from the archive's, and settings, whose step and output interval must equal
+        the archive's.
+    """
+
+    observations: Observations
+    platform: Platform
+    settings: MissionSettings
 
 
 @dataclass(frozen=True)
@@ -42,6 +62,8 @@ class Request:
         Settings of the study, as ``KEY=VALUE``.
     models : tuple of str
         Files, patterns of files and OPeNDAP addresses of ocean models.
+    simulation : Simulation, optional
+        Records to simulate, with hull and settings.
     on_profile : callable
         Function called with the number of each finished profile.
     """
@@ -57,6 +79,7 @@ class Request:
     models: tuple[str, ...] = ()
     reference: Path | None = None
     assignments: tuple[str, ...] = ()
+    simulation: Simulation | None = None
     on_profile: Callable[[int], None] = lambda _: None
 
     @property
@@ -68,13 +91,13 @@ class Request:
         """Return the words of a command line for the profiles, settings and files of a study, without their folders."""
         files = {"observations": self.observations, "truth": self.truth, "budget": self.budget}
         files["reference"] = self.reference
-        given = [] if self.profiles is None else ["--profiles", self.profiles]
-        given += [word for name, path in files.items() if path is not None for word in (f"--{name}", path.name)]
+        words = [] if self.profiles is None else ["--profiles", self.profiles]
+        words += [word for name, path in files.items() if path is not None for word in (f"--{name}", path.name)]
         settings = study_assignments(self, study)
-        return given + [word for key, text in settings.items() for word in ("--set", f"{study}.{key}={text}")]
+        return words + [word for key, text in settings.items() for word in ("--set", f"{study}.{key}={text}")]
 
 
-def archive_on_disk(place: str | Path) -> Path:
+def archive_on_disk(store: str | Path) -> Path:
     """Return the path of an archive to study.
 
     Raises
@@ -82,10 +105,10 @@ def archive_on_disk(place: str | Path) -> Path:
     InputError
         The place is an address in an object store, or not a path.
     """
-    check_is_path(place)
-    if is_address(place):
-        raise InputError(f"{place}: studies require the archive on a disk; copy it from the object store first")
-    path = Path(place)
+    check_is_path(store)
+    if is_address(store):
+        raise InputError(f"{store}: studies require the archive on a disk; copy it from the object store first")
+    path = Path(store)
     # `.` and `..` have no name, from which the folder of the results is named.
     return path if path.stem.strip(".") else path.resolve()
 

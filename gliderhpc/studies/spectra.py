@@ -14,7 +14,6 @@ from gliderhpc.archive.profile import ProfileData
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, FitColumns, extent_columns, fit_columns
 from gliderhpc.studies.library.tracks import current_columns
-from gliderhpc.studies.library.turbulence.resolution import missing_band
 from gliderhpc.studies.library.turbulence.series import (
     ChannelSeries,
     GappySeries,
@@ -22,6 +21,7 @@ from gliderhpc.studies.library.turbulence.series import (
     channel_of,
     fast_part,
     gappy_series,
+    missing_band,
     resolved_band,
     series_step,
 )

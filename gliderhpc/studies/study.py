@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -32,7 +32,14 @@ from gliderhpc.store_schema import (
     write_whole,
 )
 from gliderhpc.store_schema.schema import PROFILE, study_called
-from gliderhpc.studies.archived import Provenance, chosen_profiles, estimate_remarks, platform_of, positions
+from gliderhpc.studies.archived import (
+    Provenance,
+    chosen_among,
+    chosen_profiles,
+    estimate_remarks,
+    platform_of,
+    positions,
+)
 from gliderhpc.studies.profile_jobs import OpenInputs, StudiedProfile, run_jobs
 from gliderhpc.studies.request import Request, study_settings
 
@@ -48,6 +55,8 @@ class ProfileContext:
 
     Attributes
     ----------
+    number : int
+        Number of the profile.
     archive : Archive
         Archive of the mission.
     settings : Settings or None
@@ -56,6 +65,7 @@ class ProfileContext:
         `Preparation.inputs` as opened by `Study.opened`.
     """
 
+    number: int
     archive: Archive
     settings: Any
     inputs: Any
@@ -143,6 +153,7 @@ class Plan:
 
 
 ProfileFunction = Callable[[ProfileData, ProfileContext], Row]
+ReadFunction = Callable[[Archive, int], Any]
 MissionFunction = Callable[[Plan, Mapping[int, Row]], GroupContent]
 PrepareFunction = Callable[[Request, Archive, tuple[int, ...], Any], Preparation]
 
@@ -227,29 +238,29 @@ class Study:
             No such profile is done, the archive has no such estimate, or another input is wrong.
         """
         plan = self.plan(request, settings)
-        found = GroupContent()
+        content = GroupContent()
         begun = _begin(request, self.name, plan.prepared) if self.mission is None else ()
         rows, digests = self.study_profiles(plan)
         if self.check is not None:
             self.check(request, rows)
         if self.mission is not None:
-            found = self.mission(plan, rows)
-            begun = _begin(request, self.name, found)
-            rows = _table_rows(self.name, rows, found.rows)
+            content = self.mission(plan, rows)
+            begun = _begin(request, self.name, content)
+            rows = _table_rows(self.name, rows, content.rows)
         write_table_rows(request.archive, {plan.positions[number]: row for number, row in rows.items()}, self.name)
         write_manifests(request.archive, self.name, digests)
-        write_whole(request.archive, self.name, {**plan.prepared.variables, **found.variables})
+        write_whole(request.archive, self.name, {**plan.prepared.variables, **content.variables})
         unused = (self.estimate_unused,) if self.estimate_unused and request.estimate != ADJOINT else ()
         made = Provenance(
             plan.numbers if self.profile is None else tuple(rows),
-            self._columns(rows) if found.columns is None else found.columns,
+            self._columns(rows) if content.columns is None else content.columns,
             request.estimate,
             request.quick,
             {} if plan.settings is None else plan.settings.model_dump(mode="json"),
-            plan.remarks + begun + unused + found.remarks,
+            plan.remarks + begun + unused + content.remarks,
         )
-        own = {"options": request.options(self.name)}
-        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **found.attributes}
+        own = self.own_attributes(request)
+        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **content.attributes}
         finish_study(request.archive, self.name, as_plain(attributes))
 
     def plan(self, request: Request, settings: Any) -> Plan:
@@ -261,7 +272,7 @@ class Study:
             No such profile is done, the archive has no such estimate, or another input is wrong.
         """
         with open_for_reading(request.archive) as archive:
-            numbers = chosen_profiles(archive, request.profiles, request.quick)
+            numbers = self.choose(archive, request.profiles, request.quick)
             remarks = () if self.estimate_unused else estimate_remarks(archive, request.estimate, numbers)
             prepared = self.prepare(request, archive, numbers, settings)
             if prepared.numbers is not None:
@@ -281,11 +292,28 @@ class Study:
         """
         if self.profile is None:
             return {}, {}
-        estimate = ADJOINT if self.estimate_unused else plan.request.estimate
-        study = partial(run_profile_job, self.name, self.profile, estimate, plan.settings)
+        study = ProfileJob(self.name, self.profile, self.reader(plan.request), plan.settings)
         jobs = [(number, plan.positions[number]) for number in plan.numbers]
         results, digests = run_jobs(plan.request, self.name, study, jobs, plan.prepared.inputs, self.opened)
         return {result.number: result.table_row for result in results}, digests
+
+    def choose(self, archive: Archive, text: str | None, quick: bool) -> tuple[int, ...]:
+        """Choose among the profiles that can be studied; a quick study uses the first few.
+
+        Raises
+        ------
+        InputError
+            No profile can be studied, or the text names one that cannot.
+        """
+        return chosen_profiles(archive, text, quick)
+
+    def reader(self, request: Request) -> ReadFunction:
+        """Return the function that reads a profile's data in a worker."""
+        return partial(read_profile_data, estimate=ADJOINT if self.estimate_unused else request.estimate)
+
+    def own_attributes(self, request: Request) -> dict[str, Any]:
+        """Return what else the group records of a request."""
+        return {"options": request.options(self.name)}
 
     def _columns(self, rows: Mapping[int, Row]) -> tuple[str, ...]:
         """Columns of the study's table: variables with one value per profile, or several along the wide dimensions."""
@@ -295,25 +323,70 @@ class Study:
         return tuple(dict.fromkeys((PROFILE, *self.mission_columns, *own)))
 
 
-def run_profile_job(
-    name: str,
-    profile: ProfileFunction,
-    estimate: str,
-    settings: Any,
-    archive: Archive,
-    job: tuple[int, int],
-    inputs: Any,
-) -> StudiedProfile:
-    """Study one profile in a worker, and separate the rows that the worker writes from the other values."""
-    number, index = job
-    data = read_profile_data(archive, number, estimate)
-    try:
-        values = profile(data, ProfileContext(archive, settings, inputs))
-    except ProfileError as error:
-        values = {"message": str(error)}
-    chunked = {variable.name for variable in study_called(name).variables if variable.is_row}
-    table_row = {key: value for key, value in values.items() if key not in chunked}
-    return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
+NO_ESTIMATE = "none"
+"""Name stored as the estimate of a study that uses none."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordStudy(Study):
+    """A study of the records alone. It uses no estimate, and profiles without one can be studied too.
+
+    Its function of a profile gets no `ProfileData`, but the inputs that `prepare` returns.
+    """
+
+    def run(self, request: Request, settings: Any) -> None:
+        """Study the chosen profiles, as `Study.run` does."""
+        super().run(replace(request, estimate=NO_ESTIMATE), settings)
+
+    def choose(self, archive: Archive, text: str | None, quick: bool) -> tuple[int, ...]:
+        """Choose among all profiles of an archive, as `Study.choose` does among the finished ones."""
+        return chosen_among(list(positions(archive)), text, quick)
+
+    def reader(self, request: Request) -> ReadFunction:
+        """Return a function that reads nothing."""
+        return _read_nothing
+
+    def own_attributes(self, request: Request) -> dict[str, Any]:
+        """Return nothing: hull and settings are attributes already."""
+        return {}
+
+
+def _read_nothing(archive: Archive, number: int) -> None:
+    """Read no estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileJob:
+    """Job of a worker: reads one profile and studies it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study.
+    profile : callable
+        `Study.profile`.
+    read : callable
+        ``(archive, number) -> data``.
+    settings : Settings or None
+        Settings of the study.
+    """
+
+    name: str
+    profile: ProfileFunction
+    read: ReadFunction
+    settings: Any
+
+    def __call__(self, archive: Archive, job: tuple[int, int], inputs: Any) -> StudiedProfile:
+        """Study a profile by number and position, and separate the rows that the worker writes from other values."""
+        number, index = job
+        data = self.read(archive, number)
+        try:
+            values = self.profile(data, ProfileContext(number, archive, self.settings, inputs))
+        except ProfileError as error:
+            values = {"message": str(error)}
+        chunked = {variable.name for variable in study_called(self.name).variables if variable.is_row}
+        table_row = {key: value for key, value in values.items() if key not in chunked}
+        return StudiedProfile(number, index, table_row, {key: values[key] for key in values if key in chunked})
 
 
 def _table_rows(name: str, rows: Mapping[int, Row], further: Mapping[int, Row]) -> dict[int, Row]:

@@ -6,16 +6,15 @@ The statistics of the mission therefore use pitch and depth *rate*, whose errors
 track are reported as computed.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.angles import principal_angle
-from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import SETTLING
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, ProfileError
@@ -23,29 +22,20 @@ from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.estimation.preparation import check_seawater, controls_of, vibration_set
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, flight_guesses, glide_angle_motion, smoothed_slope
-from gliderhpc.findings.findings import as_plain
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.inputs import is_made_from
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import create_study, finish_study, write_manifests, write_table_rows
-from gliderhpc.studies.archived import Provenance, chosen_among, positions
+from gliderhpc.studies.archived import positions
 from gliderhpc.studies.library.scores import rms
-from gliderhpc.studies.profile_jobs import StudiedProfile, run_jobs
-from gliderhpc.studies.request import Request
+from gliderhpc.studies.request import Request, Simulation
+from gliderhpc.studies.study import Preparation, ProfileContext, RecordStudy, Row
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 GROUP = "validation"
-
-TITLE = "the fixed-parameter forward model against the records"
-"""Title of the study."""
-
-NO_ESTIMATE = "none"
-"""Name stored as the estimate: the forward model does not use one."""
 
 _ON_RECORDS = ("step", "output_interval")
 """Settings that determine the archive's axes; they must equal the archive's."""
@@ -156,120 +146,76 @@ def _on_recorded_course(flight: ForwardRun, series: ProfileSeries) -> Array:
     return np.array([lengths @ np.cos(heading), lengths @ np.sin(heading)])
 
 
-def validated_profiles(archive: Archive, text: str | None, quick: bool = False) -> tuple[int, ...]:
-    """Choose among all profiles of an archive; those without an estimate can be simulated too.
+Inputs = tuple[str, Survey, Platform, MissionSettings]
+"""Observation file with its survey, and hull and settings of the simulation."""
+
+
+def prepare(request: Request, archive: Archive, numbers: tuple[int, ...], settings: MissionSettings) -> Preparation:
+    """Check that the records to simulate are those of the archive.
 
     Raises
     ------
     InputError
-        The text names a profile that the archive does not have.
+        The archive was made from other observations or on other axes; or the settings request density and the hull has
+        no compressibility.
     """
-    return chosen_among(list(positions(archive)), text, quick)
-
-
-def validate(
-    observations: Observations,
-    platform: Platform,
-    settings: MissionSettings,
-    store: str | Path,
-    executor: Callable[[], AbstractContextManager[Executor]],
-    *,
-    profiles: str | None = None,
-    quick: bool = False,
-    on_profile: Callable[[int], None] = lambda _: None,
-) -> None:
-    """Simulate every chosen profile of an archive open loop, and write the comparison into its group ``validation``.
-
-    Parameters
-    ----------
-    observations : Observations
-        The open file that the archive was made from.
-    platform, settings : Platform, MissionSettings
-        Hull to validate, which may differ from the archive's, and settings, whose step and output interval must equal
-        the archive's.
-    store : path
-        The archive.
-    executor : callable
-        Context manager that opens the executor of the jobs.
-    profiles : str, optional
-        Profiles of the archive to simulate, such as ``18:20,68``.
-    quick : bool
-        True to simulate only the first few of these.
-    on_profile : callable
-        Function called with the number of each finished profile.
-
-    Raises
-    ------
-    InputError
-        The archive was made from other observations or on other axes, or has no such profile; or the settings request
-        density and the hull has no compressibility.
-    """
+    simulation = _simulation_of(request)
+    observations, platform = simulation.observations, simulation.platform
     check_seawater(platform, settings)
-    with open_for_reading(store) as archive:
-        where = positions(archive)
-        chosen = {number: where[number] for number in validated_profiles(archive, profiles, quick)}
-        _check_belongs(archive, observations, chosen, settings, store)
-    jobs = [(number, index, observations.survey.only([number])) for number, index in chosen.items()]
-    create_study(store, GROUP)
-    request = Request(Path(store), executor, on_profile=on_profile)
-    inputs = (str(Path(observations.path).resolve()), platform, settings)
-    results, digests = run_jobs(request, GROUP, fly_profile, jobs, inputs)
-    write_table_rows(store, {result.index: result.table_row for result in results}, GROUP)
-    if all("message" in result.table_row for result in results):
-        raise InputError(f"{store}: no profile could be simulated; {results[0].table_row['message']}")
-    write_manifests(store, GROUP, digests)
-    columns = dict.fromkeys(("profile", "elapsed_days", *(name for result in results for name in result.table_row)))
-    made = Provenance(
-        profiles=tuple(result.number for result in results),
-        columns=tuple(columns),
-        estimate=NO_ESTIMATE,
-        quick=quick,
-        settings=settings.model_dump(mode="json"),
-        remarks=(),
+    where = positions(archive)
+    _check_belongs(archive, observations, {number: where[number] for number in numbers}, settings, request.archive)
+    survey = observations.survey.only(list(numbers))
+    return Preparation(
+        inputs=(str(Path(observations.path).resolve()), survey, platform, settings),
+        attributes={"platform": platform.model_dump(mode="json")},
     )
-    finish_study(store, GROUP, as_plain({**made.attributes(), "platform": platform.model_dump(mode="json")}))
 
 
-def fly_profile(
-    archive: Archive, job: tuple[int, int, Survey], inputs: tuple[str, Platform, MissionSettings]
-) -> StudiedProfile:
-    """Simulate one profile in a worker.
+def _simulation_of(request: Request) -> Simulation:
+    if request.simulation is None:
+        raise InputError(f"{GROUP}: needs records, hull and settings; run it with gliderhpc.validate")
+    return request.simulation
 
-    Parameters
-    ----------
-    archive : Archive
-        The archive, which is not read.
-    job : (int, int, Survey)
-        Number of the profile, its position in the archive, and its part of the observations' survey.
-    inputs : (str, Platform, MissionSettings)
-        Observation file, and hull and settings of the simulation.
+
+def fly_profile(_: Any, context: ProfileContext) -> Row:
+    """Simulate one profile open loop: errors, and the track on the records.
+
+    Raises
+    ------
+    ProfileError
+        The profile cannot be read or simulated.
     """
-    (number, index, survey), (path, platform, settings) = job, inputs
-    with open_observations(path, survey=survey) as observations:
-        try:
-            row, rows = _fly(observations.profile(number), platform, settings)
-        except ProfileError as error:
-            return StudiedProfile(number, index, {"message": str(error)})
-    return StudiedProfile(number, index, row, rows)
+    path, survey, platform, settings = context.inputs
+    with open_observations(path, survey=survey.only([context.number])) as observations:
+        return _fly(observations.profile(context.number), platform, settings)
 
 
-def _fly(
-    record: ProfileRecord, platform: Platform, settings: MissionSettings
-) -> tuple[dict[str, float], dict[str, Array]]:
+def check(request: Request, rows: Mapping[int, Row]) -> None:
+    """Check that some profile could be simulated.
+
+    Raises
+    ------
+    InputError
+        None could.
+    """
+    if all("message" in row for row in rows.values()):
+        first = next(iter(rows.values()))
+        raise InputError(f"{request.archive}: no profile could be simulated; {first['message']}")
+
+
+def _fly(record: ProfileRecord, platform: Platform, settings: MissionSettings) -> Row:
     """Row of the group's table, and the track on the records."""
     series = on_steps(record, settings, platform)
     vibrating = vibration_set(platform, series)
     flight = run_forward(Glider(platform), series)
     conventional = glide_angle_motion(platform, series, vibrating)
-    row = {
-        **vertical_errors(flight, series, compared_samples(flight, series, vibrating)),
-        **horizontal_errors(flight, series, record, conventional),
-        "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
-    }
     every = settings.steps_per_record
     states = flight.states[::every]
     reckoned = np.concatenate([np.zeros((1, 2)), np.cumsum(conventional.steps, axis=0)])[::every]
-    return row, {
+    return {
+        **vertical_errors(flight, series, compared_samples(flight, series, vibrating)),
+        **horizontal_errors(flight, series, record, conventional),
+        "flown_fraction": min(flight.surfaced, len(series.time)) / len(series.time),
         "roll": np.degrees(states[:, 0]),
         "pitch": np.degrees(states[:, 1]),
         "heading": np.mod(np.degrees(states[:, 2]), 360.0),
@@ -294,7 +240,17 @@ def _check_belongs(
             f"({archive.attrs.get('observations')})"
         )
     for key in _ON_RECORDS:
-        if archive.attrs[key] != getattr(settings, key):
-            raise InputError(
-                f"--set {key}: the archive's value is {archive.attrs[key]:g} s, and its records require it"
-            )
+        stored, chosen = archive.attrs[key], getattr(settings, key)
+        if stored != chosen:
+            raise InputError(f"`{key}={chosen:g}`: the archive's value is {stored:g} s, and its records require it")
+
+
+STUDY = RecordStudy(
+    GROUP,
+    "the fixed-parameter forward model against the records",
+    settings=lambda request: _simulation_of(request).settings,
+    prepare=prepare,
+    profile=fly_profile,
+    check=check,
+    mission_columns=("elapsed_days",),
+)

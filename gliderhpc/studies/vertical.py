@@ -34,52 +34,52 @@ LEVELS = 20
 """Number of equal depth intervals in which the dive is compared with the climb."""
 
 
-def record_rows(data: ProfileData, found: VerticalVelocity) -> dict[str, Array]:
+def record_rows(data: ProfileData, velocity: VerticalVelocity) -> dict[str, Array]:
     """Rows of the group's variables on the records (m,); NaN between samples."""
     columns = {
-        "water_up": found.water,
-        "water_up_std": np.where(np.isfinite(found.water), found.std, np.nan),
-        "water_up_noise_std": np.where(np.isfinite(found.water), found.noise, np.nan),
-        "depth_rate": found.measured,
-        "depth_rate_still": np.where(np.isfinite(found.measured), found.model, np.nan),
-        "speed_still": found.speed,
+        "water_up": velocity.water,
+        "water_up_std": np.where(np.isfinite(velocity.water), velocity.std, np.nan),
+        "water_up_noise_std": np.where(np.isfinite(velocity.water), velocity.noise, np.nan),
+        "depth_rate": velocity.measured,
+        "depth_rate_still": np.where(np.isfinite(velocity.measured), velocity.model, np.nan),
+        "speed_still": velocity.speed,
     }
-    return {name: _on_records(data, found, column) for name, column in columns.items()}
+    return {name: _on_records(data, velocity, column) for name, column in columns.items()}
 
 
-def legs_row(found: VerticalVelocity) -> dict[str, Any]:
+def legs_row(velocity: VerticalVelocity) -> dict[str, Any]:
     """Means over dive and climb with their errors and spreads, and the effect of every hull parameter."""
-    known = np.isfinite(found.water)
+    known = np.isfinite(velocity.water)
     row: dict[str, Any] = {
-        "window": found.filter.window,
+        "window": velocity.filter.window,
         "count": float(known.sum()),
         "share": float(known.mean()),
-        "mean_square": float(np.mean(found.water[known] ** 2)),
-        "noise_std": float(np.median(found.noise[known])),
+        "mean_square": float(np.mean(velocity.water[known] ** 2)),
+        "noise_std": float(np.median(velocity.noise[known])),
     }
-    for leg, chosen in legs(found).items():
+    for leg, chosen in legs(velocity).items():
         if not chosen.any():
             continue
-        by_hull, by_pitch = found.by_hull[chosen].mean(axis=0), float(found.by_pitch[chosen].mean())
+        by_hull, by_pitch = velocity.by_hull[chosen].mean(axis=0), float(velocity.by_pitch[chosen].mean())
         row |= {
-            leg_column("mean", leg): float(found.water[chosen].mean()),
-            leg_column("spread", leg): float(found.water[chosen].std()),
-            leg_column("mean_std", leg): float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + by_pitch**2)),
+            leg_column("mean", leg): float(velocity.water[chosen].mean()),
+            leg_column("spread", leg): float(velocity.water[chosen].std()),
+            leg_column("mean_std", leg): float(np.sqrt(by_hull @ velocity.errors.covariance @ by_hull + by_pitch**2)),
         }
         row |= {
             effect_column(parameter.key.rpartition(".")[2], leg): float(change)
-            for parameter, change in zip(found.errors.parameters, by_hull, strict=True)
+            for parameter, change in zip(velocity.errors.parameters, by_hull, strict=True)
         }
     return row
 
 
-def legs(found: VerticalVelocity) -> dict[str, Mask]:
+def legs(velocity: VerticalVelocity) -> dict[str, Mask]:
     """Masks (n,) of the samples with a velocity on dive and climb."""
-    known = np.isfinite(found.water)
-    return dict(zip(PHASES, (known & found.diving, known & found.climbing), strict=True))
+    known = np.isfinite(velocity.water)
+    return dict(zip(PHASES, (known & velocity.diving, known & velocity.climbing), strict=True))
 
 
-def difference_row(found: VerticalVelocity) -> dict[str, Any]:
+def difference_row(velocity: VerticalVelocity) -> dict[str, Any]:
     """Difference of dive and climb, averaged over depth levels: zero if the water is the same on both.
 
     Notes
@@ -88,26 +88,26 @@ def difference_row(found: VerticalVelocity) -> dict[str, Any]:
     standard deviation includes the errors of the hull, which are common to both legs, and the rounding of pitch, which
     is independent on each leg.
     """
-    levels = CommonLevels(found)
+    levels = CommonLevels(velocity)
     if not levels.common:
         return {"levels": 0.0}
-    difference = levels.difference(found.water)
-    by_hull = levels.difference(found.by_hull).mean(axis=0)
-    by_pitch = [float(levels.means(found.by_pitch, leg).mean()) for leg in legs(found).values()]
+    difference = levels.difference(velocity.water)
+    by_hull = levels.difference(velocity.by_hull).mean(axis=0)
+    by_pitch = [float(levels.means(velocity.by_pitch, leg).mean()) for leg in legs(velocity).values()]
     return {
         "levels": float(len(levels.common)),
         "difference": float(difference.mean()),
         "difference_rms": rms(difference),
-        "difference_std": float(np.sqrt(by_hull @ found.errors.covariance @ by_hull + np.sum(np.square(by_pitch)))),
+        "difference_std": float(np.sqrt(by_hull @ velocity.errors.covariance @ by_hull + np.sum(np.square(by_pitch)))),
     }
 
 
 class CommonLevels:
     """Depth levels that a profile covers on both dive and climb."""
 
-    def __init__(self, found: VerticalVelocity) -> None:
-        depth = found.attitude.depth
-        self._legs = legs(found)
+    def __init__(self, velocity: VerticalVelocity) -> None:
+        depth = velocity.attitude.depth
+        self._legs = legs(velocity)
         self._level = np.minimum((LEVELS * depth / depth.max()).astype(np.int64), LEVELS - 1)
         self.common = [k for k in range(LEVELS) if all((leg & (self._level == k)).any() for leg in self._legs.values())]
 
@@ -120,24 +120,24 @@ class CommonLevels:
         return np.asarray(self.means(values, self._legs["dive"]) - self.means(values, self._legs["climb"]))
 
 
-def truth_row(data: ProfileData, found: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
+def truth_row(data: ProfileData, velocity: VerticalVelocity, truth: xr.Dataset) -> dict[str, Any]:
     """Errors relative to the truth, which passes through the same filter."""
     time = (truth["time"].values - data.epoch) / SECOND
     rate = truth["water_up"].values.astype(np.float64)
     risen = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (rate[1:] + rate[:-1]))])
-    true = found.filter.slopes(np.interp(data.record_time[found.record], time, risen))
-    error = found.water - true
+    true = velocity.filter.slopes(np.interp(data.record_time[velocity.record], time, risen))
+    error = velocity.water - true
     return {
         "error_rms": rms(error),
         "error_mean": float(np.nanmean(error)),
-        "error_normalised": rms(error / found.std),
-        "truth_correlation": correlation(found.water, true),
+        "error_normalised": rms(error / velocity.std),
+        "truth_correlation": correlation(velocity.water, true),
     }
 
 
-def _on_records(data: ProfileData, found: VerticalVelocity, values: Array) -> Array:
+def _on_records(data: ProfileData, velocity: VerticalVelocity, values: Array) -> Array:
     column = np.full(len(data.record_time), np.nan)
-    column[found.record] = values
+    column[velocity.record] = values
     return column
 
 
@@ -149,15 +149,16 @@ def study_profile(data: ProfileData, context: ProfileContext) -> Row:
     ProfileError
         The profile has no vertical velocity.
     """
-    found = vertical_velocity(data, context.platform)
-    if not np.isfinite(found.water).any():
+    velocity = vertical_velocity(data, context.platform)
+    if not np.isfinite(velocity.water).any():
         raise ProfileError(
-            f"no {found.filter.window:.0f} s of uninterrupted samples in steady glide, so there is no vertical velocity"
+            f"no {velocity.filter.window:.0f} s of uninterrupted samples in steady glide, so there is no vertical "
+            "velocity"
         )
-    row = legs_row(found) | difference_row(found)
+    row = legs_row(velocity) | difference_row(velocity)
     if context.inputs is not None:
-        row |= truth_row(data, found, read_profile_truth(context.inputs, data.number))
-    return row | record_rows(data, found)
+        row |= truth_row(data, velocity, read_profile_truth(context.inputs, data.number))
+    return row | record_rows(data, velocity)
 
 
 def truth_file(request: Request, archive: Archive, numbers: tuple[int, ...], settings: None) -> Preparation:

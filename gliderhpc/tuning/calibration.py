@@ -292,7 +292,7 @@ def check_profiles(segments: SteadySegments) -> None:
     if count < MIN_PROFILES:
         raise InputError(
             f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
-            f"{MIN_PROFILES} are needed; give records of more dives, name more --profiles, or hold fewer out"
+            f"{MIN_PROFILES} are needed; give records of more dives, name more `profiles`, or hold fewer out"
         )
 
 
@@ -300,7 +300,7 @@ def _check_glides(hull: Platform) -> None:
     if not glides_stably(Glider(hull)):
         raise CalibrationError(
             "calibration: the hull that fits best has no stable dive and climb, even with the lateral terms held; "
-            "start from another platform, or choose other --profiles"
+            "start from another platform, or choose other `profiles`"
         )
 
 

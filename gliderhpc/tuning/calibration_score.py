@@ -19,8 +19,8 @@ MAX_INCREASE = 0.5 * np.array(FIRST_SCALES)
 """Largest errors (m/s, rad, rad, rad/s) that a calibration may add in quadrature to the root mean square."""
 
 REMEDY = (
-    "look for an error of a sensor or actuator with `gliderhpc inspect`, choose other --profiles, or hold parameters "
-    "that are known, such as --set calibration.hold=[K_L]"
+    "look for an error of a sensor or actuator with `gliderhpc inspect`, choose other `profiles`, or hold parameters "
+    "that are known, such as `calibration.hold=[K_L]`"
 )
 """Remedy where no fit is better than its start."""
 

@@ -67,8 +67,7 @@ def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[s
         found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
         if not found:
             raise InputError(
-                f"--set calibration.hold: no parameter {name}; the parameters are "
-                f"{', '.join(p.key for p in parameters)}"
+                f"`calibration.hold`: no parameter {name}; the parameters are {', '.join(p.key for p in parameters)}"
             )
         keys += found
     return keys
@@ -287,8 +286,8 @@ def choose_buoyancy(
     known = segments.in_known_water
     if choice == "density" and not known.any():
         raise InputError(
-            "--set seawater=density: no steady flight of the chosen profiles has a known density; give --set "
-            "seawater=depth_slope"
+            "`seawater=density`: no steady flight of the chosen profiles has a known density; give "
+            "`seawater=depth_slope`"
         )
     profiles = len(np.unique(segments.profile[known]))
     enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE

@@ -168,19 +168,19 @@ def detection_table(findings: Sequence[Row], noise: dict[str, Row]) -> list[Row]
     by = ("preset", "true_amplitude", "true_width")
     for labels, group in groups(pd.DataFrame(findings), by, sort=True):
         preset, amplitude, width = labels.values()
-        found = group[group["peak"] > noise[preset]["threshold"]]
+        detected = group[group["peak"] > noise[preset]["threshold"]]
         lines.append(
             {
                 "preset": preset,
                 "amplitude": amplitude,
                 "width": width,
                 "impulses": len(group),
-                "rate": len(found) / len(group),
+                "rate": len(detected) / len(group),
                 "gain": float(group["gain"].median()),
                 "gain_low": float(group["gain"].quantile(0.25)),
                 "gain_high": float(group["gain"].quantile(0.75)),
-                "delay": float(found["delay"].median()) if len(found) else float("nan"),
-                "delay_spread": float(found["delay"].std()) if len(found) > 1 else float("nan"),
+                "delay": float(detected["delay"].median()) if len(detected) else float("nan"),
+                "delay_spread": float(detected["delay"].std()) if len(detected) > 1 else float("nan"),
                 "multiples": amplitude / noise[preset]["noise"],
             }
         )
@@ -331,7 +331,7 @@ def make_budget(
     """Make the budget from the results of preset `BUDGET_PRESET`; without a floor where no amplitude has one."""
     exact, wrong = (first(errors, preset=BUDGET_PRESET, model=model) for model in MODELS)
     typical = min(select(floors, preset=BUDGET_PRESET), key=lambda row: abs(float(row["width"]) - TYPICAL_WIDTH))
-    found = bool(np.isfinite(typical["floor"]))
+    has_floor = bool(np.isfinite(typical["floor"]))
     level = noise[BUDGET_PRESET]["noise"]
     fit = f"maximum likelihood of the covariance over {twins} twins, every coefficient wrong by up to 15 %"
     return Budget(
@@ -340,7 +340,7 @@ def make_budget(
         relative_error=wrong["relative_error"],
         heading_error=wrong["heading_error"],
         identification_noise=level,
-        detection_floor=typical["floor"] if found else None,
+        detection_floor=typical["floor"] if has_floor else None,
         axial_offset_dive=wrong["axial_dive"],
         axial_offset_climb=wrong["axial_climb"],
         axial_offset_rms=wrong["axial_rms"],
@@ -355,7 +355,7 @@ def make_budget(
             "detection_floor": (
                 f"N m; amplitude of an impulse of {typical['width']:g} s (standard deviation) found in "
                 f"{FLOOR_RATE:.0%} of all cases; noise alone exceeds the threshold {FALSE_ALARMS:g} time per hour"
-                if found
+                if has_floor
                 else f"no impulse of {typical['width']:g} s of the grid is found in {FLOOR_RATE:.0%} of all cases"
             ),
             "axial_offset": "N; mean of identified minus true B_cu over steady glide, separately for dive and climb",

@@ -100,7 +100,7 @@ def sensitivity_runs(plan: TwinPlan[SensitivitySize]) -> list[TwinRun]:
     """List every run, those of one twin together."""
     (platform,), size = plan.platforms, plan.size
     return [
-        _run(platform, seed, preset, *variant)
+        _run(platform, seed, preset, variant)
         for seed in plan.seeds
         for preset in size.presets
         for variant in (
@@ -112,9 +112,8 @@ def sensitivity_runs(plan: TwinPlan[SensitivitySize]) -> list[TwinRun]:
     ]
 
 
-def _run(
-    platform: Platform, seed: int, preset: str, sweep: str, value: Any, scenario: Scenario, fields: dict[str, Any]
-) -> TwinRun:
+def _run(platform: Platform, seed: int, preset: str, variant: Variant) -> TwinRun:
+    sweep, value, scenario, fields = variant
     settings = EstimationSettings.model_validate({"preset": preset} | fields.get("settings", {}))
     case = TwinCase(
         **{

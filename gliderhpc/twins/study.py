@@ -114,22 +114,22 @@ class TwinStudy(Generic[SizeT]):
         size = self.quick if quick else self.full
         count = size.seeds if seeds is None else seeds
         if count < self.min_seeds:
-            raise InputError(f"--seeds {count}: twin {self.name} needs at least {self.min_seeds}")
+            raise InputError(f"`seeds={count}`: twin {self.name} needs at least {self.min_seeds}")
         return TwinPlan(tuple(platforms), size, tuple(range(1, count + 1)), quick)
 
-    def run(self, plan: TwinPlan[SizeT], executor: Executor, report: Report) -> Findings:
-        """Run everything and conclude; `report` is called after every run.
+    def run(self, plan: TwinPlan[SizeT], executor: Executor, advance: Report) -> Findings:
+        """Run everything and conclude; `advance` is called after every run.
 
         Raises
         ------
         InputError
             The twins give no result.
         """
-        return self.conclude(plan, all_rows(run_all(self.runs(plan), executor, report, self.job)))
+        return self.conclude(plan, all_rows(run_all(self.runs(plan), executor, advance, self.job)))
 
 
 def run_all(
-    runs: Sequence[Any], executor: Executor, report: Report, function: Callable[[Any], Any] = scored_row
+    runs: Sequence[Any], executor: Executor, advance: Report, function: Callable[[Any], Any] = scored_row
 ) -> list[Any]:
     """Apply a function to runs on an executor and return its results in the runs' order.
 
@@ -139,7 +139,7 @@ def run_all(
         Picklable jobs with seeds.
     executor : Executor
         Executor with the workers.
-    report : callable
+    advance : callable
         Function called after every run.
     function : callable
         Function to apply; it must be importable by workers, at module level.
@@ -147,7 +147,7 @@ def run_all(
     results: list[Any] = [None] * len(runs)
     for index, result in executor.run(partial(_run_numbered, function), list(enumerate(runs))):
         results[index] = result
-        report()
+        advance()
     return results
 
 

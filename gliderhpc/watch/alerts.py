@@ -99,8 +99,8 @@ class Rules(_Section):
     def _next_surfacing(self, message: SurfacingMessage) -> Iterator[str]:
         following, box = message.next_surfacing, self.next_surfacing_outside
         if box is not None and following is not None and not box.contains(following.latitude, following.longitude):
-            place = f"{following.latitude:.4f}, {following.longitude:.4f}"
-            yield f"next surfacing at {place} ± {following.ellipse.major:.0f} m, outside the box"
+            position = f"{following.latitude:.4f}, {following.longitude:.4f}"
+            yield f"next surfacing at {position} ± {following.ellipse.major:.0f} m, outside the box"
 
     def _hull(self, message: SurfacingMessage) -> Iterator[str]:
         for change in message.hull_changes:

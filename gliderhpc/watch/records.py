@@ -139,12 +139,13 @@ def _sorted_by_kind(paths: Sequence[Path], kind: str | None, reads: Reads) -> tu
     if len(kinds) > 1:
         faults |= _remove_foreign(kinds)
     if len(kinds) > 1:
-        (first, (one, *_)), (second, (other, *_)), *_ = kinds.items()
+        (first, (first_path, *_)), (second, (second_path, *_)), *_ = kinds.items()
         raise InputError(
-            f"{one.name} is of kind {first}, {other.name} of kind {second}; give one of them, such as --kind {first}"
+            f"{first_path.name} is of kind {first}, {second_path.name} of kind {second}; give one of them, such as "
+            f"`kind={first}`"
         )
-    found, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
-    return found, chosen, faults
+    chosen_kind, chosen = next(iter(kinds.items()), (OBSERVATIONS, []))
+    return chosen_kind, chosen, faults
 
 
 def _remove_foreign(kinds: dict[str, list[Path]]) -> dict[str, str]:

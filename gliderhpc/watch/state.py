@@ -107,19 +107,19 @@ class WatchState(BaseModel):
 
     def find(self, start: np.datetime64, end: np.datetime64) -> int | None:
         """Return the position of the reported dive that shares most time with a span; None if there is no overlap."""
-        shared = [(dive.overlap(start, end), place) for place, dive in enumerate(self.reported)]
-        longest, place = max(shared, default=(0.0, 0))
-        return place if longest > 0.0 else None
+        shared = [(dive.overlap(start, end), index) for index, dive in enumerate(self.reported)]
+        longest, index = max(shared, default=(0.0, 0))
+        return index if longest > 0.0 else None
 
-    def new_faults(self, found: Mapping[str, str]) -> dict[str, str]:
+    def new_faults(self, faults: Mapping[str, str]) -> dict[str, str]:
         """Store the faults found, and return those that are new or different from those reported."""
-        before, self.faults = self.faults, dict(found)
-        return _new_or_changed(found, before)
+        before, self.faults = self.faults, dict(faults)
+        return _new_or_changed(faults, before)
 
-    def new_unread(self, found: Mapping[str, str]) -> dict[str, str]:
+    def new_unread(self, unread: Mapping[str, str]) -> dict[str, str]:
         """Store the files that could not be read, and return those that are new or different from those reported."""
-        before, self.unread = self.unread, dict(found)
-        return _new_or_changed(found, before)
+        before, self.unread = self.unread, dict(unread)
+        return _new_or_changed(unread, before)
 
     def save(self, folder: Path) -> None:
         """Replace the state file."""
@@ -127,8 +127,8 @@ class WatchState(BaseModel):
         write_text(folder / STATE_FILE, json.dumps(content, indent=1) + "\n", overwrite=True)
 
 
-def _new_or_changed(found: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
-    return {name: why for name, why in found.items() if before.get(name) != why}
+def _new_or_changed(now: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
+    return {name: why for name, why in now.items() if before.get(name) != why}
 
 
 def read_state(folder: Path) -> WatchState:
@@ -147,7 +147,7 @@ def read_state(folder: Path) -> WatchState:
     except ValidationError as error:
         what = error.errors()[0]["msg"]
         raise InputError(
-            f"{path}: damaged ({what}); remove it (every dive is then reported again), or give another --out"
+            f"{path}: damaged ({what}); remove it (every dive is then reported again), or give another `out`"
         ) from None
 
 

@@ -106,13 +106,13 @@ def _shorter_versions(
     folder: Path, names: Iterable[str], lost: Sequence[ReportedDive], importing: FileImport
 ) -> dict[str, str]:
     """Return the files whose new version alone has fewer samples of lost dives than the earlier one alone."""
-    found = {}
+    shortened = {}
     for name in names if lost else ():
         earlier, new = (_times_of_file(path, importing) for path in (folder / BACKUPS / name, folder / name))
         shorter = [dive for dive in lost if _count(new, dive) < _MIN_SHARE * _count(earlier, dive)]
         if shorter:
-            found[name] = _fewer_samples(shorter)
-    return found
+            shortened[name] = _fewer_samples(shorter)
+    return shortened
 
 
 def _fewer_samples(dives: Sequence[ReportedDive]) -> str:

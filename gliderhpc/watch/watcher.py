@@ -302,8 +302,8 @@ class Watch:
         store = self.watched.store
         with archive_errors(store), open_for_reading(store) as archive:
             table = archive.to_dataset()
-            found = table["profile"].values[adopted_current(table).known].tolist()
-        for number in sorted(numbers.intersection(found)):
+            known = table["profile"].values[adopted_current(table).known].tolist()
+        for number in sorted(numbers.intersection(known)):
             self._report(observations, number, digests[number])
 
     def _invert(self, observations: Observations, new: int) -> None:
@@ -330,8 +330,8 @@ class Watch:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""
         span = observations.survey.spans[number]
         start, end = span.start_time, span.end_time
-        place = self.state.find(start, end)
-        before = None if place is None else self.state.reported[place]
+        index = self.state.find(start, end)
+        before = None if index is None else self.state.reported[index]
         name = before.file if before is not None else _file_name(number, start)
         path = self.watched.out / name
         message = self._message(number, before, path)
@@ -349,10 +349,10 @@ class Watch:
             current_known=message.current is not None,
             file=name,
         )
-        if place is None:
+        if index is None:
             self.state.reported.append(entry)
         else:
-            self.state.reported[place] = entry
+            self.state.reported[index] = entry
         self.state.save(self.watched.out)
 
     def _message(self, number: int, before: ReportedDive | None, path: Path) -> SurfacingMessage:
@@ -389,7 +389,7 @@ def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
     before, after = list(read_profiles(store)), list(numbers)
     foreign = sorted(set(before) - set(after))
     if foreign:
-        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another --store")
+        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another `store`")
     return after[: len(before)] == before
 
 
@@ -416,7 +416,7 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
     check_folder(watched.out)
     if watched.out.resolve() == folder_of(watched.source).resolve():
         raise InputError(
-            f"{watched.out}: is the folder being watched; give another one for messages and copies with --out"
+            f"{watched.out}: is the folder being watched; give another one for messages and copies with `out`"
         )
     if is_archive(folder_of(watched.source)):
         raise InputError(f"{watched.source}: is an archive; give the folder in which the glider's files arrive")

@@ -272,7 +272,7 @@ def test_a_given_declination_replaces_the_one_in_the_file_and_no_other_is_asked_
 def test_a_magnetic_heading_without_a_declination_has_a_remark():
     for attributes in ({"comment": "magnetic"}, {"source": "Heading"}, {"source": "m_heading"}):
         found = currents(_turned(**attributes))
-        assert "the file has no declination: give declination" in str(found.attrs["comment"]).replace("--", "")
+        assert "the file has no declination: give declination" in str(found.attrs["comment"]).replace("`", "")
     assert currents(_turned(source="Compass")).attrs["comment"] == "none"
 
 

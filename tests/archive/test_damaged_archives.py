@@ -9,7 +9,7 @@ from support.damages import damages
 from support.missions import program
 
 from gliderhpc.archive.mission import archive_errors, open_mission
-from gliderhpc.errors import InputError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.store_schema import create_study, restored_on_error
 from gliderhpc.studies import validation
 
@@ -125,10 +125,10 @@ def test_a_refused_validation_leaves_the_earlier_one(swift, swift_store, tmp_pat
     assert program(*command).status == 0
     before = _files(copy)
 
-    def not_flown(_, job, __):
-        return validation.StudiedProfile(job[0], job[1], {"message": "too short"})
+    def not_flown(*_):
+        raise ProfileError("too short")
 
-    monkeypatch.setattr(validation, "fly_profile", not_flown)
+    monkeypatch.setattr(validation, "run_forward", not_flown)
     answer = program(*command)
     assert answer.status == 2
     assert "no profile could be simulated; too short" in answer.line

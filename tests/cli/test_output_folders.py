@@ -40,7 +40,7 @@ def fill_and_fail(out, *, error, theirs=None):
 
 def test_a_failed_write_leaves_no_files(tmp_path):
     full = OSError(errno.ENOSPC, "No space left on device")
-    with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\); give another --out"):
+    with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\); give another `out`"):
         fill_and_fail(tmp_path / "new" / "study", error=full)
     assert names(tmp_path) == []
 
@@ -55,9 +55,9 @@ def test_files_added_by_others_in_the_meantime_are_not_removed(tmp_path):
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path, below):
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to(tmp_path / "nothing")
-    with pytest.raises(InputError, match="file is not a folder; give another --out"):
+    with pytest.raises(InputError, match="file is not a folder; give another `out`"):
         check_folder(tmp_path / "file" / below)
-    with pytest.raises(InputError, match="link is a broken link; remove it or give another --out"):
+    with pytest.raises(InputError, match="link is a broken link; remove it or give another `out`"):
         check_folder(tmp_path / "link" / below)
     check_folder(tmp_path / "new" / below)
     assert not (tmp_path / "new").exists()

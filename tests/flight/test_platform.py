@@ -218,7 +218,7 @@ def test_overrides_can_add_a_prior():
     [
         ("buoyancy.neutral_volum", "1", r"no key 'buoyancy\.neutral_volum', did you mean 'buoyancy\.neutral_volume'\?"),
         ("buoyancy", "1", "no key 'buoyancy'"),
-        ("viscous.K_D0", "-1", r"--set platform\.viscous\.K_D0=-1: viscous\.K_D0 is -1 "),
+        ("viscous.K_D0", "-1", r"`platform\.viscous\.K_D0=-1`: viscous\.K_D0 is -1 "),
         ("viscous.K_D0", "much", "finite number"),
         ("inertia", "[1, 2", "neither a number nor a list"),
     ],

@@ -7,6 +7,7 @@ import pytest
 from support.missions import changed_observations, program
 
 import gliderhpc as gh
+from gliderhpc.api.estimated_hulls import HullFromGlides
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
@@ -135,7 +136,7 @@ def test_a_parameter_that_is_held_keeps_its_value(records):
 
 def test_without_rounds_the_steady_glides_alone_count(records):
     found = gh.calibrate(records, "petrel-l", hold_out=4, rounds={"most": 0})
-    assert found.dives is None
+    assert isinstance(found, HullFromGlides)
     assert "scatter" in found.table.columns
     with pytest.raises(gh.InputError, match="history"):
         assert len(found.history)
@@ -147,7 +148,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
 
     monkeypatch.setattr("gliderhpc.api.hulls.calibrate_on_dives", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
-    assert found.dives is None
+    assert isinstance(found, HullFromGlides)
     assert found.notes[-1].startswith("WARNING: fit of the steady glides alone, since the dives did not give a better")
     assert found.platform.source.endswith("calibration: worse.")
     assert "calibration" not in found.platform.model_fields_set
@@ -163,7 +164,7 @@ def test_rounds_that_the_steady_glides_contradict_are_refused(records, monkeypat
 
     monkeypatch.setattr(DiveRounds, "run", misled)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
-    assert found.dives is None
+    assert isinstance(found, HullFromGlides)
     assert "larger error of depth rate than the fit of its trim alone on the profiles fitted" in found.notes[-1]
 
 
@@ -207,7 +208,7 @@ def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypa
     eta[2] = 8.0
     monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, full_step=np.zeros_like(eta)))
     refused = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
-    assert refused.dives is None
+    assert isinstance(refused, HullFromGlides)
     assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.failure
 
 
@@ -316,7 +317,7 @@ def test_the_steady_glide_fit_is_returned_if_no_dive_can_be_smoothed(records, mo
 
     monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_dive", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
-    assert found.dives is None
+    assert isinstance(found, HullFromGlides)
     assert "no dive could be smoothed, the first because no attitude" in found.notes[-1]
 
 

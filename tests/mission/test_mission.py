@@ -782,7 +782,7 @@ def test_profiles_are_chosen_by_numbers_and_ranges(text, chosen):
     "text", ["", "a", "1:", "3-", "3-2", "5:1", "4", "4:9", "1,,2", "-1", pytest.param("1" * 5000, id="digits")]
 )
 def test_profiles_that_cannot_be_chosen(text):
-    with pytest.raises(InputError, match="--profiles"):
+    with pytest.raises(InputError, match="`profiles="):
         select_profiles([1, 2, 3, 18], text)
 
 

@@ -34,9 +34,9 @@ from gliderhpc.report.page.mission_figures import MissionTable, map_figure, roun
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import run_command, study_command
-from gliderhpc.report.studies import SHOWN
 from gliderhpc.simulator import load_scenario
 from gliderhpc.store_schema import consolidate, create_archive
+from gliderhpc.studies.registry import ALL_STUDIES
 from gliderhpc.studies.request import Request
 
 STUDIED = ("currents", "vertical")
@@ -89,7 +89,7 @@ def test_page_has_every_section(report):
     page = read(report / "index.html")
     first = ["answers", "overview", "representative", "published"]
     assert list(page.sections)[:4] == first
-    assert set(page.sections) == {*first, *SHOWN, "windows", "provenance"}
+    assert set(page.sections) == {*first, *ALL_STUDIES, "windows", "provenance"}
     assert list(page.sections)[-1] == "provenance"
     for text in page.sections.values():
         assert len(text.split()) > 10
@@ -136,7 +136,7 @@ def test_overview_is_the_archives(report, studied):
 def test_a_missing_study_is_named_with_the_command_that_makes_it(report, studied, own_copy, tmp_path):
     """The command is taken from the page and run; then the section is filled."""
     page = read(report / "index.html")
-    for name in set(SHOWN) - set(STUDIED):
+    for name in set(ALL_STUDIES) - set(STUDIED):
         verb = "validate" if name == "validation" else f"analyze .* {name}"
         assert re.search(f"does not hold this study.*gliderhpc {verb}", page.sections[name], re.DOTALL), name
     text = page.sections["reconstruction"]
@@ -447,7 +447,7 @@ def tour(tmp_path_factory):
 @pytest.mark.compiled
 def test_the_demo_fills_the_section_of_every_study(tour):
     sections = read(tour.report.page).sections
-    for name in SHOWN:
+    for name in ALL_STUDIES:
         assert "does not hold this study" not in sections[name], name
         assert "cannot be shown" not in sections[name], name
         assert any(path.stem.startswith(f"{name}_") for path in tour.report.figures), name

@@ -284,7 +284,7 @@ def test_rows_that_do_not_fit_are_refused(archive):
 
 def test_an_existing_archive_is_refused_unless_overwritten(archive):
     write_table_rows(archive, {0: {"status": "done"}})
-    with pytest.raises(InputError, match=r"--resume.*--overwrite"):
+    with pytest.raises(InputError, match=r"`resume=True`.*`overwrite=True`"):
         create_archive(archive, PROFILES, SIZES, {})
     create_archive(archive, [1, 2], SIZES, {}, overwrite=True)
     with xr.open_dataset(archive, engine="zarr") as table:

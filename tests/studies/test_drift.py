@@ -21,7 +21,8 @@ from gliderhpc.mission.settings import build_settings_of
 from gliderhpc.platform import read_platform
 from gliderhpc.report.page.content import Remarks
 from gliderhpc.report.page.operator_summary import operator_section
-from gliderhpc.report.studies.drift import comparisons, drift_sentences, table_5, table_5_text
+from gliderhpc.report.studies.drift import drift_sentences
+from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.simulator.hull import true_hull
 from gliderhpc.store_schema import check_archive
@@ -29,14 +30,9 @@ from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes
+from gliderhpc.studies.library.drift.change_rows import change_rows, read_changes, stored_changes
 from gliderhpc.studies.library.drift.change_search import spikes
-from gliderhpc.studies.library.drift.change_text import (
-    change_lines,
-    change_rows,
-    describe_change,
-    read_changes,
-    stored_changes,
-)
+from gliderhpc.studies.library.drift.change_text import change_lines, describe_change
 from gliderhpc.studies.library.drift.coefficients import (
     OWN,
     SegmentMedians,
@@ -227,7 +223,7 @@ def test_a_force_against_the_motion_is_a_drag():
 
 def test_settings_are_checked():
     for assignments in ({"depth_band": "[90, 40]"}, {"coefficients.settling": "500"}, {"epochs": "2"}):
-        with pytest.raises(InputError, match="--set"):
+        with pytest.raises(InputError, match=r"^(settings: a depth_band|`coefficients`: a segment|`epochs`: )"):
             build_settings_of(DriftSettings, {}, assignments)
     assert build_settings_of(DriftSettings, {}, {"epochs": "null"}).epochs is None
 

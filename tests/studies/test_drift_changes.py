@@ -18,15 +18,13 @@ from gliderhpc.studies.library.drift.change_points import (
     find_moment_changes,
     moment_per_degree,
 )
-from gliderhpc.studies.library.drift.change_text import (
+from gliderhpc.studies.library.drift.change_rows import (
     change_rows,
-    describe_change,
-    drag_name,
-    moment_lines,
     moment_rows,
     read_moment_changes,
     stored_moment_changes,
 )
+from gliderhpc.studies.library.drift.change_text import describe_change, drag_name, moment_lines
 from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings, DriftSettings
 from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
 from gliderhpc.vocabulary import PHASES

@@ -24,7 +24,7 @@ from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.library.model_file import Axis, LongitudeAxis, open_model_file, product_of, without_password
 from gliderhpc.studies.library.ocean_model import Coverage, Grid, expand_source, open_models
 from gliderhpc.studies.library.scores import covariance_matrix, direction, direction_difference, sigma_distance
-from gliderhpc.studies.library.tracks import Current, DivePath, archived_currents, dive_path
+from gliderhpc.studies.library.tracks import DivePath, UncertainCurrent, archived_currents, dive_path
 from gliderhpc.studies.reanalysis import compare_with_models
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.request import Request
@@ -424,7 +424,7 @@ def test_agreement_counts_only_where_both_are_known():
 
 
 def side_by_side(count=20):
-    currents = [Current(np.array([0.1, -0.02 * index]), 0.01 * np.eye(2)) for index in range(count)]
+    currents = [UncertainCurrent(np.array([0.1, -0.02 * index]), 0.01 * np.eye(2)) for index in range(count)]
     glider = np.array([current.velocity for current in currents])
     models = np.stack([glider + np.array([0.1, 0.0]), glider + np.array([0.0, 0.25])], axis=1)
     models[3] = np.nan
@@ -635,7 +635,7 @@ def test_a_missing_fix_is_stated_in_the_message_of_the_profile(archive, sources)
 @pytest.mark.compiled
 def test_with_all_studies_it_runs_only_where_a_model_is_given(archive):
     request = Request(archive, lambda: local_executor(0))
-    assert "--model" in missing_input("reanalysis", request)
+    assert "`models`" in missing_input("reanalysis", request)
     assert missing_input("reanalysis", replace(request, models=("hycom.nc",))) is None
 
 

@@ -207,7 +207,7 @@ def test_events_are_not_judged_by_the_ceiling_of_few_nulls():
     floor, (remark,) = null_floor(nulls_of([0.4] * 3 + [0.5]), "adjoint", EventSettings())
     assert (floor.ceiling, floor.nulls, floor.decides) == (0.5, 4, False)
     assert "the events cannot be judged: the ceiling is that of 4 nulls" in remark
-    assert "without --quick" in remark
+    assert "without `quick`" in remark
 
 
 @pytest.mark.compiled

@@ -513,7 +513,7 @@ def test_an_error_that_nothing_explains_is_named():
                     errors_after=Errors(np.array([0.01, 0.01, 0.01, 0.05]), np.full(4, 0.01)))  # fmt: skip
     (warning,) = [line for line in notes(replace(found, held_out=grown)) if "hardly balances" in line]
     assert "at the profiles held out, the turn rate is in error by 2.86 degree/s, and by 0.57 " in warning
-    assert "--set calibration.hold=[K_beta,K_MR,K_MY,K_r]" in warning
+    assert "`calibration.hold=[K_beta,K_MR,K_MY,K_r]`" in warning
     assert any(line.startswith("WARNING: the pitch is still in error by") for line in remarks)
     assert not any("the roll is still in error" in line for line in remarks)
 

@@ -188,7 +188,7 @@ def test_the_constant_counts_by_student_s_t(headings, directions, basis):
     assert found.threshold == pytest.approx(max(limit, CHECKS.least_deviation))
     fine = compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=0.0))[0]
     assert fine.threshold == pytest.approx(limit)
-    assert found.suggestion == f"--set records.heading_offset={np.degrees(fit.values[0]):.1f}"
+    assert found.suggestion == f"`records.heading_offset={np.degrees(fit.values[0]):.1f}`"
     coarse = compass_findings(drawn, NO_TURNS, CheckSettings(least_deviation=50.0))
     assert [one.threshold for one in coarse][:1] == [50.0]
     assert coarse[0].verdict is not CheckVerdict.FOUND

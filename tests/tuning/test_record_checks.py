@@ -282,7 +282,7 @@ def test_a_hull_by_density_is_checked_in_the_water_that_was_measured():
 def test_only_a_calibrated_hull_gets_a_correction_and_what_is_corrected_is_counted():
     records = RecordSettings(pitch_offset=1.0, pitch_scale=0.8)
     finding = pitch_findings(CALIBRATED, segments(2, 2.5), CHECKS, records)[0]
-    assert finding.suggestion == f"--set records.pitch_offset={1.0 + finding.size / 0.8:.2f}"
+    assert finding.suggestion == f"`records.pitch_offset={1.0 + finding.size / 0.8:.2f}`"
     assert pitch_findings(PETREL, segments(2, 2.5), CHECKS)[0].suggestion.startswith("calibrate the hull")
 
 
@@ -297,7 +297,7 @@ def test_a_scale_of_the_pitch_is_found_where_steepness_varies_enough():
         offset, gain, *_ = pitch_findings(CALIBRATED, misread(seed, 0.86, (17.0, 55.0)), CHECKS)
         assert (gain.quantity, gain.verdict) == (GAIN, CheckVerdict.FOUND)
         assert abs(gain.size + 0.14) < 2.5 * gain.error
-        assert gain.suggestion == f"--set records.pitch_scale={1.0 + gain.size:.3f}"
+        assert gain.suggestion == f"`records.pitch_scale={1.0 + gain.size:.3f}`"
         assert abs(offset.size - 1.5) < 2.5 * offset.error
         right = pitch_findings(CALIBRATED, misread(seed, 1.0, (17.0, 55.0)), CHECKS)[-1]
         assert right.verdict is CheckVerdict.NOTHING

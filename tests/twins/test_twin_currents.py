@@ -23,7 +23,7 @@ from gliderhpc.twins.currents.results import (
     COVERS,
     OVER,
     UNDER,
-    UncertaintyModel,
+    EllipseModel,
     coverage_lines,
     ellipse_of,
     error_of,
@@ -59,7 +59,7 @@ def _rows(count, settings=TRUE, seed=1, offset=0.0):
 
 
 def _every(settings, rows):
-    (line,) = (line for line in coverage_lines(UncertaintyModel("any", settings, rows)) if line["speed"] == ALL)
+    (line,) = (line for line in coverage_lines(EllipseModel("any", settings, rows)) if line["speed"] == ALL)
     return line
 
 
@@ -97,9 +97,7 @@ def test_the_course_s_error_holds_errors_across_the_track_at_any_current():
     verdicts = {
         names: {
             line["speed"]: line["verdict"]
-            for line in coverage_lines(
-                UncertaintyModel("any", fitted_to_cover(rows, names), _rows(600, compass, seed=5))
-            )
+            for line in coverage_lines(EllipseModel("any", fitted_to_cover(rows, names), _rows(600, compass, seed=5)))
         }
         for names in (PUBLISHED_TERMS, TERMS)
     }

@@ -206,7 +206,7 @@ def _remarks(record: Record) -> tuple[str, ...]:
     ]
     if not record.declination.known:
         remarks.append(
-            f"{name}: heading left magnetic, because the file has no declination: give --declination, or the currents "
+            f"{name}: heading left magnetic, because the file has no declination: give `declination`, or the currents "
             "will be rotated by it"
         )
     return tuple(remarks)

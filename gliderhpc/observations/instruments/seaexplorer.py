@@ -195,7 +195,7 @@ def _describe_heading(rows: Rows, declination: float | None) -> tuple[str, tuple
     if len(known) and not known.any():
         left = "Declination is 0 in every row"
         return f"magnetic heading: {left}, so none is added", (
-            f"{left}, so the heading is left magnetic: give --declination, or the currents will be rotated by it",
+            f"{left}, so the heading is left magnetic: give `declination`, or the currents will be rotated by it",
         )
     return "magnetic heading plus the declination in the same row of the file", ()
 

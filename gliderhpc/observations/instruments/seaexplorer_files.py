@@ -246,7 +246,7 @@ def _read_file(path: Path, cycle: int, clock: str, names: Sequence[str]) -> tupl
     fields = _fields(header)
     absent = [name for name in (clock, *names) if name not in fields]
     if absent:
-        other = ", or the declination with --declination" if absent[0] == "Declination" else ""
+        other = ", or the declination with `declination`" if absent[0] == "Declination" else ""
         what = describe_content(path)
         separated = "" if len(fields) > 1 else "; its columns must be separated by semicolons"
         raise InputError(

@@ -249,7 +249,7 @@ def _complete_declinations(found: dict[int, _DiveFile], given: float | None) -> 
     if lacking and not known:
         return (
             f"{_dives(lacking)}: heading left magnetic, because no file has a declination (magnetic_variation): give "
-            "--declination, or the currents will be rotated by it",
+            "`declination`, or the currents will be rotated by it",
         )
     for number in lacking:
         source = max((other for other in known if other < number), default=min(known))

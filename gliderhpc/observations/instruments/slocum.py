@@ -360,7 +360,7 @@ def true_heading(rows: Rows, declination: float | None) -> tuple[FloatArray, str
     if not reported.any():
         raise InputError(
             "m_gps_mag_var is missing, so the magnetic heading cannot be referred to true north; give the declination "
-            "with --declination (degree, east positive; 0 leaves the heading as it is)"
+            "with `declination` (degree, east positive; 0 leaves the heading as it is)"
         )
     seconds = (rows.time - rows.time[0]) / SECOND
     east = -np.interp(seconds, seconds[reported], variation[reported])

@@ -206,7 +206,7 @@ class BinaryReader:
 
     def __init__(self, folder: Path, cache: Path | None) -> None:
         if cache is not None and not cache.is_dir():
-            raise InputError(f"{cache}: no such folder; give --cache the folder that contains the *.cac files")
+            raise InputError(f"{cache}: no such folder; give `cache` the folder that contains the *.cac files")
         self._library = _import_dbdreader()
         self._process = DbdProcess(folder)
         self._folder = folder
@@ -295,7 +295,7 @@ class BinaryReader:
         where = str(self._cache) if self._cache else f"{path.parent} or its folders cac and cache"
         raise InputError(
             f"{path}: its cache file {wanted.name} is not in {where}; copy it from the glider's folder STATE/CACHE, "
-            "or give its folder with --cache"
+            "or give its folder with `cache`"
         )
 
     def _columns(self, plain: Path, path: Path, clock: str, sensors: Sequence[Sensor]) -> dict[str, FloatArray]:

@@ -192,9 +192,9 @@ class NavigationColumns(NamedColumns):
         try:
             found = file_declination(self, map(str, self._dataset.variables))
         except InputError as error:
-            return 0.0, [f"{why}, and the declination in the file cannot be used ({error}): give --declination"]
+            return 0.0, [f"{why}, and the declination in the file cannot be used ({error}): give `declination`"]
         if found is None:
-            return 0.0, [f"{why}, and the file has no declination: give --declination"]
+            return 0.0, [f"{why}, and the file has no declination: give `declination`"]
         return found.angle, [f"{why}: the declination in the file, {found.angle:.1f} degrees ({found.name}), is added"]
 
     def _north(self) -> tuple[North, str]:

@@ -111,14 +111,14 @@ def _with_adopted_currents(tree: Archive, table: xr.Dataset, study: xr.Dataset) 
     stored, settings = study.attrs.get("errors"), settings_of(tree).current
     by_hull = bool(study.attrs.get("by_hull", settings.by_hull))
     errors = settings.errors(platform_of(tree)) if stored is None else CurrentErrors.model_validate(stored)
-    for place in np.flatnonzero(smoothed):
-        data = read_profile_data(tree, int(table["profile"][place]))
+    for index in np.flatnonzero(smoothed):
+        data = read_profile_data(tree, int(table["profile"][index]))
         drift = archived_drift(tree, data, SMOOTHED, by_hull=by_hull)
         if drift is not None:
             covariance = current_uncertainty(drift, errors).covariance
             values = (*drift.velocity, *np.sqrt(np.diag(covariance)), covariance[0, 1], SMOOTHED)
             for name, value in zip(_OF_CURRENT, values, strict=True):
-                adopted[name].values[place] = value
+                adopted[name].values[index] = value
     return adopted
 
 

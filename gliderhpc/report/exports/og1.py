@@ -18,7 +18,7 @@ from gliderhpc.report.exports import og1_dives as dives
 from gliderhpc.report.exports.og1_community import COMMUNITY_TERMS, VOCABULARY, community_rows
 from gliderhpc.report.exports.og1_metadata import Extent, describe_file
 from gliderhpc.report.exports.og1_rows import Counter, Rows, ground_track, names_of, profile_rows
-from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, TERMS, Term
+from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, TERMS, Og1Term
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.vertical import NAME as VERTICAL
 
@@ -131,7 +131,7 @@ def _row(tree: Archive, group: str, number: int) -> xr.Dataset | None:
     return tree[group].to_dataset().sel(profile=number).load() if group in tree.children else None
 
 
-def _column(term: Term, rows: Rows) -> Column:
+def _column(term: Og1Term, rows: Rows) -> Column:
     name, values = term.name, rows[term.name]
     if term.fill is not None:
         values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)

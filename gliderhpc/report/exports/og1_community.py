@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.report.exports.og1_rows import Rows
-from gliderhpc.report.exports.og1_vocabulary import PHASES, TERMS, WITH_QC, Term, flags, quality_control, quantity
+from gliderhpc.report.exports.og1_vocabulary import PHASES, TERMS, WITH_QC, Og1Term, flags, quality_control, quantity
 from gliderhpc.yaml_text import parse_yaml
 
 _FILE = "og1_terms.yaml"
@@ -39,13 +39,13 @@ _OLDER_NAMES = frozenset({"time_vocabulary", "latitude_vocabulary", "longitude_v
 """Attributes that the manual replaced by `vocabulary` in December 2025."""
 
 
-def _terms() -> Iterator[Term]:
+def _terms() -> Iterator[Og1Term]:
     for name in _SAME:
         term = TERMS[name]
-        yield Term(
+        yield Og1Term(
             name, term.dtype, {key: text for key, text in term.attributes.items() if key not in _OLDER_NAMES}, term.fill
         )
-    yield Term(
+    yield Og1Term(
         "SEGMENT_NUMBER",
         "i4",
         {
@@ -56,7 +56,7 @@ def _terms() -> Iterator[Term]:
     )
     yield flags("PROFILE_DIRECTION", "vertical direction of the profile", "flag_values", DIRECTIONS)
     reckoned = flags("DEAD_RECKONING", "whether the position is computed by dead reckoning", "flag_values", RECKONINGS)
-    yield Term(reckoned.name, reckoned.dtype, reckoned.attributes, _NO_POSITION)
+    yield Og1Term(reckoned.name, reckoned.dtype, reckoned.attributes, _NO_POSITION)
     for name, towards in (("WCUR_X", "east"), ("WCUR_Y", "north")):
         yield quantity(
             name,
@@ -70,7 +70,7 @@ def _terms() -> Iterator[Term]:
     yield from map(quality_control, (*WITH_QC, *_COMPUTED))
 
 
-COMMUNITY_TERMS: Mapping[str, Term] = {term.name: term for term in _terms()}
+COMMUNITY_TERMS: Mapping[str, Og1Term] = {term.name: term for term in _terms()}
 """Variables of the file along the axis of measurements, by name."""
 
 
@@ -99,9 +99,9 @@ def community_rows(rows: Rows) -> Rows:
 
 def _after_the_dive(current: NDArray[np.generic], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return a dive's current in the row of the dive's last fix, and NaN in all others."""
-    place = np.flatnonzero(fixed)[-1:]
+    last = np.flatnonzero(fixed)[-1:]
     values = np.full(len(current), np.nan)
-    values[place] = current[place]
+    values[last] = current[last]
     return values
 
 

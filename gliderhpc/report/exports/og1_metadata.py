@@ -62,15 +62,15 @@ class Extent:
     def attributes(self) -> dict[str, str | float]:
         """Return the global attributes for the extent in time and space."""
         names = {"LATITUDE": "geospatial_lat", "LONGITUDE": "geospatial_lon", "DEPTH": "geospatial_vertical"}
-        found: dict[str, str | float] = {}
+        attributes: dict[str, str | float] = {}
         for name, prefix in names.items():
             if name in self.limits:
-                found |= zip((f"{prefix}_min", f"{prefix}_max"), self.limits[name], strict=True)
+                attributes |= zip((f"{prefix}_min", f"{prefix}_max"), self.limits[name], strict=True)
         first, last = self.limits["TIME"]
-        found |= {"time_coverage_start": _stamp(first), "time_coverage_end": _stamp(last)}
+        attributes |= {"time_coverage_start": _stamp(first), "time_coverage_end": _stamp(last)}
         if {"LATITUDE", "LONGITUDE"} <= set(self.limits):
-            found["geospatial_bounds"] = bounding_polygon(self.limits["LATITUDE"], self.limits["LONGITUDE"])
-        return found | {
+            attributes["geospatial_bounds"] = bounding_polygon(self.limits["LATITUDE"], self.limits["LONGITUDE"])
+        return attributes | {
             "time_coverage_duration": f"PT{last - first:.0f}S",
             "time_coverage_resolution": f"PT{(last - first) / max(1, self.rows - 1):.0f}S",
         }
@@ -100,8 +100,8 @@ def describe_file(
     texts = _texts(tree, hull, start, described)
     _write_single(file, texts, rows, described)
     attributes = _global_attributes(tree, texts["TRAJECTORY"], start, community=community)
-    given = described_attributes(described) if community else dict(described)
-    attributes |= {name: text for name, text in given.items() if name not in _OF_VARIABLES}
+    described_texts = described_attributes(described) if community else dict(described)
+    attributes |= {name: text for name, text in described_texts.items() if name not in _OF_VARIABLES}
     file.describe(attributes)
     lacking = [name for name in REQUIRED if name not in attributes]
     return (*lacking, *(name for name, value in texts.items() if value == UNKNOWN))
@@ -165,8 +165,8 @@ def _global_attributes(tree: Archive, trajectory: str, start: str, *, community:
 def _deployment(rows: Rows) -> tuple[float, float, float]:
     """Return time and position of the first row with a position, else of the first row."""
     known = np.flatnonzero(np.isfinite(rows["LATITUDE"].astype(np.float64)))
-    place = int(known[0]) if len(known) else 0
-    return tuple(float(rows[name][place]) for name in ("TIME", "LATITUDE", "LONGITUDE"))  # type: ignore[return-value]
+    row = int(known[0]) if len(known) else 0
+    return tuple(float(rows[name][row]) for name in ("TIME", "LATITUDE", "LONGITUDE"))  # type: ignore[return-value]
 
 
 def _stamp(seconds: float) -> str:

@@ -237,8 +237,8 @@ def _currents(data: ProfileData, smoothed: bool) -> Iterator[tuple[str, float]]:
         for kind in ("", "_std"):
             yield f"DAVG_CURR_{along}{kind}".upper(), float(getattr(adopted, f"{along}{kind}"))
             for estimate, suffix in columns.items():
-                found = data.table.get(f"dac_{along}{suffix}{kind}", np.nan)
-                yield f"DAVG_CURR_{along}_{estimate}{kind}".upper(), float(found)
+                value = data.table.get(f"dac_{along}{suffix}{kind}", np.nan)
+                yield f"DAVG_CURR_{along}_{estimate}{kind}".upper(), float(value)
     yield "DAVG_CURR_ESTIMATE", CURRENT_ESTIMATES[str(adopted.estimate) or "none"]
 
 
@@ -249,20 +249,20 @@ def _add_fix(rows: Rows, fix: Fix, end: str, last: float) -> None:
         return
     same = np.flatnonzero(rows["TIME"] == time)
     if len(same):
-        place = int(same[0])
+        index = int(same[0])
     else:
-        place = 0 if end == "entry" else len(rows["TIME"])
-        neighbour = place if end == "entry" else place - 1
+        index = 0 if end == "entry" else len(rows["TIME"])
+        neighbour = index if end == "entry" else index - 1
         for name, values in rows.items():
             repeated = name in _REPEATED or name.startswith("DAVG_CURR")
             empty = np.nan if values.dtype.kind == "f" else 0
-            rows[name] = np.insert(values, place, values[neighbour] if repeated else empty)
-        rows["PHASE"][place], rows["DEPTH"][place], rows["TIME"][place] = PHASES["surfacing"], 0.0, time
+            rows[name] = np.insert(values, index, values[neighbour] if repeated else empty)
+        rows["PHASE"][index], rows["DEPTH"][index], rows["TIME"][index] = PHASES["surfacing"], 0.0, time
     for name, value in zip(_FIXED, (time, fix.latitude, fix.longitude), strict=True):
-        rows[name][place] = value
-    rows["LATITUDE"][place], rows["LONGITUDE"][place] = fix.latitude, wrapped_longitude(fix.longitude)
-    rows["LONGITUDE_GPS"][place] = wrapped_longitude(fix.longitude)
-    rows["POSITION_METHOD"][place] = POSITION_METHODS["gps_fix"]
+        rows[name][index] = value
+    rows["LATITUDE"][index], rows["LONGITUDE"][index] = fix.latitude, wrapped_longitude(fix.longitude)
+    rows["LONGITUDE_GPS"][index] = wrapped_longitude(fix.longitude)
+    rows["POSITION_METHOD"][index] = POSITION_METHODS["gps_fix"]
 
 
 _REPEATED = ("DIVE_NUMBER", "PROFILE_NUMBER")

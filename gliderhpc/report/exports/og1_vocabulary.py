@@ -55,7 +55,7 @@ QC_FLAGS = ("no_qc_applied", "good_data", "probably_good_data", "probably_bad_da
 
 
 @dataclass(frozen=True)
-class Term:
+class Og1Term:
     """One variable along the axis of measurements.
 
     Attributes
@@ -76,8 +76,8 @@ class Term:
     fill: float | None = None
 
 
-def _coordinates() -> Iterator[Term]:
-    yield Term(
+def _coordinates() -> Iterator[Og1Term]:
+    yield Og1Term(
         "TIME",
         "f8",
         {
@@ -89,7 +89,7 @@ def _coordinates() -> Iterator[Term]:
         },
         _NO_TIME,
     )
-    yield Term(
+    yield Og1Term(
         "LATITUDE",
         "f8",
         {
@@ -100,7 +100,7 @@ def _coordinates() -> Iterator[Term]:
         },
         _NO_PLACE,
     )
-    yield Term(
+    yield Og1Term(
         "LONGITUDE",
         "f8",
         {
@@ -111,7 +111,7 @@ def _coordinates() -> Iterator[Term]:
         },
         _NO_PLACE,
     )
-    yield Term(
+    yield Og1Term(
         "DEPTH",
         "f8",
         {
@@ -127,24 +127,26 @@ def _coordinates() -> Iterator[Term]:
         },
         _NO_PLACE,
     )
-    yield Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **TIME_ATTRIBUTES}, _NO_TIME)
-    yield Term("LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **LATITUDE_ATTRIBUTES}, _NO_PLACE)
-    yield Term(
+    yield Og1Term("TIME_GPS", "f8", {"long_name": "time of each GPS location", **TIME_ATTRIBUTES}, _NO_TIME)
+    yield Og1Term(
+        "LATITUDE_GPS", "f8", {"long_name": "latitude of each GPS location", **LATITUDE_ATTRIBUTES}, _NO_PLACE
+    )
+    yield Og1Term(
         "LONGITUDE_GPS", "f8", {"long_name": "longitude of each GPS location", **LONGITUDE_ATTRIBUTES}, _NO_PLACE
     )
 
 
-def flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Term:
+def flags(name: str, long_name: str, kind: str, meanings: Mapping[str, int], dtype: str = "i1", **more: str) -> Og1Term:
     """Return the term of a flag variable; `kind` is ``flag_values`` or ``flag_masks``."""
     values: list[Any] = list(meanings.values())
-    return Term(
+    return Og1Term(
         name, dtype, {"long_name": long_name, kind: values, "flag_meanings": " ".join(meanings), "units": "1", **more}
     )
 
 
-def _count_terms() -> Iterator[Term]:
-    yield Term("DIVE_NUMBER", "i4", {"long_name": "number of the profile in the archive", "units": "1"})
-    yield Term(
+def _count_terms() -> Iterator[Og1Term]:
+    yield Og1Term("DIVE_NUMBER", "i4", {"long_name": "number of the profile in the archive", "units": "1"})
+    yield Og1Term(
         "PROFILE_NUMBER",
         "i4",
         {
@@ -175,7 +177,7 @@ def _count_terms() -> Iterator[Term]:
 _BETWEEN_SAMPLES = "linear between samples where SAMPLED is zero; missing in gaps of the record"
 
 
-def _measured_terms() -> Iterator[Term]:
+def _measured_terms() -> Iterator[Og1Term]:
     described = {
         "ROLL": ("roll, starboard down", "platform_roll_starboard_down"),
         "PITCH": ("pitch, nose up", "platform_pitch_fore_up"),
@@ -196,7 +198,7 @@ def _measured_terms() -> Iterator[Term]:
     yield quantity("RUDDER", "degree", "rudder angle", comment="positive where it turns the glider to starboard")
 
 
-def _current_terms() -> Iterator[Term]:
+def _current_terms() -> Iterator[Og1Term]:
     origins = {
         "": "the estimate that DAVG_CURR_ESTIMATE names",
         "_ADJOINT": "the adjoint's displacement",
@@ -238,7 +240,7 @@ _STANDARD_NAMES = {
 """CF standard names of estimated quantities; forces, moments and displacements through the water have none."""
 
 
-def _estimates(estimator: str) -> Iterator[Term]:
+def _estimates(estimator: str) -> Iterator[Og1Term]:
     for name, (units, long_name) in {**CHANNELS, **MOTION}.items():
         over = ", mean over the record's interval" if name in CHANNELS and estimator == "ADJOINT" else ""
         yield _estimate(name, estimator, units, f"{long_name}, {estimator.lower()} estimate{over}")
@@ -248,15 +250,15 @@ def _estimates(estimator: str) -> Iterator[Term]:
         yield _estimate(name, estimator, variable.units, f"{long_name}, {estimator.lower()} estimate")
 
 
-def _estimate(name: str, estimator: str, units: str, long_name: str) -> Term:
+def _estimate(name: str, estimator: str, units: str, long_name: str) -> Og1Term:
     standard = _STANDARD_NAMES.get(name.upper())
     more = {} if standard is None else {"standard_name": standard}
     return quantity(f"{name.upper()}_{estimator}", units, long_name, **more)
 
 
-def quantity(name: str, units: str, long_name: str, **more: str) -> Term:
+def quantity(name: str, units: str, long_name: str, **more: str) -> Og1Term:
     """Return the term of a quantity at the times and positions of the rows."""
-    return Term(name, "f4", {"long_name": long_name, "units": units, "coordinates": _AT, **more})
+    return Og1Term(name, "f4", {"long_name": long_name, "units": units, "coordinates": _AT, **more})
 
 
 _SPEEDS = (
@@ -305,7 +307,7 @@ WITH_QC = ("TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS",
 """Variables with a quality-control flag, whose value is always that no quality control was applied."""
 
 
-def quality_control(name: str, **more: str) -> Term:
+def quality_control(name: str, **more: str) -> Og1Term:
     """Return the term of a variable's quality-control flag."""
     meanings = {meaning: value for value, meaning in enumerate(QC_FLAGS)}
     return flags(f"{name}_QC", "quality flag", "flag_values", meanings, **more)
@@ -322,7 +324,7 @@ VERTICAL_QC = quality_control(
 )
 
 
-def deviation_of(term: Term) -> Term:
+def deviation_of(term: Og1Term) -> Og1Term:
     """Return the term of an estimate's standard deviation."""
     attributes = {
         "long_name": f"standard deviation of {term.name}",
@@ -331,13 +333,13 @@ def deviation_of(term: Term) -> Term:
     }
     if "standard_name" in term.attributes:
         attributes["standard_name"] = f"{term.attributes['standard_name']} standard_error"
-    return Term(f"{term.name}_STD", term.dtype, attributes)
+    return Og1Term(f"{term.name}_STD", term.dtype, attributes)
 
 
 ADJOINT_TERMS = tuple(_estimates("ADJOINT"))
 SMOOTHED_TERMS = tuple(_estimates("SMOOTHED"))
 
-TERMS: Mapping[str, Term] = {
+TERMS: Mapping[str, Og1Term] = {
     term.name: term
     for term in (
         *_coordinates(), *_count_terms(), *_measured_terms(), *_current_terms(), *_SPEEDS, *VERTICAL_TERMS, VERTICAL_QC,

@@ -60,7 +60,7 @@ def write_report(
         raise InputError("profile, twins and truth belong to one archive; leave them out of a fleet's report")
     if profile is not None and twins is not None:
         raise InputError("twins belongs to the page of the mission, not to that of a profile; leave one of them out")
-    places, folder = [one if is_address(one) else Path(one) for one in stores], Path(out)
+    places, folder = [member if is_address(member) else Path(member) for member in stores], Path(out)
     twins, truth = (None if path is None else Path(path) for path in (twins, truth))
     check_folder(folder)
     if len(places) > 1:

@@ -35,14 +35,14 @@ def profile_anomalies(summary: Summary, table: MissionTable) -> Iterator[str]:
 
 def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
     """Yield the most common remarks on estimated profiles, with the number of profiles; numbers may differ in each."""
-    found: dict[str, list[str]] = {}
+    by_pattern: dict[str, list[str]] = {}
     for status, text in summary.messages.values():
         if status == "done":
             own = {_NUMBER.sub("N", remark): remark for remark in filter(None, text.split("; "))}
             for pattern, remark in own.items():
-                found.setdefault(pattern, []).append(remark)
+                by_pattern.setdefault(pattern, []).append(remark)
     done = int(table.done.sum())
-    common = sorted(found.values(), key=len, reverse=True)
+    common = sorted(by_pattern.values(), key=len, reverse=True)
     for remarks in common[:_LISTED]:
         if len(remarks) > 1 and len(remarks) >= _COMMON * done:
             example = remarks[0] if len(set(remarks)) == 1 else f"{remarks[0]} (values of the first)"

@@ -167,7 +167,7 @@ Block = Paragraph | Notice | Remarks | Commands | Facts | Table | LinkedTable | 
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """Blocks under a heading; `anchor` is the fragment of its address."""
 
     anchor: str
@@ -175,7 +175,7 @@ class Section:
     blocks: tuple[Block, ...]
 
 
-def drawn(section: Section) -> Section:
+def drawn(section: PageSection) -> PageSection:
     """Return a section with its figures drawn."""
     return replace(section, blocks=tuple(_drawn(block) for block in section.blocks))
 
@@ -192,7 +192,7 @@ class Page:
 
     title: str
     subtitle: str
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
     stylesheet: str | None = None
 
 

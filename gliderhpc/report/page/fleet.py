@@ -22,8 +22,8 @@ from gliderhpc.report.page.content import (
     LinkedTableEntry,
     Notice,
     Page,
+    PageSection,
     Row,
-    Section,
 )
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
@@ -135,7 +135,7 @@ def folder_names(places: Sequence[Place]) -> list[str]:
     parts = [_name_parts(place) for place in places]
     depths = [1] * len(parts)
     while True:
-        names = ["-".join(one[-depth:]) for one, depth in zip(parts, depths, strict=True)]
+        names = ["-".join(words[-depth:]) for words, depth in zip(parts, depths, strict=True)]
         same = [index for index in _duplicates(names) if depths[index] < len(parts[index])]
         if not same:
             return _with_numbers(names)
@@ -163,7 +163,7 @@ def _with_numbers(names: Sequence[str]) -> list[str]:
     taken, wanted = set(_RESERVED), {name.casefold() for name in names}
     for name in names:
         candidates = (f"{name}-{count}" for count in itertools.count(2))
-        free = (one for one in candidates if one.casefold() not in taken | wanted)
+        free = (candidate for candidate in candidates if candidate.casefold() not in taken | wanted)
         numbered.append(name if name.casefold() not in taken else next(free))
         taken.add(numbered[-1].casefold())
     return numbered
@@ -185,9 +185,9 @@ def _fleet_page(members: Sequence[_Member], out: Path) -> Page:
     )
     command = shlex.join(["gliderhpc", "report", *(str(member.place) for member in members), "--out", str(out)])
     sections = (
-        Section("fleet", "The gliders", (roster,)),
-        Section("map", "Map", (_map_block(members),)),
-        Section(
+        PageSection("fleet", "The gliders", (roster,)),
+        PageSection("map", "Map", (_map_block(members),)),
+        PageSection(
             "reproduction", "How to reproduce this", (Commands("This command writes all pages again:", (command,)),)
         ),
     )

@@ -61,7 +61,7 @@ class FleetTrack:
         Number on the map, and name in the legend.
     fixes : (n, 2) array
         Longitude and latitude of all fixes in order, degrees; missing ones are omitted.
-    place : (2,) array
+    position : (2,) array
         Longitude and latitude of the current, degrees; NaN without a current.
     current : (2,) array
         East and north component of the current, m/s; NaN without a current.
@@ -72,19 +72,19 @@ class FleetTrack:
     number: int
     name: str
     fixes: Array
-    place: Array
+    position: Array
     current: Array
     deviations: Array
 
     @property
     def has_current(self) -> bool:
         """Return whether an arrow can be drawn."""
-        return bool(np.isfinite(self.place).all() and np.isfinite(self.current).all())
+        return bool(np.isfinite(self.position).all() and np.isfinite(self.current).all())
 
     def shifted(self, longitude: float) -> tuple[Array, Array]:
         """Return fixes and place, shifted by full turns near a longitude, to avoid a split at the date line."""
         shift = np.array([360.0 * round((longitude - self.fixes[:, 0].mean()) / 360.0), 0.0])
-        return self.fixes + shift, self.place + shift
+        return self.fixes + shift, self.position + shift
 
 
 def fleet_map(tracks: Sequence[FleetTrack]) -> Figure | None:
@@ -138,7 +138,7 @@ def _draw_currents(
     axes: Axes, tracks: Sequence[FleetTrack], placed: Sequence[tuple[Array, Array]], every: Array, shrink: float
 ) -> list[Array]:
     """Draw arrows in their true direction with their ellipses, and return the outlines that the map must include."""
-    known = [(track, place) for track, (_, place) in zip(tracks, placed, strict=True) if track.has_current]
+    known = [(track, position) for track, (_, position) in zip(tracks, placed, strict=True) if track.has_current]
     if not known:
         return []
     extent = max(float(np.hypot(*(np.ptp(every, axis=0) * [shrink, 1.0]))), MIN_EXTENT / DEGREE)
@@ -146,12 +146,12 @@ def _draw_currents(
     degrees = _ARROW_LENGTH * extent / max(fastest, 1e-3)
     stretch = degrees * np.array([1.0 / shrink, 1.0])
     outlines = []
-    for track, place in known:
-        outline = place + (track.current + _ellipse(track)) * stretch
+    for track, position in known:
+        outline = position + (track.current + _ellipse(track)) * stretch
         axes.fill(*outline.T, facecolor=_colour(track), alpha=0.25, edgecolor="none", zorder=3.0)
         outlines.append(outline)
     places, lengths = (
-        np.array(pairs) for pairs in ([place for _, place in known], [t.current * stretch for t, _ in known])
+        np.array(pairs) for pairs in ([position for _, position in known], [t.current * stretch for t, _ in known])
     )
     arrows = axes.quiver(
         *places.T,

@@ -17,11 +17,12 @@ from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, FleetTrack
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
-from gliderhpc.report.studies import SHOWN, studies_in
+from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.place import Place
+from gliderhpc.studies.registry import ALL_STUDIES
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
 
@@ -148,13 +149,13 @@ class MissionState:
         latitude, longitude = self.table.fixes
         fixes = np.column_stack([longitude.ravel(), latitude.ravel()])
         fixes = fixes[np.isfinite(fixes).all(axis=1)]
-        place, current, deviations = (np.full(count, np.nan) for count in (2, 2, 3))
+        position, current, deviations = (np.full(count, np.nan) for count in (2, 2, 3))
         if self.current is not None:
-            found = self.current
-            place = self._place(fixes)
-            current = np.array([found.east, found.north])
-            deviations = np.array([found.north_std, found.east_std, found.covariance])
-        return FleetTrack(number, name, fixes, place, current, deviations)
+            last = self.current
+            position = self._place(fixes)
+            current = np.array([last.east, last.north])
+            deviations = np.array([last.north_std, last.east_std, last.covariance])
+        return FleetTrack(number, name, fixes, position, current, deviations)
 
     def _place(self, fixes: Array) -> Array:
         """Return longitude and latitude midway between the fixes of the dive with the last current."""
@@ -202,9 +203,9 @@ def read_state(place: Place) -> MissionState:
 def _anomalies(archive: Archive, summary: Summary, table: MissionTable) -> Iterator[str]:
     """Yield the anomalies of profiles and studies."""
     yield from profile_anomalies(summary, table)
-    yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in SHOWN)
-    missing = [name for name in SHOWN if name not in studies_in(archive) and name not in summary.notes]
-    if len(missing) == len(SHOWN):
+    yield from (f"study {name}: {note}" for name, note in summary.notes.items() if name in ALL_STUDIES)
+    missing = [name for name in ALL_STUDIES if name not in studies_in(archive) and name not in summary.notes]
+    if len(missing) == len(ALL_STUDIES):
         yield "no study was run"
     elif missing:
         yield f"studies not run: {', '.join(missing)}"

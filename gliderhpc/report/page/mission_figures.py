@@ -94,7 +94,7 @@ class MissionTable:
     def of(cls, archive: Archive) -> MissionTable:
         """Read an archive's table."""
         table = archive.to_dataset().load()
-        status = np.array([str(one) for one in table["status"].values], dtype=np.str_)
+        status = np.array([str(value) for value in table["status"].values], dtype=np.str_)
         columns = ("elapsed_days", "max_depth", "duration", "converged_fraction", "run_seconds")
         return cls(table, table["profile"].values, status, *(table[name].values.astype(float) for name in columns))
 

@@ -3,6 +3,7 @@
 import datetime
 import shlex
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report.facts import platform_name
-from gliderhpc.report.page.content import Page, Section, drawn
+from gliderhpc.report.page.content import Page, PageSection, drawn
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
@@ -54,34 +55,56 @@ def write_mission_page(
     InputError
         Archive, twins or truth cannot be read, or the folder cannot be written.
     """
-    summary = describe(place)
+    summary, source = describe(place), PageSource(place, out, twins, truth)
     with archive_errors(place), open_for_reading(place) as archive:
-        page = mission_page(archive, summary, place, out, twins, truth, executor or SerialExecutor())
+        page = mission_page(archive, summary, source, executor or SerialExecutor())
         written = write_page(page, out, MISSION_PAGE, made_line(place))
         _write_platform(archive, out)
     return written
 
 
-def mission_page(
-    archive: Archive,
-    summary: Summary,
-    place: Place,
-    out: Path,
-    twins: Path | None,
-    truth: Path | None,
-    executor: Executor,
-) -> Page:
+@dataclass(frozen=True)
+class PageSource:
+    """Source of a page and the folder that it is written to, as arguments of the command.
+
+    Attributes
+    ----------
+    place : str or Path
+        The archive.
+    out : Path
+        Output folder.
+    twins, truth : Path, optional
+        Output folder of ``twin windows``, and truth of a synthetic mission.
+    """
+
+    place: Place
+    out: Path
+    twins: Path | None = None
+    truth: Path | None = None
+
+    @property
+    def command(self) -> str:
+        """Command that writes the mission's page."""
+        files = {"--out": self.out, "--twins": self.twins, "--truth": self.truth}
+        options = [f"{name} {shlex.quote(str(path))}" for name, path in files.items() if path is not None]
+        return " ".join(["gliderhpc report", shlex.quote(str(self.place)), *options])
+
+    def profile_command(self, number: int | str) -> str:
+        """Return the command that writes the page of a profile."""
+        return f"{replace(self, twins=None).command} --profile {number}"
+
+
+def mission_page(archive: Archive, summary: Summary, source: PageSource, executor: Executor) -> Page:
     """Assemble the mission's page: operator's summary, overview, representative profile, studies, and reproduction."""
-    example = f"{_command(place, out, None, truth)} --profile N"
     # First, since a wrong folder of twins should not be refused only after everything is drawn.
-    windows = windows_section(twins, platform_option(archive))
+    windows = windows_section(source.twins, platform_option(archive))
     short, overview, representative, *studies = _drawn_sections(
-        place,
+        source.place,
         (
             partial(operator_section, summary=summary),
             partial(overview_section, summary=summary),
-            partial(representative_section, command=example, truth=truth),
-            *(partial(study_section, name, summary=summary, place=place) for name in study_names()),
+            partial(representative_section, command=source.profile_command("N"), truth=source.truth),
+            *(partial(study_section, name, summary=summary, place=source.place) for name in study_names()),
         ),
         executor,
     )
@@ -89,10 +112,10 @@ def mission_page(
         short,
         overview,
         representative,
-        published_section(archive, twins is not None),
+        published_section(archive, source.twins is not None),
         *studies,
         windows,
-        provenance_section(archive, place, _command(place, out, twins, truth)),
+        provenance_section(archive, source.place, source.command),
     )
     done, profiles = summary.statuses.get("done", 0), counted(sum(summary.statuses.values()), "profile")
     subtitle = f"{platform_name(summary.attributes)}: forces, moments and currents of {done} of {profiles}"
@@ -100,17 +123,17 @@ def mission_page(
     return Page(str(summary.attributes.get("mission") or "mission"), subtitle, present)
 
 
-MakeSection = Callable[..., Section | None]
+MakeSection = Callable[..., PageSection | None]
 """Function that makes a section, or None, from an archive passed as the keyword argument `archive`."""
 
 
-def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[Section | None]:
+def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[PageSection | None]:
     """Make sections of an archive, with their figures drawn, on the workers of an executor."""
-    found = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
-    return [found[index] for index in range(len(makers))]
+    sections = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
+    return [sections[index] for index in range(len(makers))]
 
 
-def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Section | None]:
+def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, PageSection | None]:
     """Make one section, as the job of a worker."""
     index, make = job
     with archive_errors(place), open_for_reading(place) as archive:
@@ -127,18 +150,11 @@ def write_profile_page(place: Place, number: int, out: Path, truth: Path | None 
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
     with archive_errors(place), open_for_reading(place) as archive:
-        command = f"{_command(place, out, None, truth)} --profile {number}"
+        command = PageSource(place, out, truth=truth).profile_command(number)
         page = profile_page(archive, number, place, command, truth)
         written = write_page(page, out, f"profile_{number}.html", made_line(place))
         _write_platform(archive, out)
     return written
-
-
-def _command(place: Place, out: Path, twins: Path | None, truth: Path | None) -> str:
-    """Return the command that reproduces a page."""
-    given = {"--out": out, "--twins": twins, "--truth": truth}
-    options = [f"{name} {shlex.quote(str(path))}" for name, path in given.items() if path is not None]
-    return " ".join(["gliderhpc report", shlex.quote(str(place)), *options])
 
 
 def made_line(source: Place) -> str:

@@ -11,7 +11,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.report.facts import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
-from gliderhpc.report.page.content import Facts, Notice, Paragraph, Remarks, Section
+from gliderhpc.report.page.content import Facts, Notice, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.studies import studies_in
@@ -30,13 +30,13 @@ _MIN_TREND_DIVES = 5
 """Minimum number of dives for a trend."""
 
 
-def operator_section(archive: Archive, summary: Summary) -> Section:
+def operator_section(archive: Archive, summary: Summary) -> PageSection:
     """Assemble the results that an operator needs first: those of the last dive, and of the mission."""
     table = MissionTable.of(archive)
     anomalies = [*profile_anomalies(summary, table), *_unsmoothed(archive, table), *common_remarks(summary, table)]
     done = table.number[table.done].tolist()
     if not done:
-        return Section("answers", "In short", (Notice("no profile is done yet"), *_remarks(anomalies)))
+        return PageSection("answers", "In short", (Notice("no profile is done yet"), *_remarks(anomalies)))
     message = surfacing_message(archive, int(done[-1]))
     anomalies = [*_changed_hull(message), *_drift(archive), *anomalies]
     last = {f"{name} (dive {message.profile})": text for name, text in dive_facts(message).items()}
@@ -44,7 +44,7 @@ def operator_section(archive: Archive, summary: Summary) -> Section:
     if message.current is None and current is not None:
         last[f"last known current (dive {number})"] = current_text(current)
     facts = {**last, **_mission_current(table), "uncertainty": "; ".join(_describe_uncertainty(archive, table))}
-    return Section("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(anomalies)))
+    return PageSection("answers", "In short", (Facts(facts), *hull_blocks(message), *_remarks(anomalies)))
 
 
 def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
@@ -85,13 +85,13 @@ def _mission_current(table: MissionTable) -> dict[str, str]:
     if not known.any():
         return {}
     north, east = (component[known] for component in table.current)
-    found = {"mean current": f"{polar(north.mean(), east.mean())} ({counted(int(known.sum()), 'dive')})"}
+    facts = {"mean current": f"{polar(north.mean(), east.mean())} ({counted(int(known.sum()), 'dive')})"}
     days = table.days[known]
     if known.sum() >= _MIN_TREND_DIVES and np.ptp(days) > 0.0:
         slopes = [_trend(days, component) for component in (north, east)]
         texts = [with_deviation(slope, error) for slope, error in slopes]
-        found["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, from the scatter of the dives"
-    return found
+        facts["trend of the current"] = f"north {texts[0]}, east {texts[1]} m/s per day, from the scatter of the dives"
+    return facts
 
 
 def _trend(days: Array, values: Array) -> tuple[float, float]:

@@ -6,14 +6,14 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts, failure_text
-from gliderhpc.report.page.content import Block, Facts, FigureBlock, Notice, Row, Section, Table, limited_warnings
+from gliderhpc.report.page.content import Block, Facts, FigureBlock, Notice, PageSection, Row, Table, limited_warnings
 from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
 from gliderhpc.store_schema import STATUS
 from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.wording import counted
 
 
-def overview_section(archive: Archive, summary: Summary) -> Section:
+def overview_section(archive: Archive, summary: Summary) -> PageSection:
     """Assemble facts, outcomes of the profiles, their positions and depths, and computing times."""
     table = MissionTable.of(archive)
     failed = [failure_text(number, text) for number, (status, text) in summary.messages.items() if status == "failed"]
@@ -28,7 +28,7 @@ def overview_section(archive: Archive, summary: Summary) -> Section:
         *_pictures(table),
         Table("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN),
     )
-    return Section("overview", "Mission overview", blocks)
+    return PageSection("overview", "Mission overview", blocks)
 
 
 _FIRST = ("mission", "platform", "profiles", "from", "to", "median current")

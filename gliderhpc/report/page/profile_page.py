@@ -13,7 +13,17 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts_of, instant, platform_name
-from gliderhpc.report.page.content import Block, Commands, FigureBlock, Notice, Page, Paragraph, Section, Table, heading
+from gliderhpc.report.page.content import (
+    Block,
+    Commands,
+    FigureBlock,
+    Notice,
+    Page,
+    PageSection,
+    Paragraph,
+    Table,
+    heading,
+)
 from gliderhpc.report.page.profile_figures import (
     controls_figure,
     track_figure,
@@ -49,16 +59,18 @@ def profile_page(archive: Archive, number: int, place: Place, command: str, trut
         f"{platform_name(attributes)}, {instant(data.epoch)}",
         (
             _overview(archive, data, stem),
-            Section("motion", "Motion and disturbances", (motion_picture(archive, number, f"{stem}_motion", truth),)),
-            Section("windows", "Windows of the inversion", _windows(archive, data, stem)),
-            Section("controls", "Controls and vibration", _controls(data, stem)),
-            Section("currents", "Currents", _currents(archive, data, place, stem)),
+            PageSection(
+                "motion", "Motion and disturbances", (motion_picture(archive, number, f"{stem}_motion", truth),)
+            ),
+            PageSection("windows", "Windows of the inversion", _windows(archive, data, stem)),
+            PageSection("controls", "Controls and vibration", _controls(data, stem)),
+            PageSection("currents", "Currents", _currents(archive, data, place, stem)),
             provenance_section(archive, place, command),
         ),
     )
 
 
-def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
+def _overview(archive: Archive, data: ProfileData, stem: str) -> PageSection:
     """Assemble the results, the message, the quality of the samples, and the row of the archive's table."""
     blocks: list[Block] = [Paragraph(line + ".") for line in facts_of(data, None)]
     message = str(data.table["message"])
@@ -66,7 +78,7 @@ def _overview(archive: Archive, data: ProfileData, stem: str) -> Section:
         blocks.append(Notice(message))
     blocks.append(Table(f"{stem}_quality", "Share of the samples with each quality flag.", _quality_rows(data)))
     blocks.append(Table(f"{stem}_row", "Row of the profile in the archive's table.", _row(archive, data.number)))
-    return Section("profile", "The profile and its row in the archive", tuple(blocks))
+    return PageSection("profile", "The profile and its row in the archive", tuple(blocks))
 
 
 def _row(archive: Archive, number: int) -> list[dict[str, Any]]:
@@ -191,7 +203,7 @@ _MOTION_CAPTION = (
 _WITH_TRUTH = " Dashed: the truth of this synthetic mission; errors relative to it are those in steady glide."
 
 
-def representative_section(archive: Archive, command: str, truth: Path | None) -> Section | None:
+def representative_section(archive: Archive, command: str, truth: Path | None) -> PageSection | None:
     """Return a section on the profile of median depth, None without any; `truth` is that of a synthetic mission."""
     number = representative_profile(archive)
     if number is None:
@@ -202,7 +214,7 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
     )
     figure = motion_picture(archive, number, "representative_profile", truth)
     other = Commands("To write the page of any profile, with its windows, controls and currents:", (command,))
-    return Section("representative", f"A representative profile: {number}", (introduction, figure, other))
+    return PageSection("representative", f"A representative profile: {number}", (introduction, figure, other))
 
 
 def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> FigureBlock:

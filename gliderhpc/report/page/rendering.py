@@ -36,16 +36,16 @@ _PROSE_LENGTH = 30
 
 
 @dataclass(frozen=True)
-class Column:
+class PageColumn:
     """A column of a table on the page; `numeric` sets its alignment."""
 
     name: str
     numeric: bool
 
 
-def columns_of(grid: Table) -> list[Column]:
+def columns_of(grid: Table) -> list[PageColumn]:
     """Return the columns that the page shows, in order of appearance."""
-    return [Column(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
+    return [PageColumn(name, _holds_numbers(row.get(name) for row in grid.rows)) for name in _names(grid)[: grid.shown]]
 
 
 def shown_rows(grid: Table) -> Sequence[Any]:
@@ -90,8 +90,8 @@ def cell(value: Any, column: str = "") -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, float | np.floating):
-        place = column.partition(",")[0].endswith(_PLACES) and math.isfinite(value)
-        return f"{value:.4f}".replace("-", "−") if place else _decimal(float(value))
+        is_position = column.partition(",")[0].endswith(_PLACES) and math.isfinite(value)
+        return f"{value:.4f}".replace("-", "−") if is_position else _decimal(float(value))
     return str(value)
 
 
@@ -113,7 +113,7 @@ def check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
     for folder in folders:
         inside = {folder.resolve(), *folder.resolve().parents} & set(stores)
         if inside:
-            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another --out")
+            raise InputError(f"{folder}: a page would be written into {stores[inside.pop()]}; give another `out`")
 
 
 MAX_SVG_BYTES = 150_000

@@ -16,7 +16,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flatten_settings
-from gliderhpc.report.page.content import Block, Commands, Facts, Section, Table
+from gliderhpc.report.page.content import Block, Commands, Facts, PageSection, Table
 from gliderhpc.report.studies import studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.studies.archived import platform_or_none
@@ -116,7 +116,7 @@ def _printable(word: object) -> str:
 _LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
 
 
-def provenance_section(archive: Archive, place: Place, command: str) -> Section:
+def provenance_section(archive: Archive, place: Place, command: str) -> PageSection:
     """Return versions, digests, settings and platform, and the commands that reproduce archive and page."""
     studies = studies_in(archive)
     commands = (run_command(archive, place), *(study_command(name, archive, place) for name in studies), command)
@@ -129,7 +129,7 @@ def provenance_section(archive: Archive, place: Place, command: str) -> Section:
     made = list(_study_rows(archive, studies))
     if made:
         blocks.append(Table("study_settings", "Settings of the studies.", made))
-    return Section("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
+    return PageSection("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
 
 
 def _describe_commands(archive: Archive) -> str:

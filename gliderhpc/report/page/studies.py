@@ -19,18 +19,19 @@ from gliderhpc.report.page.content import (
     FigureBlock,
     Index,
     Notice,
+    PageSection,
     Paragraph,
     Remarks,
     Row,
-    Section,
     Table,
     heading,
     limited_warnings,
 )
 from gliderhpc.report.page.reproduction import study_command
-from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
+from gliderhpc.report.studies import show_study, studies_in
 from gliderhpc.store_schema.place import Place
 from gliderhpc.store_schema.schema import COMPLETE
+from gliderhpc.studies.registry import ALL_STUDIES, load_study
 from gliderhpc.wording import counted
 
 _MAX_COLUMNS = 14
@@ -55,27 +56,27 @@ HEADINGS = {
 
 def study_names() -> list[str]:
     """Return the names of all studies in the order of the paper."""
-    return [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
+    return [*HEADINGS, *(name for name in ALL_STUDIES if name not in HEADINGS)]
 
 
-def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
+def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> PageSection:
     """Return the section of one study: its findings, or the reason why there are none and the command for them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
-    title, reference = study_title(name), f" ({published} of the paper)" if published else ""
+    title, reference = load_study(name).title, f" ({published} of the paper)" if published else ""
     introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
-    return Section(name, heading_text, (introduction, *blocks))
+    return PageSection(name, heading_text, (introduction, *blocks))
 
 
 def _present(name: str, archive: Archive, summary: Summary, command: str) -> list[Block]:
     try:
-        found = show_study(name, archive)
-        shown = _study_blocks(name, found, _headings(name, archive))
+        findings = show_study(name, archive)
+        shown = _study_blocks(name, findings, _headings(name, archive))
     except InputError as error:
         return [Notice(f"this study cannot be shown: {error}", "warning"), _rerun(command)]
-    return [*_notes(name, archive, summary, found, command), *shown]
+    return [*_notes(name, archive, summary, findings, command), *shown]
 
 
 def _absent(name: str, archive: Archive, command: str) -> list[Block]:
@@ -89,16 +90,16 @@ def _rerun(command: str) -> Commands:
     return Commands("To run it again:", (command,))
 
 
-def _notes(name: str, archive: Archive, summary: Summary, found: Findings, command: str) -> list[Block]:
+def _notes(name: str, archive: Archive, summary: Summary, findings: Findings, command: str) -> list[Block]:
     """Collect the caveats of the findings."""
     notes: list[Block] = []
     if archive[name].attrs.get("quick"):
         notes.append(Notice("a quick study with few profiles or small ensembles: a preview, not a result"))
-    if found.remarks:
-        notes.append(Remarks(found.remarks))
+    if findings.remarks:
+        notes.append(Remarks(findings.remarks))
     if summary.notes.get(name):
         notes += [Notice(f"outdated: {summary.notes[name]}", "warning"), _rerun(command)]
-    failed = [f"profile {number} is left out: {why}" for number, why in found.failed.items()]
+    failed = [f"profile {number} is left out: {why}" for number, why in findings.failed.items()]
     return [*notes, *limited_warnings(failed, "profiles are left out")]
 
 
@@ -108,25 +109,25 @@ def _headings(name: str, archive: Archive) -> dict[str, str]:
     return {str(column): heading(xr.DataArray(variable, name=column)) for column, variable in variables.items()}
 
 
-def _study_blocks(name: str, found: Findings, headings: Mapping[str, str]) -> list[Block]:
+def _study_blocks(name: str, findings: Findings, headings: Mapping[str, str]) -> list[Block]:
     """Return figures, then the comparison, then tables."""
     blocks: list[Block] = [
-        FigureBlock(f"{name}_{stem}", found.captions.get(stem, ""), _alternative(name, stem, found), figure)
-        for stem, figure in found.figures.items()
+        FigureBlock(f"{name}_{stem}", findings.captions.get(stem, ""), _alternative(name, stem, findings), figure)
+        for stem, figure in findings.figures.items()
     ]
     blocks += [
         comparison_block(f"{name}_comparison" + (f"_{index}" if index else ""), rows)
-        for index, rows in enumerate(found.comparisons.values())
+        for index, rows in enumerate(findings.comparisons.values())
         if rows
     ]
     blocks += [
         Table(
             f"{name}_{stem}",
-            found.captions.get(stem, ""),
+            findings.captions.get(stem, ""),
             [{headings.get(column, column): value for column, value in row.items()} for row in rows],
             None if stem.startswith("table_") else _MAX_COLUMNS,
         )
-        for stem, rows in found.tables.items()
+        for stem, rows in findings.tables.items()
     ]
     return blocks
 
@@ -137,9 +138,9 @@ _COMPARISON_CAPTION = (
 )
 
 
-def _alternative(name: str, stem: str, found: Findings) -> str:
+def _alternative(name: str, stem: str, findings: Findings) -> str:
     """Describe a figure by its title and those of its panels."""
-    figure = found.figures[stem]
+    figure = findings.figures[stem]
     panels = [title for axes in figure.axes if (title := axes.get_title(loc="left") or axes.get_title())]
     title = figure.get_suptitle() or f"{name}, {stem.replace('_', ' ')}"
     return f"{title}. Panels: {'; '.join(panels)}." if panels else f"{title}."
@@ -179,12 +180,12 @@ _WINDOWS_CAPTION = (
 )
 
 
-def windows_section(twins: Path | None, platform: str) -> Section:
+def windows_section(twins: Path | None, platform: str) -> PageSection:
     """Return the section of the twin experiment in a folder; without a folder, it has the command that runs it."""
     if twins is None:
         command = f"gliderhpc twin windows --platform {platform} --out twins"
-        remedy = "They were not given with --twins. To run them, for `gliderhpc report ... --twins twins`:"
-        return Section(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
+        remedy = "They were not given. To run them, for `gliderhpc report ... --twins twins`:"
+        return PageSection(_WINDOWS, _WINDOWS_TITLE, (Paragraph(_WINDOWS_INTRODUCTION), Commands(remedy, (command,))))
     content, rows = _read_twins(twins)
     blocks: list[Block] = [Paragraph(_WINDOWS_INTRODUCTION)]
     if content.get("quick"):
@@ -199,7 +200,7 @@ def windows_section(twins: Path | None, platform: str) -> Section:
         if table
     ]
     blocks.append(Table("windows_runs", "All inverted twins.", rows, shown=12))
-    return Section(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
+    return PageSection(_WINDOWS, _WINDOWS_TITLE, tuple(blocks))
 
 
 def _read_twins(twins: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -257,7 +258,7 @@ PUBLISHED = (
 """Name, subject and study of the paper's figures and tables; the study is the anchor of its section."""
 
 
-def published_section(archive: Archive, with_windows: bool) -> Section:
+def published_section(archive: Archive, with_windows: bool) -> PageSection:
     """Return an index of the paper's figures and tables, with a remark on those that are missing."""
     present = [*studies_in(archive), *(["windows"] if with_windows else [])]
     missing = "missing; its section gives the command that creates it"
@@ -266,4 +267,4 @@ def published_section(archive: Archive, with_windows: bool) -> Section:
         for name, subject, study in PUBLISHED
     )
     words = Paragraph("The paper's figures and tables for this mission.")
-    return Section("published", "Index of the paper's figures and tables", (words, Index(entries)))
+    return PageSection("published", "Index of the paper's figures and tables", (words, Index(entries)))

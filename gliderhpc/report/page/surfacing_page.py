@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gliderhpc.report.facts import polar, signed, with_deviation
-from gliderhpc.report.page.content import Block, Facts, Notice, Page, Paragraph, Remarks, Section
+from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
 from gliderhpc.wording import counted
@@ -41,9 +41,9 @@ def surfacing_page(message: SurfacingMessage) -> Page:
     if message.revision:
         subtitle += f" · revision {message.revision}"
     sections = [
-        Section("now", "Now", (Facts({**dive_facts(message), "inversion": _inversion(message)}),)),
-        Section("odd", "Anomalies", _anomalies(message)),
-        Section("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
+        PageSection("now", "Now", (Facts({**dive_facts(message), "inversion": _inversion(message)}),)),
+        PageSection("odd", "Anomalies", _anomalies(message)),
+        PageSection("hull", "Hull and trim", (*hull_blocks(message), *_hull_alone(message))),
     ]
     return Page(f"{message.mission or 'mission'} · dive {message.profile}", subtitle, tuple(sections))
 
@@ -82,11 +82,11 @@ def _next_surfacing(message: SurfacingMessage) -> str:
     following = message.next_surfacing
     if following is None:
         return "unknown"
-    place = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
+    position = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
     predicted = polar(following.current_north, following.current_east)
     dive = f"a dive as planned ({following.plan})" if following.plan else "a dive like this one"
     return (
-        f"{place}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
+        f"{position}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
         f"({counted(following.dives, 'dive')})"
     )
 

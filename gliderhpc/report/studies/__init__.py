@@ -14,9 +14,7 @@ from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.store_schema.schema import COMPLETE, study_called
 from gliderhpc.studies.archived import column_medians, failed_profiles, provenance_of, study_table
-from gliderhpc.studies.registry import STUDIES, load_study
-from gliderhpc.studies.validation import GROUP as VALIDATION
-from gliderhpc.studies.validation import TITLE
+from gliderhpc.studies.registry import ALL_STUDIES
 
 
 def show_table(name: str, archive: Archive) -> Findings:
@@ -43,18 +41,9 @@ def show_table(name: str, archive: Archive) -> Findings:
     )
 
 
-SHOWN = (VALIDATION, *STUDIES)
-"""Groups of an archive that can be shown: that of ``gliderhpc validate``, and those of the studies."""
-
-
-def study_title(name: str) -> str:
-    """Return a one-line title of a group of `SHOWN`."""
-    return TITLE if name == VALIDATION else load_study(name).title
-
-
 def studies_in(archive: Archive) -> list[str]:
-    """Return the names of the complete studies in an archive, in the order of `SHOWN`."""
-    return [name for name in SHOWN if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
+    """Return the names of the complete studies in an archive, in the order of `ALL_STUDIES`."""
+    return [name for name in ALL_STUDIES if name in archive.children and archive[name].attrs.get(COMPLETE, False)]
 
 
 def show_study(name: str, archive: Archive) -> Findings:
@@ -63,7 +52,7 @@ def show_study(name: str, archive: Archive) -> Findings:
     Parameters
     ----------
     name : str
-        Name of the study, in `SHOWN`.
+        Name of the study, in `ALL_STUDIES`.
     archive : Archive
         Archive, as opened by `gliderhpc.archive.mission.open_for_reading`.
 
@@ -72,8 +61,8 @@ def show_study(name: str, archive: Archive) -> Findings:
     InputError
         There is no such study, or that of the archive is missing, incomplete or of an earlier version.
     """
-    if name not in SHOWN:
-        raise InputError(f"{name}: not a study that an archive can show; there are {', '.join(SHOWN)}")
+    if name not in ALL_STUDIES:
+        raise InputError(f"{name}: not a study that an archive can show; there are {', '.join(ALL_STUDIES)}")
     if name not in studies_in(archive):
         raise InputError(f"the archive does not contain the study {name}, or it was interrupted; run it first")
     if find_spec(f"{__package__}.{name}") is None:

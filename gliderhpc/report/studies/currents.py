@@ -159,9 +159,9 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
     """Draw the longest and the shortest resolved vertical scale, to scale, at the right of the panel."""
     low, high = axes.get_ylim()
     middle = 0.5 * (low + high)
-    for place, scale in ((0.97, band.baseline_limit), (0.87, band.smoothing_limit)):
+    for x, scale in ((0.97, band.baseline_limit), (0.87, band.smoothing_limit)):
         axes.plot(
-            [place, place],
+            [x, x],
             [middle - 0.5 * scale, middle + 0.5 * scale],
             color=TRUTH,
             linewidth=2.5,
@@ -169,7 +169,7 @@ def _draw_limits(axes: Axes, band: Passband) -> None:
             transform=axes.get_yaxis_transform(),
         )
         axes.text(
-            place,
+            x,
             middle - scale,
             f"{scale:.2g} m",
             transform=axes.get_yaxis_transform(),

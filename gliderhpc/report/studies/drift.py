@@ -1,10 +1,10 @@
-"""Study ``drift``: Figure 9, the drag, Tables 5 and 6, comparisons and captions, from its group of an archive alone."""
+"""Study ``drift``: Figure 9, the drag, captions and remarks, from its group of an archive alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,8 @@ import pandas as pd
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, figure_text, markdown, number
+from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
 from gliderhpc.report.studies.hull import change_findings
 from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
 from gliderhpc.store_schema.columns import median_column
@@ -28,16 +29,8 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.drift import NAME
 from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Change
-from gliderhpc.studies.library.drift.change_text import (
-    MOMENT_NAMES,
-    change_lines,
-    change_rows,
-    moment_lines,
-    moment_rows,
-    read_changes,
-    read_moment_changes,
-    shaded,
-)
+from gliderhpc.studies.library.drift.change_rows import change_rows, moment_rows, read_changes, read_moment_changes
+from gliderhpc.studies.library.drift.change_text import change_lines, moment_lines, shaded
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn, read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import (
@@ -61,7 +54,6 @@ from gliderhpc.studies.library.drift.series import (
 from gliderhpc.studies.library.drift.verdict import (
     DriftFindings,
     DriftVerdict,
-    ForwardModelCheck,
     find_drift,
     slopes_of_all_samples,
     verdict_lines,
@@ -88,7 +80,7 @@ _NOTE = (
 def figure_9(
     title: str,
     table: pd.DataFrame,
-    found: Sequence[EstimateTrends],
+    trends: Sequence[EstimateTrends],
     changes: Sequence[Change] = (),
     moments: Sequence[Change] = (),
 ) -> Figure:
@@ -100,7 +92,7 @@ def figure_9(
         Title of the mission.
     table : pandas.DataFrame
         One row for each profile.
-    found : sequence of EstimateTrends
+    trends : sequence of EstimateTrends
         Trends of each estimate to draw.
     changes : sequence of Change
         Changes of drag and axial force to shade.
@@ -108,13 +100,13 @@ def figure_9(
         Changes of the moments to shade in their panels.
     """
     figure, axes = panels(2, 3, LANDSCAPE, f"Drift of the disturbances: {title}")
-    for letter, channel, one in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
-        label(one, f"({letter}) {channel}", "days", UNITS[channel])
-        for own in found:
+    for letter, channel, panel in zip("abcdef", (*LONGITUDINAL, *LATERAL), axes, strict=True):
+        label(panel, f"({letter}) {channel}", "days", UNITS[channel])
+        for own in trends:
             for phase in PHASES:
                 name, trend = median_column(channel, phase, own.estimate), own.trends[channel, phase]
-                _draw(one, table, name, trend, phase, own.estimate)
-        _shade(one, table, moments if channel in MOMENTS else changes)
+                _draw(panel, table, name, trend, phase, own.estimate)
+        _shade(panel, table, moments if channel in MOMENTS else changes)
     legend(axes[0])
     footnote(figure, _NOTE)
     return figure
@@ -123,12 +115,12 @@ def figure_9(
 def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], changes: Sequence[Change] = ()) -> Figure:
     """Draw the change of K_D0 equivalent to the disturbances, in one panel for each estimate, with changes shaded."""
     figure, axes = panels(1, len(drags), (11.0, 4.6), f"Change of drag equivalent to the drift: {title}")
-    for one, drag in zip(axes, drags, strict=True):
-        label(one, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
+    for panel, drag in zip(axes, drags, strict=True):
+        label(panel, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
         for phase in PHASES:
-            _draw(one, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
-        _shade(one, table, changes)
-        legend(one)
+            _draw(panel, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
+        _shade(panel, table, changes)
+        legend(panel)
     footnote(
         figure,
         "Solid: drift by the robust test (each series by itself) and the slope's interval; dotted: by the plain test "
@@ -180,7 +172,7 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase:
 def captions(
     made: Provenance,
     table: pd.DataFrame,
-    found: DriftFindings,
+    findings: DriftFindings,
     settings: DriftSettings,
     band: Sequence[float],
     segments: int,
@@ -188,30 +180,43 @@ def captions(
     """Return the captions by stem."""
     epochs = int(table["epoch"].nunique())
     data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
-    reference = found.verdict.drags[0].reference
-    whose = " and ".join(ESTIMATES[own.estimate] for own in found.primary)
-    shown = [f"{channel} {phase} ({own.estimate})" for own in found.primary for channel, phase in own.drifting]
+    reference = findings.verdict.drags[0].reference
+    whose = " and ".join(ESTIMATES[own.estimate] for own in findings.primary)
+    shown = [f"{channel} {phase} ({own.estimate})" for own in findings.primary for channel, phase in own.drifting]
     robust = (
         f"A drift is accepted where the block-bootstrap Mann-Kendall test, after Holm's correction, and the "
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
     )
     changes, moments = (
         " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
-        for lines in (change_lines(found.changes, reference), moment_lines(found.moments, found.per_degree))
+        for lines in (change_lines(findings.changes, reference), moment_lines(findings.moments, findings.per_degree))
     )
-    low, high = (100.0 * end / found.verdict.drags[0].reference for end in found.verdict.interval)
     return {
         "figure_9": (
             f"Medians of the six disturbances over the mission by {whose}, separately for dive and climb: {data}. "
             f"{robust} Axial and heave force are weakly observed: their levels depend on the prior and the "
             f"coefficients. {changes} {moments}"
         ),
-        "drag": (
-            f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb "
-            f"is {100.0 * found.verdict.change / found.verdict.drags[0].reference:+.1f} % of K_D0 over the mission "
-            f"(95 % interval {low:+.1f} to {high:+.1f} %). {OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}. {changes}"
-        ),
+        "drag": f"{_drag_caption(findings.verdict, whose, data)} {changes}",
         **_change_captions(f"by {whose}: {describe_data(made)}", settings.changes, changes, moments),
+        **_table_captions(settings.coefficients, data, robust, segments),
+    }
+
+
+def _drag_caption(verdict: DriftVerdict, whose: str, data: str) -> str:
+    """Return the caption of the figure of the drag, without the changes."""
+    reference = verdict.drags[0].reference
+    change, low, high = (100.0 * value / reference for value in (verdict.change, *verdict.interval))
+    return (
+        f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb is "
+        f"{change:+.1f} % of K_D0 over the mission (95 % interval {low:+.1f} to {high:+.1f} %). "
+        f"{OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}."
+    )
+
+
+def _table_captions(settings: CoefficientSettings, data: str, robust: str, segments: int) -> dict[str, str]:
+    """Return the captions of the tables of medians, trends and slopes by stem."""
+    return {
         "medians": (
             "One row per profile: medians of every disturbance and of the equivalent K_D0 by every estimate, the "
             f"filter's for comparison: {data}. Medians of too few records are left out."
@@ -220,11 +225,10 @@ def captions(
             f"Trends of the twelve series of every estimate, the paper's grade and the robust verdict: {data}. {robust}"
         ),
         "table_6": (
-            f"Slopes for {settings.coefficients.draws} hulls whose coefficients are in error by up to "
-            f"{settings.coefficients.error:.0%}, and with a pitch error of {settings.coefficients.pitch_offset:g} "
-            f"degree: {segments} steady segments of {settings.coefficients.length:g} s, inverted again by the "
-            f"adjoint, of {data}. The segments are a sample of the record; errors that all hulls share are not in the "
-            "draws."
+            f"Slopes for {settings.draws} hulls whose coefficients are in error by up to {settings.error:.0%}, and "
+            f"with a pitch error of {settings.pitch_offset:g} degree: {segments} steady segments of "
+            f"{settings.length:g} s, inverted again by the adjoint, of {data}. The segments are a sample of the "
+            "record; errors that all hulls share are not in the draws."
         ),
     }
 
@@ -248,14 +252,14 @@ def _change_captions(data: str, settings: ChangeSettings, changes: str, moments:
     }
 
 
-def _by_information(archive: Archive, found: DriftFindings) -> tuple[str, ...]:
+def _by_information(archive: Archive, findings: DriftFindings) -> tuple[str, ...]:
     """Describe the findings of study `hull`, and any disagreement; empty if there are none."""
     finding = change_findings(archive)
     if finding is None:
         return ()
     changed, sentences = finding
     line = f"study hull, from all information of the dives on the hull: {'; '.join(sentences)}"
-    if changed == (found.verdict.cause != "none" or bool(found.verdict.changes.found)):
+    if changed == (findings.verdict.cause != "none" or bool(findings.verdict.changes.found)):
         return (line,)
     return (
         line,
@@ -268,20 +272,20 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
     made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
     settings = DriftSettings.model_validate(made.settings)
-    found = _found(archive, table, slopes, settings)
-    changes, moments = found.verdict.changes, found.verdict.moments
+    findings = _drift_findings(archive, table, slopes, settings)
+    changes, moments = findings.verdict.changes, findings.verdict.moments
     increase = settings.drag_increase
-    rows_5 = table_5(found.trends)
-    rows_6 = table_6(slopes, slopes_of_all_samples(found)) if slopes else []
+    rows_5 = table_5(findings.trends)
+    rows_6 = table_6(slopes, slopes_of_all_samples(findings)) if slopes else []
     band, segments = stored_attribute(archive, NAME, "depth_band"), stored_attribute(archive, NAME, "segments")
-    change_table = change_rows(changes, found.verdict.drags[0].reference)
+    change_table = change_rows(changes, findings.verdict.drags[0].reference)
     facts = {
         "profiles": list(made.profiles),
         "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in of_epochs(table).groupby("epoch")],
         "depth_band": band,
         "quick": made.quick,
         "settings": settings.model_dump(),
-        "verdict": found.verdict.as_json(increase),
+        "verdict": findings.verdict.as_json(increase),
         "segments": segments,
         "table_5": rows_5,
         "table_6": rows_6,
@@ -290,29 +294,29 @@ def show(archive: Archive) -> Findings:
     tables = {"medians": table, "table_5": pd.DataFrame(rows_5)}
     tables |= {stem: pd.DataFrame(rows) for stem, rows in further.items() if rows}
     figures = {
-        "figure_9": partial(figure_9, mission_of(archive), table, found.primary, changes.found, moments.found),
-        "drag": partial(drag_figure, mission_of(archive), table, found.verdict.drags, changes.found),
+        "figure_9": partial(figure_9, mission_of(archive), table, findings.primary, changes.found, moments.found),
+        "drag": partial(drag_figure, mission_of(archive), table, findings.verdict.drags, changes.found),
     }
-    by_medians = verdict_lines(found.verdict, found.primary, increase)
-    remarks = (*made.remarks, *_inputs(found), *by_medians, *_by_information(archive, found))
+    by_medians = verdict_lines(findings.verdict, findings.primary, increase)
+    remarks = (*made.remarks, *_inputs(findings), *by_medians, *_by_information(archive, findings))
     documents = {
         "table_5.md": table_5_text(rows_5),
-        "table_6.md": table_6_text(rows_6, settings.coefficients, found.check),
+        "table_6.md": table_6_text(rows_6, settings.coefficients, findings.check),
     }
     return archive_findings(
         NAME,
-        comparisons=comparisons(found.trends, found.verdict, slopes, found.check, increase),
+        comparisons=comparisons(findings.trends, findings.verdict, slopes, findings.check, increase),
         tables=tables,
         figures=figures,
         facts=facts,
         failed=failed_profiles(table)[0],
         remarks=remarks,
-        captions=captions(made, table, found, settings, band, segments),
+        captions=captions(made, table, findings, settings, band, segments),
         documents=documents,
     )
 
 
-def _found(
+def _drift_findings(
     archive: Archive, table: pd.DataFrame, slopes: Sequence[CoefficientSlopes], settings: DriftSettings
 ) -> DriftFindings:
     """Compute trends, drag and verdict from what the study has stored."""
@@ -324,280 +328,23 @@ def _found(
 def drift_sentences(archive: Archive) -> tuple[str, ...]:
     """Return sentences on the drift, steps and episodes that the study found; empty if it found none."""
     settings = DriftSettings.model_validate(provenance_of(archive, NAME).settings)
-    verdict = _found(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
+    verdict = _drift_findings(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
     changes = change_lines(verdict.changes, verdict.drags[0].reference) if verdict.changes.found else ()
     return (*((verdict.meaning,) if verdict.cause != "none" else ()), *changes)
 
 
-def _inputs(found: DriftFindings) -> tuple[str, ...]:
+def _inputs(findings: DriftFindings) -> tuple[str, ...]:
     """Return remarks on missing inputs."""
     remarks = []
-    if found.check is None:
+    if findings.check is None:
         remarks.append(
             "no independent check: run `gliderhpc validate` on the archive first for the forward model's error"
         )
-    if not are_drawn(found.slopes):
+    if not are_drawn(findings.slopes):
         remarks.append(
             "no coefficients were drawn: the intervals include only the scatter of the profiles and an unknown heave "
             "force"
         )
-    if all(drag.estimate != SMOOTHED for drag in found.verdict.drags):
+    if all(drag.estimate != SMOOTHED for drag in findings.verdict.drags):
         remarks.append("the archive contains no smoothed estimate: the verdict is that of the adjoint alone")
     return tuple(remarks)
-
-
-# Comparisons with the paper, Table 5 and Table 6
-
-PAPER_DRIFTS = {("B_cu", "dive"): -0.56, ("B_cu", "climb"): -1.39, ("B_cw", "climb"): -4.41, ("B_cq", "climb"): -1.69}
-"""Drifts over the mission from the paper's Table 5, N and N m."""
-
-PAPER_SAME_SIGN, PAPER_RISE, PAPER_WITH_DAY, PAPER_WITH_AXIAL = 1.0, 0.66, 0.69, 0.75
-"""Values from the paper's Table 6: fraction of draws that keep the slope's sign, relative rise of the forward model's
-error, and Spearman correlations of this error with the day and with |B_cu| on the climb."""
-
-
-_SHARED = "of K_D0 on dive and climb"
-"""Name of a change of the drag that dive and climb share."""
-
-
-def comparisons(
-    trends: Sequence[EstimateTrends],
-    verdict: DriftVerdict,
-    slopes: Sequence[CoefficientSlopes],
-    check: ForwardModelCheck | None,
-    increase: float,
-) -> tuple[Comparison, ...]:
-    """Return the rows of the study's table of comparisons."""
-    return (
-        *(_drift(own, key, paper) for key, paper in PAPER_DRIFTS.items() for own in trends),
-        *_drag(verdict, increase, "coefficients included" if are_drawn(slopes) else "without coefficients"),
-        *_changes(verdict),
-        *_coefficients(slopes),
-        *_forward_model(check),
-    )
-
-
-def _drift(own: EstimateTrends, key: tuple[str, str], paper: float) -> Comparison:
-    trend = own.trends[key]
-    return Comparison(
-        f"drift of {key[0]}, {key[1]}, {own.estimate}",
-        UNITS[key[0]],
-        trend.drift,
-        paper,
-        spread=(trend.trend.low * trend.span, trend.trend.high * trend.span),
-        remark=f"p {number(trend.trend.p)}, robust {number(trend.corrected)} after Holm; spread: 95 % interval",
-    )
-
-
-def _drag(verdict: DriftVerdict, increase: float, included: str) -> Iterator[Comparison]:
-    for drag in verdict.drags:
-        yield Comparison(
-            f"change of K_D0 common to dive and climb, {drag.estimate}",
-            UNITS[DRAG],
-            drag.change,
-            spread=drag.change_interval,
-            remark=f"{100.0 * drag.change / drag.reference:+.1f} %; spread: 95 % interval, {included}",
-        )
-        if verdict.has_onset:
-            yield Comparison(
-                f"day from which it grows, {drag.estimate}",
-                "day",
-                drag.onset.day,
-                spread=(drag.onset.low, drag.onset.high),
-                remark="spread: 95 % interval",
-            )
-    if not verdict.extrapolates:
-        return
-    day, span = verdict.days_until(increase)
-    yield Comparison(
-        f"day on which K_D0 has risen by {100.0 * increase:.0f} %",
-        "day",
-        day,
-        spread=span,
-        remark="if it continues to grow at the same rate",
-    )
-
-
-def _changes(verdict: DriftVerdict) -> Iterator[Comparison]:
-    reference = verdict.drags[0].reference
-    for change in verdict.changes.found:
-        name = f"{change.kind} from profile {change.first} to {change.last}: largest change"
-        sizes = {f"of equivalent K_D0, {phase}": change.size(DRAG, phase) for phase in change.phases}
-        errors = {}
-        if change.is_drag:
-            sizes = {_SHARED: change.drag, **sizes}
-            errors = {_SHARED: ", the hull's other errors included"}
-        for of, size in sizes.items():
-            yield Comparison(
-                f"{name} {of}",
-                UNITS[DRAG],
-                size.value,
-                spread=(size.low, size.high),
-                remark=f"{100.0 * size.value / reference:+.0f} %; p {number(change.p)}; spread: 95 % interval"
-                f"{errors.get(of, '')}",
-            )
-    for change in verdict.moments.found:
-        for channel in change.moments:
-            for phase in PHASES:
-                size = change.size(channel, phase)
-                yield Comparison(
-                    f"{change.kind} from profile {change.first} to {change.last}: largest change of the "
-                    f"{MOMENT_NAMES[channel]}, {phase}",
-                    UNITS[channel],
-                    size.value,
-                    spread=(size.low, size.high),
-                    remark=f"p {number(change.p)}; spread: 95 % interval",
-                )
-
-
-def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
-    for slope in slopes:
-        yield Comparison(
-            f"draws of the coefficients that keep the slope's sign, {slope.quantity}, {slope.phase}",
-            "1",
-            slope.same_sign,
-            PAPER_SAME_SIGN if (slope.quantity, slope.phase) in PAPER_DRIFTS else None,
-            remark=f"slope {number(slope.nominal)} per day, draws {figure_text(slope.interval)}",
-        )
-        if slope.quantity == "B_cu":
-            yield Comparison(
-                f"shift of B_cu by a constant pitch offset, {slope.phase}",
-                UNITS[slope.quantity],
-                float(slope.shift[0]),
-                remark=f"slope {number(float(slope.pitched[0]))} per day with it; opposite on dive and climb, so no "
-                "drift",
-            )
-
-
-def _forward_model(check: ForwardModelCheck | None) -> Iterator[Comparison]:
-    if check is None:
-        return
-    yield Comparison(
-        "rise of the forward model's error",
-        "1",
-        check.trend.trend.change,
-        PAPER_RISE,
-        remark=f"p {number(check.trend.trend.p)}, robust {number(check.trend.robust.p)}",
-    )
-    yield Comparison("its Spearman correlation with the day", "1", check.with_day.rho, PAPER_WITH_DAY)
-    yield Comparison("with |B_cu| on the climb, adjoint", "1", check.with_axial.rho, PAPER_WITH_AXIAL)
-
-
-_TIERS = {"primary": "Primary", "supporting": "Supp.", "negligible": "(neg.)", "none": "–"}
-_COLUMNS_5 = (
-    "estimate", "component", "phase", "n", "tau", "p", "slope per day", "95 % interval", "drift", "drift, %", "floor",
-    "drift/floor", "tier", "robust p", "block", "Holm p", "verdict",
-)  # fmt: skip
-_TEXT_5 = ("estimate", "component", "phase", "95 % interval", "tier", "verdict")
-
-
-def table_5(found: Sequence[EstimateTrends]) -> list[dict[str, Any]]:
-    """Return the rows of Table 5: forces in N, moments in N m, slopes per day, drift in % of the line's first value."""
-    return [
-        {
-            "estimate": own.estimate, "component": channel, "unit": UNITS[channel], "phase": phase,
-            "count": trend.trend.count, "tau": trend.trend.tau, "p": trend.trend.p, "slope": trend.trend.slope,
-            "slope_low": trend.trend.low, "slope_high": trend.trend.high, "drift": trend.drift,
-            "drift_percent": 100.0 * trend.drift / abs(trend.trend.first) if trend.trend.first else float("nan"),
-            "floor": trend.floor, "ratio": trend.ratio, "tier": own.tier((channel, phase)), "robust_p": trend.robust.p,
-            "block": trend.robust.block, "holm_p": trend.corrected, "shown": trend.is_significant,
-        }
-        for own in found
-        for (channel, phase), trend in own.trends.items()
-    ]  # fmt: skip
-
-
-def table_5_text(rows: Sequence[dict[str, Any]]) -> str:
-    """Format the table as Markdown."""
-    heading = (
-        "Trends. tau, p: plain Mann-Kendall test; slope: Theil-Sen, its interval by drawing epochs; "
-        "floor: standard deviation within epochs; tier: as the paper grades it (p < 0.05 and an interval without zero: "
-        "primary). robust p: Mann-Kendall by the moving-block bootstrap; Holm p: the same, corrected for the series of "
-        "the estimate; verdict: Holm p < 0.05 and an interval without zero.\n\n"
-    )
-    cells = (
-        (
-            str(row["estimate"]), f"{row['component']} ({row['unit']})", str(row["phase"]), str(row["count"]),
-            f"{row['tau']:+.2f}" if np.isfinite(row["tau"]) else "–", number(row["p"]), number(row["slope"]),
-            figure_text((row["slope_low"], row["slope_high"])), number(row["drift"]),
-            number(row["drift_percent"]), number(row["floor"]), number(row["ratio"]), _TIERS[row["tier"]],
-            number(row["robust_p"]), str(row["block"]), number(row["holm_p"]), "drift" if row["shown"] else "not shown",
-        )
-        for row in rows
-    )  # fmt: skip
-    return heading + markdown(_COLUMNS_5, cells, [name for name in _COLUMNS_5 if name not in _TEXT_5]) + "\n"
-
-
-_COLUMNS_6 = (
-    "component", "phase", "all samples", "segments", "95 % of draws", "same sign", "pitch up", "pitch down",
-    "shift, pitch up", "shift, pitch down",
-)  # fmt: skip
-
-
-def table_6(slopes: Sequence[CoefficientSlopes], all_samples: dict[tuple[str, str], float]) -> list[dict[str, Any]]:
-    """Return the rows of Table 6, with slopes per day.
-
-    Parameters
-    ----------
-    slopes : sequence of CoefficientSlopes
-        Slopes from the segments.
-    all_samples : dict
-        The adjoint's slopes over all samples used, by quantity and phase.
-    """
-    return [
-        {
-            "component": slope.quantity, "unit": UNITS[slope.quantity], "phase": slope.phase,
-            "slope_all_samples": all_samples.get((slope.quantity, slope.phase), float("nan")),
-            "slope_segments": slope.nominal, "slope_low": slope.interval[0], "slope_high": slope.interval[1],
-            "draws": int(np.isfinite(slope.draws).sum()), "same_sign": slope.same_sign,
-            "slope_pitch_up": float(slope.pitched[0]),
-            "slope_pitch_down": float(slope.pitched[1]), "shift_pitch_up": float(slope.shift[0]),
-            "shift_pitch_down": float(slope.shift[1]),
-        }
-        for slope in slopes
-    ]  # fmt: skip
-
-
-def table_6_text(rows: Sequence[dict[str, Any]], settings: CoefficientSettings, check: ForwardModelCheck | None) -> str:
-    """Format the table as Markdown, followed by the check by the forward model."""
-    return _coefficient_rows(rows, settings) + "\n" + _check_rows(check)
-
-
-def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSettings) -> str:
-    if not rows:
-        return "The coefficients were not drawn (drift.coefficients.draws = 0).\n"
-    heading = (
-        f"Slopes per day for {settings.draws} hulls whose viscous and added-mass coefficients are in error by up to "
-        f"{settings.error:.0%}, from the adjoint. Inverted again, through filter and windows: {settings.segments} "
-        f"steady segment(s) of {settings.length:g} s per profile and phase, the first {settings.settling:g} s not "
-        f"counted.\nPitch up and down: slope with a constant pitch error of {settings.pitch_offset:g} degree; shift: "
-        "its effect on the level.\n\n"
-    )
-    cells = (
-        (
-            f"{row['component']} ({row['unit']})",
-            str(row["phase"]),
-            number(row["slope_all_samples"]),
-            number(row["slope_segments"]),
-            figure_text((row["slope_low"], row["slope_high"])),
-            f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–",
-            number(row["slope_pitch_up"]),
-            number(row["slope_pitch_down"]),
-            number(row["shift_pitch_up"]),
-            number(row["shift_pitch_down"]),
-        )
-        for row in rows
-    )
-    return heading + markdown(_COLUMNS_6, cells, _COLUMNS_6[2:]) + "\n"
-
-
-def _check_rows(check: ForwardModelCheck | None) -> str:
-    if check is None:
-        return "No independent check: `gliderhpc validate` has not written the forward model's error to the archive.\n"
-    one = check.trend
-    return (
-        f"Error of the forward model, an independent check without the adjoint: {number(one.trend.first)} to "
-        f"{number(one.trend.last)} ({one.trend.change_text}), Mann-Kendall p {number(one.trend.p)}, robust p "
-        f"{number(one.robust.p)}; Spearman with the day {check.with_day.rho:+.2f} (p {number(check.with_day.p)}), "
-        f"with |B_cu| on the climb {check.with_axial.rho:+.2f} (p {number(check.with_axial.p)}).\n"
-    )

@@ -187,9 +187,9 @@ def events_figure(events: pd.DataFrame, settings: EventSettings, floor: NullFloo
     by_depth.invert_yaxis()
     by_depth.set_xscale("symlog", linthresh=float(events["amplitude"].abs().min()))
     ranked.set_yscale("log")
-    place = np.arange(len(strongest))
-    ranked.bar(place, strongest["amplitude"].abs(), color=FILTER, width=0.7)
-    ranked.set_xticks(place, [str(profile) for profile in strongest["source_profile"]], fontsize=SMALL)
+    rank = np.arange(len(strongest))
+    ranked.bar(rank, strongest["amplitude"].abs(), color=FILTER, width=0.7)
+    ranked.set_xticks(rank, [str(profile) for profile in strongest["source_profile"]], fontsize=SMALL)
     if floor is not None:
         for sign in (-1.0, 1.0):
             by_depth.axvline(sign * floor.ceiling, color=TRUTH, linewidth=0.7, linestyle="--")

@@ -214,9 +214,9 @@ def hull_figure(history: HullHistory, title: str) -> Figure:
     count = len(history.suspects)
     rows = max(1, -(-count // 2))
     figure, axes = panels(rows, min(2, max(1, count)), LANDSCAPE, f"Hull estimated from the dives: {title}")
-    for letter, p, one in zip(panel_letters(count), history.suspects, axes, strict=False):
-        label(one, f"({letter}) {p.meaning}, {p.key}", "days", p.unit)
-        _draw(one, history, p)
+    for letter, p, panel in zip(panel_letters(count), history.suspects, axes, strict=False):
+        label(panel, f"({letter}) {p.meaning}, {p.key}", "days", p.unit)
+        _draw(panel, history, p)
     legend(axes[0])
     footnote(figure, _NOTE)
     return figure
@@ -304,9 +304,9 @@ def change_findings(archive: Archive) -> tuple[bool, tuple[str, ...]] | None:
     drag = next((p for p in history.suspects if p.key == _DRAG), None)
     if drag is None or not np.isfinite(history.change(_DRAG)["change_probability"]):
         return None
-    found = [p for p in history.suspects if history.change(p.key)["change_probability"] >= PROBABLE]
-    others = [p for p in found if p.key != _DRAG]
-    return bool(found), tuple(_verdict(history, p) for p in (drag, *others))
+    changed = [p for p in history.suspects if history.change(p.key)["change_probability"] >= PROBABLE]
+    others = [p for p in changed if p.key != _DRAG]
+    return bool(changed), tuple(_verdict(history, p) for p in (drag, *others))
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ def stored_changes(archive: Archive) -> tuple[StoredChange, ...] | None:
 
 def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
     """Return the findings on drag and neutral volume, and on any other parameter that probably changed."""
-    found = [(p, history.change(p.key)) for p in history.suspects]
+    changed = [(p, history.change(p.key)) for p in history.suspects]
     return tuple(
         StoredChange(
             p.key,
@@ -339,7 +339,7 @@ def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
             change["change_probability"],
             _verdict(history, p),
         )
-        for p, change in found
+        for p, change in changed
         if p.key in (_DRAG, _VOLUME) or change["change_probability"] >= PROBABLE
     )
 

@@ -80,8 +80,8 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {"profile": number, "from": low, "to": high}
-            | {name: float(column[place, at]) for name, column in columns.items()}
-            for place, number in enumerate(numbers)
+            | {name: float(column[row, at]) for name, column in columns.items()}
+            for row, number in enumerate(numbers)
             for at, (low, high) in enumerate(ends)
         ]
     )
@@ -89,10 +89,10 @@ def _ranges(archive: Archive, numbers: list[int]) -> pd.DataFrame:
 
 def _noise_remarks(verdict: TurbulenceVerdict, studied: pd.DataFrame) -> tuple[str, ...]:
     """Explain why it is not tested whether disturbances are Gaussian, if they have statistics at all."""
-    found = verdict.gaussianity
-    if found is not None and found.untested:
-        return (f"whether lateral disturbances are Gaussian: {describe_untested(found)}",)
-    if found is not None or not len(studied):
+    gaussianity = verdict.gaussianity
+    if gaussianity is not None and gaussianity.untested:
+        return (f"whether lateral disturbances are Gaussian: {describe_untested(gaussianity)}",)
+    if gaussianity is not None or not len(studied):
         return ()
     return (
         "the archive has no noise of the smoother, so it is not tested whether lateral disturbances are Gaussian; run "
@@ -168,10 +168,10 @@ def figure_6(archive: Archive, table: pd.DataFrame, settings: IntermittencySetti
 
 
 def _draw_flatness(axes: Axes, study: xr.Dataset, table: pd.DataFrame, settings: IntermittencySettings) -> None:
-    for place, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
+    for index, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
         at = study.sel(profile=number)
-        lag, colour = at["lag_time"].values, _COLOURS[place % len(_COLOURS)]
-        style = _STYLES[place // len(_COLOURS) % len(_STYLES)]
+        lag, colour = at["lag_time"].values, _COLOURS[index % len(_COLOURS)]
+        style = _STYLES[index // len(_COLOURS) % len(_STYLES)]
         axes.plot(lag, at[FLATNESS_BY_LAG.value], style, color=colour, linewidth=1.1, label=f"profile {number}")
         least, most = at[FLATNESS_BY_LAG.surrogate_least], at[FLATNESS_BY_LAG.surrogate_most]
         axes.fill_between(lag, least, most, color=colour, alpha=0.12, linewidth=0.0)
@@ -190,12 +190,12 @@ def _draw_exponents(axes: Axes, study: xr.Dataset) -> None:
     orders = np.array(ORDERS, dtype=np.float64)
     least, most = study[ZETA.surrogate_least].min("profile"), study[ZETA.surrogate_most].max("profile")
     axes.fill_between(orders, least, most, color=SHADE, alpha=0.3, linewidth=0.0, label="surrogates of all profiles")
-    for place, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
+    for index, number in enumerate(study["profile"].values[:_MAX_DRAWN]):
         at = study.sel(profile=number)
         middle = at[ZETA.value].values
         errors = np.abs(np.stack([at[ZETA.low].values, at[ZETA.high].values]) - middle)
-        shift = 0.03 * (place - 0.5 * min(_MAX_DRAWN, study.sizes["profile"]))
-        colour = _COLOURS[place % len(_COLOURS)]
+        shift = 0.03 * (index - 0.5 * min(_MAX_DRAWN, study.sizes["profile"]))
+        colour = _COLOURS[index % len(_COLOURS)]
         axes.errorbar(orders + shift, middle, yerr=errors, fmt="o", markersize=2.5, linewidth=0.7, color=colour)
     axes.plot(orders, orders / 3.0, "-", color="black", linewidth=0.9, label="K41, p / 3")
     axes.plot(orders, [she_leveque(p) for p in orders], "--", color="black", linewidth=0.9, label="She-Leveque")

@@ -106,10 +106,10 @@ def nulls_figure(ensembles: Ensembles, title: str) -> Figure:
     """Draw (a) relative exponent over largest amplitude and (b) flatness over the exponent of the spectrum."""
     settings = ensembles.settings
     figure, (exponents, spectra) = panels(1, 2, (10.5, 5.0), f"{settings.channel}, measured and nulls: {title}")
-    for axes, x, y in ((exponents, "peak", "zeta_ratio"), (spectra, "beta_resolved", "flatness")):
-        for family, (colour, marker) in _STYLES.items():
-            _draw_points(axes, ensembles.family(family), x, y, colour, marker, LABELS[family])
-        _draw_points(axes, ensembles.measured, x, y, TRUTH, "o", "measured")
+    for axes, columns in ((exponents, ("peak", "zeta_ratio")), (spectra, ("beta_resolved", "flatness"))):
+        for family, style in _STYLES.items():
+            _draw_points(axes, ensembles.family(family), columns, style, LABELS[family])
+        _draw_points(axes, ensembles.measured, columns, (TRUTH, "o"), "measured")
     exponents.axhspan(SHE_LEVEQUE - TOLERANCE, SHE_LEVEQUE + TOLERANCE, color="#999999", alpha=0.3, linewidth=0.0)
     if np.isfinite(ensembles.ceiling):
         exponents.axvline(ensembles.ceiling, color=TRUTH, linewidth=0.7, linestyle="--", label="null ceiling")
@@ -123,6 +123,7 @@ def nulls_figure(ensembles: Ensembles, title: str) -> Figure:
     return figure
 
 
-def _draw_points(axes: Axes, table: pd.DataFrame, x: str, y: str, colour: str, marker: str, name: str) -> None:
+def _draw_points(axes: Axes, table: pd.DataFrame, columns: tuple[str, str], style: tuple[str, str], name: str) -> None:
+    (x, y), (colour, marker) = columns, style
     if len(table):
         axes.plot(table[x], table[y], marker, color=colour, markersize=4.5, alpha=0.8, label=f"{name} ({len(table)})")

@@ -24,7 +24,7 @@ from gliderhpc.studies.archived import (
     stored_attribute,
 )
 from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
-from gliderhpc.studies.library.tracks import Current, ellipses_used
+from gliderhpc.studies.library.tracks import UncertainCurrent, ellipses_used
 from gliderhpc.studies.reanalysis import COUNTS, NAME
 from gliderhpc.wording import counted
 
@@ -63,8 +63,8 @@ def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
     down = -(-len(places) // across)
     size = (_SIDE * max(across, 2), _SIDE * down + _HEAD)
     figure, axes = panels(down, across, size, f"Depth-averaged currents and ocean models: {mission}")
-    for index, (panel, place) in enumerate(zip(axes, places, strict=False)):
-        _draw(panel, compared, place)
+    for index, (panel, position) in enumerate(zip(axes, places, strict=False)):
+        _draw(panel, compared, position)
         if index == 0:
             legend(panel)
     for unused in axes[len(places) :]:
@@ -72,12 +72,12 @@ def figure_8(compared: Compared, places: list[int], mission: str) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, compared: Compared, place: int) -> None:
-    current = compared.currents[place]
+def _draw(axes: Axes, compared: Compared, position: int) -> None:
+    current = compared.currents[position]
     _draw_ellipses(axes, current)
-    points = [("glide angle", compared.glide_angle[place], ("^", MODEL, 6.0))]
+    points = [("glide angle", compared.glide_angle[position], ("^", MODEL, 6.0))]
     points += [
-        (name, compared.models[place, index], MARKERS[index % len(MARKERS)])
+        (name, compared.models[position, index], MARKERS[index % len(MARKERS)])
         for index, name in enumerate(compared.names)
     ]
     for name, (north, east), (marker, colour, size) in [
@@ -89,13 +89,13 @@ def _draw(axes: Axes, compared: Compared, place: int) -> None:
     axes.axhline(0.0, color=SHADE, linewidth=0.5)
     axes.axvline(0.0, color=SHADE, linewidth=0.5)
     _frame(axes, current, np.array([velocity for _, velocity, _ in points]))
-    distances = zip(compared.names, compared.distance[place], strict=True)
+    distances = zip(compared.names, compared.distance[position], strict=True)
     text = ", ".join(f"{name} {value:.1f}σ" for name, value in distances if np.isfinite(value))
     axes.text(0.02, 0.02, text, transform=axes.transAxes, fontsize=SMALL, parse_math=False)
-    label(axes, f"profile {compared.numbers[place]}, day {compared.days[place]:.0f}", "east (m/s)", "north (m/s)")
+    label(axes, f"profile {compared.numbers[position]}, day {compared.days[position]:.0f}", "east (m/s)", "north (m/s)")
 
 
-def _draw_ellipses(axes: Axes, current: Current) -> None:
+def _draw_ellipses(axes: Axes, current: UncertainCurrent) -> None:
     from matplotlib.patches import Ellipse
 
     north, east = current.velocity
@@ -118,7 +118,7 @@ def _draw_ellipses(axes: Axes, current: Current) -> None:
         )
 
 
-def _frame(axes: Axes, current: Current, points: Array) -> None:
+def _frame(axes: Axes, current: UncertainCurrent, points: Array) -> None:
     """Set square limits around every point, the 2-sigma ellipse and the origin."""
     reach = 2.0 * np.sqrt(np.nan_to_num(np.diag(current.covariance)))
     corners = np.concatenate([points, [[0.0, 0.0]], [current.velocity - reach, current.velocity + reach]])
@@ -136,7 +136,7 @@ _ABSENT = "–"
 
 def table_4(compared: Compared, places: list[int]) -> list[dict[str, Any]]:
     """Return the rows of Table 4 for some positions: speeds in m/s, directions in degree, distances in sigma."""
-    return [_row(compared, place) for place in places]
+    return [_row(compared, position) for position in places]
 
 
 def table_4_text(rows: list[dict[str, Any]]) -> str:
@@ -147,16 +147,16 @@ def table_4_text(rows: list[dict[str, Any]]) -> str:
     return heading + markdown(columns, cells, columns) + "\n" if rows else "No profile has a current.\n"
 
 
-def _row(compared: Compared, place: int) -> dict[str, Any]:
+def _row(compared: Compared, position: int) -> dict[str, Any]:
     velocities = {
-        compared.estimate: compared.glider[place],
-        "glide angle": compared.glide_angle[place],
-        **dict(zip(compared.names, compared.models[place], strict=True)),
+        compared.estimate: compared.glider[position],
+        "glide angle": compared.glide_angle[position],
+        **dict(zip(compared.names, compared.models[position], strict=True)),
     }
-    row: dict[str, Any] = {"profile": int(compared.numbers[place]), "day": float(compared.days[place])}
+    row: dict[str, Any] = {"profile": int(compared.numbers[position]), "day": float(compared.days[position])}
     for name, velocity in velocities.items():
         row |= {f"{name} speed": float(speed(velocity)), f"{name} direction": float(direction(velocity))}
-    distances = zip(compared.names, compared.distance[place], strict=True)
+    distances = zip(compared.names, compared.distance[position], strict=True)
     return row | {f"{name} distance": float(value) for name, value in distances}
 
 
@@ -176,7 +176,7 @@ def captions(made: Provenance, compared: Compared, places: list[int], *, by_stud
     """Return the captions by stem; `places` are the positions of the profiles in Table 4 and Figure 8."""
     data, models = describe_data(made), ", ".join(compared.names)
     covered = int(np.isfinite(compared.models.sum(axis=2)).any(axis=1).sum())
-    panels = describe_profiles([int(compared.numbers[place]) for place in places])
+    panels = describe_profiles([int(compared.numbers[position]) for position in places])
     ellipse = "of study currents" if by_study else "of the mission's run"
     glider = f"depth-averaged current by {estimate_label(made)}"
     return {
@@ -209,9 +209,9 @@ def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
     made = provenance_of(archive, NAME)
     compared = compare(archive, made.profiles, made.estimate)
-    found, places = agreements(compared), compared.panels()
+    agreed, places = agreements(compared), compared.panels()
     table = _by_model(archive, made)
-    agreement, nine = agreement_rows(compared, found), table_4(compared, places)
+    agreement, nine = agreement_rows(compared, agreed), table_4(compared, places)
     facts = shared_facts(made) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
     stored, present = archive[NAME].attrs, ellipses_used(archive, made.estimate)
     by_study = present["ellipses_of_study"]
@@ -219,7 +219,7 @@ def show(archive: Archive) -> Findings:
     other = () if all(stored.get(key, value) == value for key, value in present.items()) else (_OTHER_ELLIPSES,)
     return archive_findings(
         NAME,
-        comparisons=comparisons(compared, found),
+        comparisons=comparisons(compared, agreed),
         tables={"table_4": pd.DataFrame(nine), "agreement": pd.DataFrame(agreement), "profiles": table},
         figures={"figure_8": partial(figure_8, compared, places, mission_of(archive))} if places else {},
         facts=facts,

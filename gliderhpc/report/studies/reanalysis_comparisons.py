@@ -20,7 +20,7 @@ from gliderhpc.studies.library.scores import (
 )
 from gliderhpc.studies.library.tracks import (
     BY_GLIDE_ANGLE,
-    Current,
+    UncertainCurrent,
     archived_currents,
 )
 from gliderhpc.wording import counted
@@ -80,7 +80,7 @@ class Compared:
     numbers: NDArray[np.int64]
     days: Array
     estimate: str
-    currents: Sequence[Current]
+    currents: Sequence[UncertainCurrent]
     glide_angle: Array
     names: tuple[str, ...]
     models: Array
@@ -102,7 +102,7 @@ class Compared:
         if not places.size:
             return []
         even = np.linspace(0.0, places.size - 1.0, min(PANELS, places.size))
-        return [int(place) for place in places[np.round(even).astype(np.int64)]]
+        return [int(position) for position in places[np.round(even).astype(np.int64)]]
 
 
 def compare(archive: Archive, numbers: Sequence[int], estimate: str) -> Compared:
@@ -197,15 +197,15 @@ def share_within(distance: Array, sigmas: int) -> float:
     return float((known <= sigmas).mean()) if known.size else float("nan")
 
 
-def agreement_rows(compared: Compared, found: list[Agreement]) -> list[dict[str, Any]]:
+def agreement_rows(compared: Compared, agreements: list[Agreement]) -> list[dict[str, Any]]:
     """Rows of the table of agreements; a model compared with the glider also has the shares within 1, 2 and 3 sigma."""
-    return [{**asdict(difference), **_shares(compared, difference)} for difference in found]
+    return [{**asdict(difference), **_shares(compared, difference)} for difference in agreements]
 
 
-def comparisons(compared: Compared, found: list[Agreement]) -> tuple[Comparison, ...]:
+def comparisons(compared: Compared, agreements: list[Agreement]) -> tuple[Comparison, ...]:
     """Agreements and distances, compared with section 5.5 of the paper."""
     return (
-        *(row for difference in found for row in _compare_agreement(difference)),
+        *(row for difference in agreements for row in _compare_agreement(difference)),
         *(row for index in range(len(compared.names)) for row in _compare_distance(compared, index)),
     )
 

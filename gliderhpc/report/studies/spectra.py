@@ -218,11 +218,11 @@ def figure_4(archive: Archive, table: pd.DataFrame, settings: SpectraSettings) -
     title = f"Spectra of {settings.channel}, fast part: {mission_of(archive)}"
     figure, axes = panels(1, len(groups), (max(5.0, 3.9 * len(groups)), 4.8), title)
     study = archive[NAME].to_dataset()
-    for one, group, place in zip(axes, groups, panel_letters(len(groups)), strict=True):
+    for panel, group, letter in zip(axes, groups, panel_letters(len(groups)), strict=True):
         own = table[table["group"] == group]
-        _draw_group(one, study, own, settings)
-        label(one, f"({place}) {group}: {_speeds(own)}", "frequency (Hz)", "density over variance (1/Hz)")
-        legend(one)
+        _draw_group(panel, study, own, settings)
+        label(panel, f"({letter}) {group}: {_speeds(own)}", "frequency (Hz)", "density over variance (1/Hz)")
+        legend(panel)
     footnote(
         figure,
         "Grey: above the records' Nyquist frequency, where the series contains only the interpolation between samples "
@@ -239,7 +239,7 @@ def _speeds(own: pd.DataFrame) -> str:
 
 def _draw_group(axes: Axes, study: xr.Dataset, own: pd.DataFrame, settings: SpectraSettings) -> None:
     top, bottom = 0.0, np.inf
-    for place, (_, row) in enumerate(own.iterrows()):
+    for index, (_, row) in enumerate(own.iterrows()):
         at = study.sel(profile=int(row["profile"]))
         frequency, density = at["frequency_hz"].values, at["density"].values
         shown = (frequency >= settings.cutoff) & np.isfinite(density)
@@ -247,8 +247,8 @@ def _draw_group(axes: Axes, study: xr.Dataset, own: pd.DataFrame, settings: Spec
             continue
         variance = float(np.sum(density[shown]) * (frequency[1] - frequency[0]))
         normalised = density[shown] / variance
-        if place < _MAX_NAMED:
-            axes.loglog(frequency[shown], normalised, color=_COLOURS[place], linewidth=0.9, label=_name(row))
+        if index < _MAX_NAMED:
+            axes.loglog(frequency[shown], normalised, color=_COLOURS[index], linewidth=0.9, label=_name(row))
         else:
             axes.loglog(frequency[shown], normalised, color=SHADE, linewidth=0.4)
         top = max(top, float(np.max(normalised)))

@@ -51,8 +51,8 @@ def vertical_figure(archive: Archive, table: pd.DataFrame) -> Figure:
     title = f"Vertical velocity of the water: {mission_of(archive)}"
     figure, (rates, depths, mission, hull) = panels(2, 2, LANDSCAPE, title)
     number = int(table["profile"].iloc[0])
-    found, observed = (archive[name].to_dataset().sel(profile=number) for name in ("vertical", "observed"))
-    rows = found[[*_SHOWN]].assign({name: observed[name] for name in ("time", "depth")}).load()
+    vertical, observed = (archive[name].to_dataset().sel(profile=number) for name in ("vertical", "observed"))
+    rows = vertical[[*_SHOWN]].assign({name: observed[name] for name in ("time", "depth")}).load()
     _draw_rates(rates, rows, number)
     _draw_depths(depths, rows, number)
     _draw_mission(mission, table)
@@ -105,7 +105,7 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
                 elinewidth=1.0,
                 label=leg,
             )
-            means = [leg_column("mean", each) for each in PHASES]
+            means = [leg_column("mean", phase) for phase in PHASES]
             axes.set_ylim(*limits(_CM * table[[name for name in table if name in means]].to_numpy(), margin=0.5))
     axes.axhline(0.0, color="#666666", linewidth=0.6)
     legend(axes)
@@ -114,12 +114,12 @@ def _draw_mission(axes: Axes, table: pd.DataFrame) -> None:
 def _draw_hull(axes: Axes, table: pd.DataFrame) -> None:
     names = [name for name in NAMES if any(effect_column(name, leg) in table for leg in _LEGS)]
     label(axes, "(d) change of the mean for one plausible deviation of each parameter, medians", "cm/s", "")
-    place = np.arange(len(names))
+    bar = np.arange(len(names))
     for shift, (leg, colour) in zip((-0.2, 0.2), _LEGS.items(), strict=True):
         if effect_column(names[0], leg) in table:
             changes = [_CM * float(table[effect_column(name, leg)].median()) for name in names]
-            axes.barh(place + shift, changes, height=0.35, color=colour, label=leg)
-    axes.set_yticks(place, names)
+            axes.barh(bar + shift, changes, height=0.35, color=colour, label=leg)
+    axes.set_yticks(bar, names)
     axes.axvline(0.0, color="#666666", linewidth=0.6)
     legend(axes)
 

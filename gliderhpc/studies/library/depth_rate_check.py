@@ -165,8 +165,8 @@ def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) ->
     """Read the steady glides of at most `MAX_DIVES` dives; None if fewer than four have them on dive and climb."""
     chosen = np.linspace(0, len(numbers) - 1, min(MAX_DIVES, len(numbers))).round().astype(int).tolist()
     profiles = read_recorded_profiles(archive, [numbers[i] for i in chosen])
-    found = [_samples(profile, i) for profile, i in zip(profiles, chosen, strict=True)]
-    parts = [part for part in found if part is not None]
+    sampled = [_samples(profile, i) for profile, i in zip(profiles, chosen, strict=True)]
+    parts = [part for part in sampled if part is not None]
     if len(parts) < MIN_COMPARED or len({part.water is None for part in parts}) > 1:
         return None
     samples = _joined(parts)
@@ -266,12 +266,12 @@ def compare(
     samples: GlideSamples,
     platform: Platform,
     parameters: Sequence[HullParameter],
-    found: MissionHull,
+    hull: MissionHull,
     near: HullGlides | None = None,
 ) -> DepthRateCheck | None:
     """Compare the hull of a mission with the depth rates of its steady glides; None if fewer than four dives have them.
 
-    ``near`` are the glides of a similar hull, whose derivatives are taken; by default those at the mean of ``found``.
+    ``near`` are the glides of a similar hull, whose derivatives are taken; by default those at the mean of ``hull``.
 
     Notes
     -----
@@ -280,7 +280,7 @@ def compare(
     a leg is the residual of a fit of the errors, with their prior, to the deviations from the legs' means.
     """
     chosen = _chosen(parameters)
-    errors: Gaussian = found.overall
+    errors: Gaussian = hull.overall
     if near is None:
         near = glides_of(samples, platform, parameters, errors.mean)
     slopes = near.slopes
@@ -340,8 +340,8 @@ def check_hull(
         # Step by step, since a hull that hardly any dive determines may contradict the depth rates again.
         for _ in range(_ROUNDS):
             divisor *= _MIN_FACTOR if now is None else max(now.chi_square / _LEGS, _MIN_FACTOR)
-            found = solve_mission([dive.weakened(divisor) for dive in dives], undivided.prior, robust=robust)
-            now = compare(samples, platform, parameters, found, near)
+            hull = solve_mission([dive.weakened(divisor) for dive in dives], undivided.prior, robust=robust)
+            now = compare(samples, platform, parameters, hull, near)
             if now is not None and now.chi_square <= _LEGS:
                 break
     return replace(first, divisor=divisor)

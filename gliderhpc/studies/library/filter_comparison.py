@@ -111,8 +111,8 @@ def _correlation(a: Array, b: Array) -> float:
     """Correlation of finite values: the same as `correlation` to rounding, in a third of the time."""
     if a.size == 0 or a.min() == a.max() or b.min() == b.max():
         return float("nan")
-    one, two = a - a.mean(), b - b.mean()
-    return float(one @ two / np.sqrt((one @ one) * (two @ two)))
+    first, second = a - a.mean(), b - b.mean()
+    return float(first @ second / np.sqrt((first @ first) * (second @ second)))
 
 
 def _without_delay(follower: Array, leader: Array, samples: NDArray[np.intp]) -> Lag:
@@ -219,13 +219,13 @@ def truth_columns(data: ProfileData, truth: xr.Dataset, impulses: int) -> Row:
     own = estimators(data.estimate)
     by_channel = {name: np.full((len(CHANNELS), len(own)), np.nan) for name in _BY_CHANNEL}
     for row in truth_rows(data, truth):
-        place = list(CHANNELS).index(row["channel"]), own.index(row["estimator"])
+        position = list(CHANNELS).index(row["channel"]), own.index(row["estimator"])
         for name in _BY_CHANNEL:
-            by_channel[name][place] = row[name]
+            by_channel[name][position] = row[name]
     alone = impulse_rows(data, truth)
     of_impulse = {name: _pad([row[name] for row in alone], impulses) for name in _OF_IMPULSE}
     as_seen = {
-        name: np.column_stack([_pad([row[f"{one}_{name}"] for row in alone], impulses) for one in own])
+        name: np.column_stack([_pad([row[f"{estimator}_{name}"] for row in alone], impulses) for estimator in own])
         for name in _AS_SEEN
     }
     return {truth_column(name): values for name, values in by_channel.items()} | {
@@ -264,13 +264,13 @@ def impulse_table(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     group = archive[_GROUP].to_dataset().sel(profile=numbers)
     columns = {name: group[impulse_column(name)].values for name in _OF_IMPULSE}
     columns |= {
-        f"{own}_{name}": group[impulse_column(name)].values[:, :, place]
-        for place, own in enumerate(map(str, group["estimator"].values))
+        f"{own}_{name}": group[impulse_column(name)].values[:, :, index]
+        for index, own in enumerate(map(str, group["estimator"].values))
         for name in _AS_SEEN
     }
     known = np.isfinite(columns["time"])
-    which = np.repeat(numbers, known.sum(axis=1))
-    return pd.DataFrame({"profile": which} | {name: values[known] for name, values in columns.items()})
+    profiles = np.repeat(numbers, known.sum(axis=1))
+    return pd.DataFrame({"profile": profiles} | {name: values[known] for name, values in columns.items()})
 
 
 def _pad(values: list[float], length: int) -> Array:

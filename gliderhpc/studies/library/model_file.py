@@ -358,17 +358,17 @@ def _component_name(label: str, dataset: xr.Dataset, standard: str) -> str:
 
 def _dims(label: str, dataset: xr.Dataset, name: str) -> tuple[str, ...]:
     """Dimensions of a velocity in the order time, depth, latitude, longitude."""
-    found: dict[str, str] = {}
+    by_role: dict[str, str] = {}
     for dim in map(str, dataset[name].dims):
         if dim not in dataset.coords and dim not in dataset.variables:
             raise InputError(f"{label}: dimension {dim} of {name} has no coordinate; a regular grid is needed")
         role = role_of(dataset[dim])
         if role is not None:
-            found[role] = dim
-    lacking = [role for role in ROLES if role not in found]
+            by_role[role] = dim
+    lacking = [role for role in ROLES if role not in by_role]
     if lacking:
         raise InputError(f"{label}: {name} has no axis of {' and '.join(lacking)}; a regular grid is needed")
-    return tuple(found[role] for role in ROLES)
+    return tuple(by_role[role] for role in ROLES)
 
 
 def _longitudes(label: str, coordinate: xr.DataArray) -> LongitudeAxis:

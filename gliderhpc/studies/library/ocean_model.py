@@ -126,7 +126,7 @@ class Grid:
             chosen = [corner[number >> axis & 1] for axis, corner in enumerate(corners)]
             weight = np.prod([share for _, share in chosen], axis=0)[:, None]
             # A neighbour of weight zero is ignored, even if it is land (NaN).
-            total += np.where(weight > 0.0, weight * box[tuple(place for place, _ in chosen)], 0.0)
+            total += np.where(weight > 0.0, weight * box[tuple(offset for offset, _ in chosen)], 0.0)
         return total
 
     def _read(self, spans: Sequence[Sequence[slice]]) -> Array:
@@ -211,7 +211,7 @@ def open_models(sources: Iterable[str]) -> Iterator[tuple[OceanModel, ...]]:
                 known.append(Grid([file]))
             else:
                 known[fitting] = Grid([*known[fitting].files, file])
-        yield tuple(OceanModel(name, tuple(found)) for name, found in grids.items())
+        yield tuple(OceanModel(name, tuple(parts)) for name, parts in grids.items())
 
 
 def expand_source(source: str) -> list[str]:
@@ -224,13 +224,13 @@ def expand_source(source: str) -> list[str]:
     """
     if is_url(source):
         return [source]
-    place = Path(source).absolute()
-    if place.exists():
-        return [str(place)]
-    found = sorted(Path(place.anchor).glob(str(place.relative_to(place.anchor))))
-    if not found:
+    absolute = Path(source).absolute()
+    if absolute.exists():
+        return [str(absolute)]
+    matches = sorted(Path(absolute.anchor).glob(str(absolute.relative_to(absolute.anchor))))
+    if not matches:
         raise InputError(f"{source}: no such file")
-    return [str(path) for path in found]
+    return [str(path) for path in matches]
 
 
 def _only(cells: Cells, inside: NDArray[np.bool_]) -> Cells:

@@ -195,15 +195,15 @@ def _velocities(label: str, dataset: xr.Dataset) -> VelocityRecord:
 
 def _along(label: str, dataset: xr.Dataset, role: str, dims: set[object]) -> str:
     """Variable of times or depths along some of the velocities' dimensions."""
-    found = [
+    candidates = [
         str(name)
         for name, variable in dataset.variables.items()
         if variable.ndim and set(variable.dims) <= dims and role_of(dataset[name]) == role
     ]
-    if not found:
+    if not candidates:
         raise InputError(f"{label}: its velocities have no {role}")
     # A current profiler has its own depth, and the depth of each of its cells; the latter vary along more dimensions.
-    return max(found, key=lambda name: (dataset[name].ndim, name in dataset.coords))
+    return max(candidates, key=lambda name: (dataset[name].ndim, name in dataset.coords))
 
 
 @dataclass(frozen=True)
@@ -260,28 +260,28 @@ def compare_with_reference(
     dict of str to value
         Further values of the profile; values by bin have shape ``(count,)``.
     """
-    found = reference.for_dive(data, settings.bin, count)
+    current = reference.for_dive(data, settings.bin, count)
     return {
-        "reference_north": float(found.velocity[0]),
-        "reference_east": float(found.velocity[1]),
-        "reference_error": found.error,
-        "reference_covered": found.covered,
-        **_difference(found, row),
-        **_shear_correlations(found.by_depth, row, settings.bin),
+        "reference_north": float(current.velocity[0]),
+        "reference_east": float(current.velocity[1]),
+        "reference_error": current.error,
+        "reference_covered": current.covered,
+        **_difference(current, row),
+        **_shear_correlations(current.by_depth, row, settings.bin),
         "bin_depth": (np.arange(count) + 0.5) * settings.bin,
-        "reference_count": found.count,
-        "reference_by_depth_north": found.by_depth[:, 0],
-        "reference_by_depth_east": found.by_depth[:, 1],
+        "reference_count": current.count,
+        "reference_by_depth_north": current.by_depth[:, 0],
+        "reference_by_depth_east": current.by_depth[:, 1],
     }
 
 
-def _difference(found: ReferenceCurrent, row: Row) -> Row:
+def _difference(current: ReferenceCurrent, row: Row) -> Row:
     """Vector difference of the depth-averaged currents, in m/s and in sigma of the two currents' combined errors."""
-    apart = np.array([row["current_north"], row["current_east"]]) - found.velocity
+    apart = np.array([row["current_north"], row["current_east"]]) - current.velocity
     if not np.isfinite(apart).all():
         return {}
     covariance = covariance_matrix(row["current_north_std"], row["current_east_std"], row["current_covariance"])
-    both = covariance + np.nan_to_num(found.error) ** 2 * np.eye(2)
+    both = covariance + np.nan_to_num(current.error) ** 2 * np.eye(2)
     return {
         "reference_difference": float(np.linalg.norm(apart)),
         "reference_distance": sigma_distance(apart, both),

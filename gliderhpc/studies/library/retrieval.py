@@ -122,13 +122,13 @@ def _roots(glider: Glider, motion: Array, rudder: Array, moment: Array, gain: Ar
         reach = np.clip(_BRACKET_MARGIN * np.abs(moment / gain), _MIN_BRACKET, 0.5 * limit)
     bounds = elementwise.bracket_root(left_over, -reach, reach, xmin=-limit, xmax=limit, args=(rows,))
     roots = np.full(len(moment), np.nan)
-    found = bounds.success
-    if found.any():
+    bracketed = bounds.success
+    if bracketed.any():
         low, high = bounds.bracket
         solution = elementwise.find_root(
-            left_over, (low[found], high[found]), args=(rows[found],), tolerances={"xatol": _ROOT_TOLERANCE}
+            left_over, (low[bracketed], high[bracketed]), args=(rows[bracketed],), tolerances={"xatol": _ROOT_TOLERANCE}
         )
-        roots[found] = np.where(solution.success, solution.x, np.nan)
+        roots[bracketed] = np.where(solution.success, solution.x, np.nan)
     return roots
 
 

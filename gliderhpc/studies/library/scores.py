@@ -17,17 +17,17 @@ MIN_COVERAGE = 0.9
 
 
 @dataclass(frozen=True)
-class Score:
+class EstimateScore:
     """Root mean square error in the quantity's unit, and correlation (NaN if either series is constant)."""
 
     rmse: float
     correlation: float
 
 
-def score_columns(estimate: Array, true: Array) -> tuple[Score, ...]:
+def score_columns(estimate: Array, true: Array) -> tuple[EstimateScore, ...]:
     """Score every column of an estimate ``(n, m)`` against the truth ``(n, m)``."""
     columns = zip(estimate.T, true.T, strict=True)
-    return tuple(Score(rms(ours - theirs), correlation(ours, theirs)) for ours, theirs in columns)
+    return tuple(EstimateScore(rms(ours - theirs), correlation(ours, theirs)) for ours, theirs in columns)
 
 
 def rms(values: Array) -> float:

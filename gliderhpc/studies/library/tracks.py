@@ -110,7 +110,7 @@ def estimated_positions(archive: Archive, data: ProfileData, model: SelfMotion) 
     track, time = _track_of_estimate(archive, data, model, anchors), data.record_time
     knots = np.append(np.arange(time[0], time[-1], _KNOTS), time[-1])
     on_knots = np.array([[np.interp(knot, time, axis) for axis in track.T] for knot in knots])
-    places = np.array([moved((entry.latitude, entry.longitude), place) for place in on_knots])
+    places = np.array([moved((entry.latitude, entry.longitude), offset) for offset in on_knots])
     latitude, longitude = places[:, 0], np.unwrap(places[:, 1], period=360.0)
     return np.column_stack([np.interp(time, knots, axis) for axis in (latitude, longitude)])
 
@@ -329,7 +329,7 @@ def _smoothed_covariance(archive: Archive, number: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Current:
+class UncertainCurrent:
     """A depth-averaged current with its uncertainty.
 
     Attributes
@@ -344,7 +344,7 @@ class Current:
     covariance: Array
 
 
-def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[Current]:
+def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -> list[UncertainCurrent]:
     """Read the currents of some profiles that follow from an estimate's self-motion.
 
     The covariance is that of study ``currents``, which can use a budget, for the profiles and the estimate that the
@@ -360,7 +360,7 @@ def archived_currents(archive: Archive, numbers: Sequence[int], estimate: str) -
         first = np.where(known, study["current_north_std"].values, first)
         second = np.where(known, study["current_east_std"].values, second)
     velocities, covariances = np.column_stack([north, east]), covariance_matrix(first, second, between)
-    return [Current(velocities[i], covariances[i]) for i in range(len(numbers))]
+    return [UncertainCurrent(velocities[i], covariances[i]) for i in range(len(numbers))]
 
 
 def has_currents_study(archive: Archive, estimate: str) -> bool:

@@ -195,10 +195,10 @@ def blocks_of(epoch: Index, length: int) -> Index:
     """
     blocks = np.zeros(len(epoch), dtype=np.int64)
     block, size = 0, 0
-    for place in range(len(epoch)):
-        if place and epoch[place] != epoch[place - 1] and size >= length:
+    for index in range(len(epoch)):
+        if index and epoch[index] != epoch[index - 1] and size >= length:
             block, size = block + 1, 0
-        blocks[place] = block
+        blocks[index] = block
         size += 1
     if block + 1 >= MIN_BLOCKS:
         return blocks
@@ -226,7 +226,7 @@ def _weighted_medians(ascending: Array, weights: Index) -> Array:
         return np.full(len(weights), np.nan)
     upto = np.cumsum(weights, axis=1)
     total = upto[:, -1:]
-    lower, upper = (ascending[np.argmax(upto > place, axis=1)] for place in ((total - 1) // 2, total // 2))
+    lower, upper = (ascending[np.argmax(upto > rank, axis=1)] for rank in ((total - 1) // 2, total // 2))
     return np.where(total[:, 0] > 0, 0.5 * (lower + upper), np.nan)
 
 
@@ -348,7 +348,7 @@ def holm(p: Sequence[float]) -> list[float]:
     adjusted = np.full(len(values), np.nan)
     order = known[np.argsort(values[known])]
     running = 0.0
-    for rank, place in enumerate(order):
-        running = max(running, (len(order) - rank) * float(values[place]))
-        adjusted[place] = min(running, 1.0)
+    for rank, index in enumerate(order):
+        running = max(running, (len(order) - rank) * float(values[index]))
+        adjusted[index] = min(running, 1.0)
     return [float(value) for value in adjusted]

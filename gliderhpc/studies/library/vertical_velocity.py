@@ -101,9 +101,9 @@ class DepthRateFilter:
 
     def slopes(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k); NaN where the window is cut short."""
-        found = self.operator @ values
-        found[~self.full_window] = np.nan
-        return np.asarray(found)
+        values_per_second = self.operator @ values
+        values_per_second[~self.full_window] = np.nan
+        return np.asarray(values_per_second)
 
     def with_truncated_windows(self, values: Array) -> Array:
         """Slope per second of values (n,) or (n, k), from a shorter window near the ends of a stretch."""

@@ -203,7 +203,7 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettin
         error,
         threshold,
         judge_size(constant, threshold),
-        f"--set records.heading_offset={made.heading_offset + constant:.1f}",
+        f"`records.heading_offset={made.heading_offset + constant:.1f}`",
         f"{counted(legs, 'leg')}; {_OPEN[fit.unknowns]}",
     )
 
@@ -252,7 +252,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
         error,
         threshold,
         judge_size(amplitude, threshold),
-        f"--set records.heading_deviation=[{parts}] (times {', '.join(HARMONICS)} of the heading)",
+        f"`records.heading_deviation=[{parts}]` (times {', '.join(HARMONICS)} of the heading)",
         remark,
     )
 

@@ -54,7 +54,7 @@ class Finding:
     verdict : CheckVerdict
         Outcome.
     suggestion : str
-        Correction; empty where there is nothing to correct.
+        Correction, a setting in backquotes if one makes it; empty where there is nothing to correct.
     remark : str
         Basis of the estimate, or the reason why it is not determined.
     """

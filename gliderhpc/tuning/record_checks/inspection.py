@@ -108,7 +108,7 @@ def lag_finding(
         error,
         threshold,
         judge_size(lag, threshold),
-        f"--set records.depth_lag={settings.records.depth_lag + lag:.2f}",
+        f"`records.depth_lag={settings.records.depth_lag + lag:.2f}`",
         f"{counted(len(series), 'profile')}, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
     limit = max((REACH - 1) * interval, (REACH - 1) * checks.timing_error)

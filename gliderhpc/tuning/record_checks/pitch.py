@@ -94,11 +94,11 @@ class _Glides:
     def offset_correction(self, offset: float) -> str:
         """Setting that removes an offset (degree), including the correction already made."""
         total = self.records.pitch_offset + offset / self.records.pitch_scale
-        return self._correction(f"--set records.pitch_offset={total:.2f}")
+        return self._correction(f"`records.pitch_offset={total:.2f}`")
 
     def scale_correction(self, scale: float) -> str:
         """Setting that removes an error of the scale, including the correction already made."""
-        return self._correction(f"--set records.pitch_scale={self.records.pitch_scale * scale:.3f}")
+        return self._correction(f"`records.pitch_scale={self.records.pitch_scale * scale:.3f}`")
 
     def _correction(self, setting: str) -> str:
         """Return the setting for a calibrated hull only; any other hull may be as wrong as the sensor."""

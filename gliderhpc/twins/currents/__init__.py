@@ -331,7 +331,7 @@ def conclude(plan: TwinPlan[CurrentsSize], rows: list[Row], budget: Budget | Non
     """
     (platform,) = plan.platforms
     if budget is not None and budget.platform != platform.name:
-        raise InputError(f"--budget: was measured for {budget.platform}, and the twins are of {platform.name}")
+        raise InputError(f"`budget`: was measured for {budget.platform}, and the twins are of {platform.name}")
     results = currents_results(plan, rows, budget)
     resolved = [{name: value for name, value in row.items() if name != "spectra"} for row in results.resolved]
     concluded = describe_results(results)
@@ -393,7 +393,7 @@ def _documents(results: CurrentsResults, budget: Budget | None) -> dict[str, str
 
 def _remarks(results: CurrentsResults, budget: Budget | None) -> tuple[str, ...]:
     without_budget = (
-        "no --budget given: the constants of `twin recoverability` are not compared, and no budget is written, "
+        "no `budget` given: the constants of `twin recoverability` are not compared, and no budget is written, "
         "because its identification noise comes from that study"
     )
     refused = (f"{len(results.refused)} twins refused: {results.refused[0]}",) if results.refused else ()

@@ -54,7 +54,7 @@ _MAX_EXCESS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class UncertaintyModel:
+class EllipseModel:
     """Constants of the ellipses, their name, and the twins that test them."""
 
     name: str
@@ -150,7 +150,7 @@ def along_the_current(rows: Sequence[Row]) -> list[Row]:
     return lines
 
 
-def coverage_lines(model: UncertaintyModel) -> list[Row]:
+def coverage_lines(model: EllipseModel) -> list[Row]:
     """Coverage of a set of constants: one line for all twins, and one per bin of speed (`SPEEDS`) with twins."""
     distances = _distances(model.rows, model.settings)
     areas = np.array([ellipse_of(row, model.settings).area for row in model.rows])
@@ -314,19 +314,19 @@ def strongest(transfer: Sequence[Row], preset: str) -> list[Row]:
     return select(transfer, preset=preset, world=GUSTS, factor=factor)
 
 
-def _uncertainty_models(averaged: Sequence[Row], budget: Budget | None) -> list[UncertaintyModel]:
+def _uncertainty_models(averaged: Sequence[Row], budget: Budget | None) -> list[EllipseModel]:
     ours, others = ([row for row in averaged if row["seed"] % 2 == odd] for odd in (1, 0))
     if not (ours and others):
-        raise InputError("no twin is left to fit to, or to test the ellipses on; give more --seeds")
+        raise InputError("no twin is left to fit to, or to test the ellipses on; give more `seeds`")
     offset, _ = track_offset(ours)
     centred, others_centred = without_offset(ours, offset), without_offset(others, offset)
-    given = [] if budget is None else [UncertaintyModel(RECOVERABILITY, budget.current, averaged)]
+    of_budget = [] if budget is None else [EllipseModel(RECOVERABILITY, budget.current, averaged)]
     return [
-        UncertaintyModel(PUBLISHED, CurrentErrors(), averaged),
-        *given,
-        UncertaintyModel(FITTED_FORM, fitted_to_cover(ours, PUBLISHED_TERMS), others),
-        UncertaintyModel(FITTED, fitted_to_cover(ours, TERMS), others),
-        UncertaintyModel(CENTRED, fitted_to_cover(centred, TERMS), others_centred),
+        EllipseModel(PUBLISHED, CurrentErrors(), averaged),
+        *of_budget,
+        EllipseModel(FITTED_FORM, fitted_to_cover(ours, PUBLISHED_TERMS), others),
+        EllipseModel(FITTED, fitted_to_cover(ours, TERMS), others),
+        EllipseModel(CENTRED, fitted_to_cover(centred, TERMS), others_centred),
     ]
 
 

@@ -48,7 +48,7 @@ def conclude(plan: TwinPlan[EstimatorsSize], rows: list[Row]) -> Findings:
     summary = summarise(rows)
     advice = [recommend(rows, purpose) for purpose in purposes(plan.size.intervals)]
     sentences = (*map(describe_recommendation, advice), describe_tally(advice), *describe_intervals(summary))
-    found = twin_findings(
+    findings = twin_findings(
         NAME,
         plan,
         {f"{platform.name}, {kind}": compare_estimators(summary, kind) for kind in (CALM, IMPULSIVE, PRIOR)},
@@ -57,7 +57,7 @@ def conclude(plan: TwinPlan[EstimatorsSize], rows: list[Row]) -> Findings:
         facts={"degrees_of_freedom": DEGREES_OF_FREEDOM, "summary": summary, "advice": advice, "sentences": sentences},
         remarks=sentences,
     )
-    return replace(found, documents={PAGE: page_text(as_plain(found.content), f"{NAME}.png")})
+    return replace(findings, documents={PAGE: page_text(as_plain(findings.content), f"{NAME}.png")})
 
 
 STUDY = TwinStudy(NAME, FULL, QUICK, estimator_runs, conclude, job=run_rows)
@@ -126,9 +126,9 @@ def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
         ``best`` is None if no twin has a score for every estimator.
     """
     table = paired(rows, purpose.kind, purpose.score)
-    found: Row = {**vars(purpose), "twins": len(table), "best": None, "as_good": [], "medians": {}}
+    recommendation: Row = {**vars(purpose), "twins": len(table), "best": None, "as_good": [], "medians": {}}
     if not len(table):
-        return found
+        return recommendation
     medians = table.median()
     best = str(medians.idxmin())
     excess = table.sub(table[best], axis=0).drop(columns=best)
@@ -137,32 +137,32 @@ def recommend(rows: Sequence[Row], purpose: Purpose) -> Row:
         for name in excess.columns
         if medians[name] <= (1.0 + NEGLIGIBLE_EXCESS) * medians[best] or np.percentile(excess[name], 25.0) <= 0.0
     ]
-    return found | {
+    return recommendation | {
         "best": best,
         "as_good": as_good,
         "medians": {str(name): float(medians[name]) for name in medians.index},
     }
 
 
-def describe_tally(found: Sequence[Row]) -> str:
+def describe_tally(recommendations: Sequence[Row]) -> str:
     """Describe the number of purposes for which each estimator is the best or not distinguishable from it."""
-    decided = [line for line in found if line["best"] is not None]
+    decided = [line for line in recommendations if line["best"] is not None]
     counts = {name: sum(name in (line["best"], *line["as_good"]) for line in decided) for name in LABELS}
     ranked = sorted(counts.items(), key=itemgetter(1), reverse=True)
     tally = ", ".join(f"{LABELS[name]} for {count}" for name, count in ranked)
     return f"Best, or not distinguishable from the best, for these {len(decided)} purposes: {tally}."
 
 
-def describe_recommendation(found: Row) -> str:
+def describe_recommendation(recommendation: Row) -> str:
     """Describe a recommendation in one sentence."""
-    if found["best"] is None:
-        return f"For {found['name']}: no twin has an estimate by every estimator."
-    medians, best = found["medians"], found["best"]
-    sentence = f"For {found['name']}: {LABELS[best]} ({number(medians[best])} {found['unit']}"
-    if found["as_good"]:
-        rivals = ", ".join(f"{LABELS[name]} {number(medians[name])}" for name in found["as_good"])
+    if recommendation["best"] is None:
+        return f"For {recommendation['name']}: no twin has an estimate by every estimator."
+    medians, best = recommendation["medians"], recommendation["best"]
+    sentence = f"For {recommendation['name']}: {LABELS[best]} ({number(medians[best])} {recommendation['unit']}"
+    if recommendation["as_good"]:
+        rivals = ", ".join(f"{LABELS[name]} {number(medians[name])}" for name in recommendation["as_good"])
         sentence += f"; not distinguishable: {rivals}"
-    others = {name: value for name, value in medians.items() if name != best and name not in found["as_good"]}
+    others = {name: value for name, value in medians.items() if name != best and name not in recommendation["as_good"]}
     if others:
         values = ", ".join(
             f"{LABELS[name]} {number(value)}" for name, value in sorted(others.items(), key=itemgetter(1))
@@ -178,8 +178,8 @@ def describe_intervals(summary: Sequence[Row]) -> Iterator[str]:
         if "coverage_68_inside" not in line:
             continue
         inside, outside = (
-            " and ".join(f"{line[f'coverage_{label}_{place}']:.0%}" for label in INTERVALS)
-            for place in ("inside", "outside")
+            " and ".join(f"{line[f'coverage_{label}_{where}']:.0%}" for label in INTERVALS)
+            for where in ("inside", "outside")
         )
         yield (
             f"Intervals of the {estimator.label} in yaw, impulsive twins: those of 68 and 95 % cover {inside} of the "

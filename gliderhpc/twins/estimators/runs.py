@@ -204,11 +204,11 @@ def _event_scores(twin: TwinInversion, result: EstimatorResult) -> Row:
     inside = in_events(twin)
     error = result.disturbances[:, YAW] - twin.truth[:, YAW]
     row: Row = {}
-    for place, mask in (("inside", twin.steady & inside), ("outside", twin.steady & ~inside)):
-        row[f"rmse_{place}"] = rms(error[mask])
+    for where, mask in (("inside", twin.steady & inside), ("outside", twin.steady & ~inside)):
+        row[f"rmse_{where}"] = rms(error[mask])
         if result.deviations is not None:
             for label, width in INTERVALS.items():
-                row[f"coverage_{label}_{place}"] = coverage(error[mask], result.deviations[mask, YAW], width)
+                row[f"coverage_{label}_{where}"] = coverage(error[mask], result.deviations[mask, YAW], width)
     return row
 
 

@@ -341,9 +341,9 @@ def test_more_memory_than_the_machine_has_is_refused(tmp_path, monkeypatch):
         plan = plan_mission(observations, MissionSettings(), (1, 2, 3))
         assert plan.workers_that_fit(MissionSettings(), 8) == 1
         plan.check_memory(MissionSettings(), 1)
-        with pytest.raises(InputError, match=r"2 workers would need 0.7 GB of memory, but 0.3 GB .* give --workers 1"):
+        with pytest.raises(InputError, match=r"2 workers would need 0.7 GB of memory, but 0.3 GB .* give `workers=1`"):
             plan.check_memory(MissionSettings(), 2)
-        with pytest.raises(InputError, match="leave the longest profiles out with --profiles"):
+        with pytest.raises(InputError, match="leave the longest profiles out with `profiles`"):
             replace(plan, longest=10_000_000).check_memory(MissionSettings(), 1)
         monkeypatch.setattr(planning, "memory_limit", lambda: 3.2e8)
         with pytest.raises(InputError, match=r"profile 1 lasts 0.1 h with 400 samples and needs 0.3 GB of memory"):
@@ -697,7 +697,7 @@ def test_rounded_positions_are_named_with_their_error(tmp_path):
         (text,) = observations.warnings
     assert text == (
         "all GPS positions are rounded to 0.001 degree, so their error is 32 m or more; give the positions in full, or "
-        "--set current.fix_error=32"
+        "`current.fix_error=32`"
     )
     found, _ = rounding_error(*np.round(np.random.default_rng(3).uniform(10.0, 11.0, (2, 8)), 2))
     assert found == pytest.approx(0.01 * 111_195.0 / np.sqrt(12.0), rel=1e-6)

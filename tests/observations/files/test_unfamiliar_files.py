@@ -189,7 +189,7 @@ def test_a_seaexplorer_needs_no_column_of_the_declination_if_one_is_given(tmp_pa
     import_seaexplorer([folder], tmp_path / "out.nc", declination=16.0)
     with xr.open_dataset(tmp_path / "whole.nc") as whole, xr.open_dataset(tmp_path / "out.nc") as found:
         np.testing.assert_array_equal(found["heading"].values, whole["heading"].values)
-    with pytest.raises(InputError, match=r"has no column Declination; .*--declination"):
+    with pytest.raises(InputError, match=r"has no column Declination; .*`declination`"):
         import_seaexplorer([folder], tmp_path / "other.nc")
 
 

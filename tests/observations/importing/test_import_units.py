@@ -201,7 +201,7 @@ def test_a_seaexplorer_without_declination_is_reported(tmp_path):
     for cycle in (5, 6, 7, 8):
         edit(folder, cycle, lambda lines: [line.replace(";350.0;16;", ";350.0;0;") for line in lines])
     summary = import_seaexplorer([folder], tmp_path / "out.nc")
-    assert any("left magnetic: give --declination" in remark for remark in summary.remarks)
+    assert any("left magnetic: give `declination`" in remark for remark in summary.remarks)
     with xr.open_dataset(tmp_path / "out.nc") as dataset:
         assert dataset.heading_comment == "magnetic heading: Declination is 0 in every row, so none is added"
         np.testing.assert_array_equal(dataset["heading"], 350.0)

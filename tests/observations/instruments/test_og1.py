@@ -91,7 +91,7 @@ def test_a_magnetic_heading_without_declination_is_reported(tmp_path, wild):
     summary, found = imported(tmp_path, NORTH_DISPLACEMENT=north)
     assert found["heading"].values == pytest.approx(350.0)
     assert len(summary.remarks) == 1
-    assert "give --declination" in summary.remarks[0]
+    assert "give `declination`" in summary.remarks[0]
 
 
 def declination_of(path, turned, step=50.0, **variables):

@@ -237,7 +237,7 @@ def test_a_mission_without_declination_remains_magnetic_and_says_so(tmp_path, gi
     assert len(summary.complete) == 2
     (remark,) = summary.remarks
     assert "2 dives from 1 to 2: heading left magnetic, because no file has a declination" in remark
-    assert "give --declination, or the currents will be rotated by it" in remark
+    assert "give `declination`, or the currents will be rotated by it" in remark
     with xr.open_dataset(tmp_path / "out.nc") as found:
         assert found["heading"].values == pytest.approx(350.0)
         assert north_of(found.attrs["heading_comment"]) is North.MAGNETIC

@@ -169,7 +169,7 @@ def test_the_declination_may_be_given(tmp_path):
     _, dataset = imported(tmp_path, flown, declination=-60.0)
     np.testing.assert_allclose(dataset["heading"].values, np.degrees(1.0) - 60.0 + 360.0)
     assert "plus the given declination, -60 degree" in dataset.attrs["heading_comment"]
-    with pytest.raises(InputError, match=r"m_gps_mag_var is missing.* --declination") as refused:
+    with pytest.raises(InputError, match=r"m_gps_mag_var is missing.* `declination`") as refused:
         imported(tmp_path, flown)
     assert "\n" not in str(refused.value)
 
@@ -460,11 +460,11 @@ def test_a_missing_cache_file_is_named(card, tmp_path):
     elsewhere = tmp_path / "state"
     elsewhere.mkdir()
     cache.rename(elsewhere / "0BADCAFE.CAC")
-    with pytest.raises(InputError, match=r"0-0.dbd: its cache file 0badcafe.cac is not in .* --cache"):
+    with pytest.raises(InputError, match=r"0-0.dbd: its cache file 0badcafe.cac is not in .* `cache`"):
         import_slocum([card], tmp_path / "out.nc")
     assert len(import_slocum([card], tmp_path / "out.nc", cache=elsewhere).complete) == 2
     assert set(gliderhpc.import_records(card, cache=str(elsewhere)).profile.values) >= {1, 2}
-    with pytest.raises(InputError, match="no such folder; give --cache the folder"):
+    with pytest.raises(InputError, match="no such folder; give `cache` the folder"):
         import_slocum([card], tmp_path / "out.nc", cache=tmp_path / "nowhere", overwrite=True)
     name = "ammonite-2015-175-0-2"
     write_binary(card / f"{name}.dbd", flight(2), name=name, crc="11111111")

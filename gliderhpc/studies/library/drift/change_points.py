@@ -96,7 +96,11 @@ class Change:
         own = [size for size in every if size is not None and np.isfinite(size.value)]
         if not own:
             return MISSING
-        return Size(own[0].value, min(one.low for one in own), max(one.high for one in own))
+        return Size(
+            own[0].value,
+            min(estimate_size.low for estimate_size in own),
+            max(estimate_size.high for estimate_size in own),
+        )
 
     @property
     def is_drag(self) -> bool:
@@ -199,8 +203,8 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     changes below the smallest size are included in the fits of the others, but not reported.
     """
     series = series_of(table, lambda estimate: _of_drag(table, estimate))
-    found, p = search_series(series, (DRAG,), settings, settings.level / SEARCHES, seed)
-    changes = [_change(table, series, found, place, (DRAG, AXIAL)) for place in range(len(found))]
+    shapes, p = search_series(series, (DRAG,), settings, settings.level / SEARCHES, seed)
+    changes = [_change(table, series, shapes, index, (DRAG, AXIAL)) for index in range(len(shapes))]
     return _named([change for change in changes if _relative(change, reference) >= settings.smallest], p)
 
 
@@ -225,8 +229,8 @@ def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSet
     also changes the equivalent drag.
     """
     series = series_of(table, lambda estimate: _of_moments(table, estimate))
-    found, p = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
-    changes = [_moment_change(table, series, found, place) for place in range(len(found))]
+    shapes, p = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
+    changes = [_moment_change(table, series, shapes, index) for index in range(len(shapes))]
     smallest = settings.smallest_tilt * moment_per_degree(hull)
     return _named(
         [change for change in changes if change.moments and _largest(change, change.moments[:1]) >= smallest], p
@@ -259,22 +263,22 @@ def _of_moments(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, A
 
 
 def _moment_change(
-    table: pd.DataFrame, series: Sequence[MissionSeries], found: Sequence[FoundShape], place: int
+    table: pd.DataFrame, series: Sequence[MissionSeries], shapes: Sequence[FoundShape], index: int
 ) -> Change:
     """Change of the moments; its phases are those of the largest."""
-    moments = _change(table, series, found, place, MOMENTS).moments
-    return _change(table, series, found, place, moments or MOMENTS)
+    moments = _change(table, series, shapes, index, MOMENTS).moments
+    return _change(table, series, shapes, index, moments or MOMENTS)
 
 
 def _change(
     table: pd.DataFrame,
     series: Sequence[MissionSeries],
-    found: Sequence[FoundShape],
-    place: int,
+    shapes: Sequence[FoundShape],
+    index: int,
     quantities: Sequence[str],
 ) -> Change:
     """Determine the size of a change in all series; the phases are those of the first quantity that shows any."""
-    shape, p, sizes = found[place].shape, found[place].p, sizes_of(series, found, place)
+    shape, p, sizes = shapes[index].shape, shapes[index].p, sizes_of(series, shapes, index)
     numbers, days = values_of(table, "profile"), days_of(table)
     over = shape.stop < len(numbers)
     phases, estimates = _changed_phases(sizes, quantities)

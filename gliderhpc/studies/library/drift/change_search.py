@@ -112,16 +112,16 @@ def search_series(
     course is the sum of both. The probability is NaN if nothing could be searched, or if the search ended at the
     largest number of changes.
     """
-    found: list[FoundShape] = []
+    shapes: list[FoundShape] = []
     p, rng = float("nan"), np.random.default_rng(seed)
     for _ in range(settings.most if series else 0):
-        searches = _searches(series, [one.shape for one in found])
+        searches = _searches(series, [shape.shape for shape in shapes])
         p, lead, best = _strongest(series, searches, settings, rng)
         if not p < level:
-            return found, p
+            return shapes, p
         new = FoundShape(_shape(series[lead], searches[lead], best), p, lead)
-        found = _with_shape(series, found, new, compared)
-    return found, float("nan")
+        shapes = _with_shape(series, shapes, new, compared)
+    return shapes, float("nan")
 
 
 def series_of(
@@ -142,7 +142,7 @@ def series_of(
         for estimate in PRIMARY
         for key, values in values_by_key(estimate)
     ]
-    return [one for one in series if one.known.sum() >= MIN_VALUES_SEARCHED and not _is_constant(one.values[one.known])]
+    return [own for own in series if own.known.sum() >= MIN_VALUES_SEARCHED and not _is_constant(own.values[own.known])]
 
 
 def _is_constant(values: Array) -> bool:
@@ -153,27 +153,27 @@ def _is_constant(values: Array) -> bool:
 def spikes(values: Array) -> Mask:
     """Mask ``(n,)`` of single values far from both neighbours, relative to the scatter of neighbours' differences."""
     known = np.flatnonzero(np.isfinite(values))
-    found = np.zeros(len(values), dtype=np.bool_)
+    mask = np.zeros(len(values), dtype=np.bool_)
     if len(known) < MIN_VALUES_SEARCHED:
-        return found
+        return mask
     y = values[known]
     triples = np.stack([y[:-2], y[1:-1], y[2:]])
     middle = np.median(triples, axis=0)
     middle = np.concatenate([[middle[0]], middle, [middle[-1]]])
     scatter = MAD_TO_STD * float(np.median(np.abs(np.diff(y)))) / np.sqrt(2.0)
-    found[known] = np.abs(y - middle) > SPIKE_DEVIATIONS * scatter
-    return found
+    mask[known] = np.abs(y - middle) > SPIKE_DEVIATIONS * scatter
+    return mask
 
 
 def _searches(series: Sequence[MissionSeries], shapes: Sequence[Shape]) -> list[WindowSearch]:
     """Return the search of each series with the shapes found so far; series with the same profiles share a search."""
     made: dict[bytes, WindowSearch] = {}
-    for one in series:
-        mask = one.known.tobytes()
+    for own in series:
+        mask = own.known.tobytes()
         if mask not in made:
-            columns = [shape.unit[one.known] for shape in shapes]
-            made[mask] = WindowSearch(one.days[one.known], np.flatnonzero(one.known), columns)
-    return [made[one.known.tobytes()] for one in series]
+            columns = [shape.unit[own.known] for shape in shapes]
+            made[mask] = WindowSearch(own.days[own.known], np.flatnonzero(own.known), columns)
+    return [made[own.known.tobytes()] for own in series]
 
 
 def _strongest(
@@ -183,26 +183,26 @@ def _strongest(
     rng: np.random.Generator,
 ) -> tuple[float, int, StrongestWindow]:
     """Find the strongest window of all series; returns its probability of chance, the series' index and the window."""
-    found = [search.strongest(one.values[one.known]) for one, search in zip(series, searches, strict=True)]
-    gains = np.array([one.gain for one in found])
-    errors = [_errors(*of, rng) for of in zip(series, searches, found, strict=True)]
+    windows = [search.strongest(own.values[own.known]) for own, search in zip(series, searches, strict=True)]
+    gains = np.array([own.gain for own in windows])
+    errors = [_errors(*of, rng) for of in zip(series, searches, windows, strict=True)]
     length = max(block_length(np.arange(float(len(row))), row) for row in errors)
     lead, above, drawn = int(gains.argmax()), 0, 0
     while drawn < settings.resamples and above < EARLY_STOP_SHARE * _NULLS_PER_DRAW:
         places = moving_blocks(np.arange(float(len(errors[0]))), length, _NULLS_PER_DRAW, rng).astype(np.int64)
         null = np.full(_NULLS_PER_DRAW, -np.inf)
-        for one, search, best, row in zip(series, searches, found, errors, strict=True):
+        for own, search, best, row in zip(series, searches, windows, errors, strict=True):
             root = np.linalg.cholesky(best.null.covariance(np.arange(len(row))))
-            null = np.maximum(null, search.gains((root @ row[places.T])[one.known]))
+            null = np.maximum(null, search.gains((root @ row[places.T])[own.known]))
         above, drawn = above + int(np.sum(null >= gains[lead])), drawn + _NULLS_PER_DRAW
-    return (1 + above) / (1 + drawn), lead, found[lead]
+    return (1 + above) / (1 + drawn), lead, windows[lead]
 
 
-def _errors(one: MissionSeries, search: WindowSearch, best: StrongestWindow, rng: np.random.Generator) -> Array:
+def _errors(series: MissionSeries, search: WindowSearch, best: StrongestWindow, rng: np.random.Generator) -> Array:
     """Independent errors of a series along the whole mission; missing ones are drawn from the others."""
-    own = search.innovations(one.values[one.known], best)
-    row = rng.choice(own, len(one.known))
-    row[one.known] = own
+    own = search.innovations(series.values[series.known], best)
+    row = rng.choice(own, len(series.known))
+    row[series.known] = own
     return row
 
 
@@ -222,19 +222,19 @@ def _shape(lead: MissionSeries, search: WindowSearch, window: StrongestWindow) -
 
 
 def _with_shape(
-    series: Sequence[MissionSeries], found: Sequence[FoundShape], new: FoundShape, compared: Sequence[str]
+    series: Sequence[MissionSeries], shapes: Sequence[FoundShape], new: FoundShape, compared: Sequence[str]
 ) -> list[FoundShape]:
     """Add a shape, or join it to the episode that it overlaps."""
-    for place, one in enumerate(found):
-        if _overlap(one.shape, new.shape):
-            others = [other.shape for other in found if other is not one]
-            return [*found[:place], _merge(series, (one, new), others, compared), *found[place + 1 :]]
-    return [*found, new]
+    for index, before in enumerate(shapes):
+        if _overlap(before.shape, new.shape):
+            others = [other.shape for other in shapes if other is not before]
+            return [*shapes[:index], _merge(series, (before, new), others, compared), *shapes[index + 1 :]]
+    return [*shapes, new]
 
 
-def _overlap(one: Shape, other: Shape) -> bool:
+def _overlap(first: Shape, second: Shape) -> bool:
     """Return whether two episodes have profiles in common."""
-    return one.kind == other.kind == EPISODE and one.first < other.stop and other.first < one.stop
+    return first.kind == second.kind == EPISODE and first.first < second.stop and second.first < first.stop
 
 
 def _merge(
@@ -248,40 +248,40 @@ def _merge(
     If the two were found in different phases, the one with the larger change of the compared quantities determines the
     series, because the other may be its trace in the other phase.
     """
-    one, other = pair
-    parts = {series[found.lead].key[1] for found in pair} - {TOGETHER}
+    first, second = pair
+    parts = {series[merged.lead].key[1] for merged in pair} - {TOGETHER}
     if len(parts) > 1:
-        largest = [max(_magnitudes(series, pair, place, compared)) for place in range(2)]
+        largest = [max(_magnitudes(series, pair, index, compared)) for index in range(2)]
         at = pair[int(np.argmax(largest))].lead
     else:
-        at = other.lead
+        at = second.lead
     lead = series[at]
-    search, columns = _searches([lead], others)[0], np.column_stack([one.shape.unit, other.shape.unit])[lead.known]
+    search, columns = _searches([lead], others)[0], np.column_stack([first.shape.unit, second.shape.unit])[lead.known]
     values = lead.values[lead.known]
     noise = best_baseline(search.positions, np.column_stack([search.baseline, columns]), values)
     baseline = WeightedBaseline(noise.model, search.positions, search.baseline)
-    shape = joined_shape(one.shape, other.shape, lead.known, values, baseline)
-    return FoundShape(shape, min(one.p, other.p), at)
+    shape = joined_shape(first.shape, second.shape, lead.known, values, baseline)
+    return FoundShape(shape, min(first.p, second.p), at)
 
 
 def _magnitudes(
-    series: Sequence[MissionSeries], found: Sequence[FoundShape], place: int, compared: Sequence[str]
+    series: Sequence[MissionSeries], shapes: Sequence[FoundShape], index: int, compared: Sequence[str]
 ) -> list[float]:
     """Magnitudes of the largest changes of the compared quantities, by estimate and part."""
-    sizes = sizes_of(series, found, place)
+    sizes = sizes_of(series, shapes, index)
     return [0.0, *(abs(size.value) for key, size in sizes.items() if key[0] in compared and np.isfinite(size.value))]
 
 
-def sizes_of(series: Sequence[MissionSeries], found: Sequence[FoundShape], place: int) -> dict[SizeKey, Size]:
+def sizes_of(series: Sequence[MissionSeries], shapes: Sequence[FoundShape], index: int) -> dict[SizeKey, Size]:
     """Sizes of a change in all series, in a joint fit with the other changes."""
-    shape = found[place].shape
-    searches = _searches(series, [other.shape for other in found if other.shape is not shape])
-    return {one.key: _size(one, search, shape) for one, search in zip(series, searches, strict=True)}
+    shape = shapes[index].shape
+    searches = _searches(series, [other.shape for other in shapes if other.shape is not shape])
+    return {own.key: _size(own, search, shape) for own, search in zip(series, searches, strict=True)}
 
 
-def _size(one: MissionSeries, search: WindowSearch, shape: Shape) -> Size:
-    unit = shape.unit[one.known]
+def _size(series: MissionSeries, search: WindowSearch, shape: Shape) -> Size:
+    unit = shape.unit[series.known]
     if not np.ptp(unit) > 0.0:
         return Size(float("nan"), float("nan"), float("nan"))
-    value, deviation = amplitude(search.positions, search.baseline, unit, one.values[one.known])
+    value, deviation = amplitude(search.positions, search.baseline, unit, series.values[series.known])
     return Size(value, value - NORMAL_95 * deviation, value + NORMAL_95 * deviation)

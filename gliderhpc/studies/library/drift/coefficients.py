@@ -72,7 +72,7 @@ def steady_segments(data: ProfileData, band: DepthBand, phase: str, length: floa
     if not fitting:
         return []
     places = (np.arange(count) + 0.5) * len(fitting) / count
-    return [fitting[place] for place in sorted(set(places.astype(int).tolist()))]
+    return [fitting[index] for index in sorted(set(places.astype(int).tolist()))]
 
 
 def segment_series(data: ProfileData, platform: Platform, segment: Segment, step: float) -> ProfileSeries:
@@ -165,7 +165,8 @@ def segment_medians(
     """
     chosen = segments_by_phase(data, band, settings.length, settings.segments)
     pieces = {
-        phase: [segment_series(data, platform, one, mission.step) for one in own] for phase, own in chosen.items()
+        phase: [segment_series(data, platform, segment, mission.step) for segment in own]
+        for phase, own in chosen.items()
     }
     hulls = drawn_hulls(platform, settings.error, settings.draws, seed)
     medians = _medians(pieces, platform, hulls, settings, mission)
@@ -186,14 +187,14 @@ def _medians(
     settings: MissionSettings,
 ) -> Array:
     """Medians over the segments of each phase, for every variant."""
-    found: dict[tuple[int, int], list[dict[str, float]]] = {}
+    by_variant: dict[tuple[int, int], list[dict[str, float]]] = {}
     tasks = _tasks(pieces, platform, hulls, np.radians(chosen.pitch_offset))
     estimation = settings.model_copy(update={"start": "prior", "engine": "lanes"})
     for key, estimate in estimate_profiles(tasks, estimation):
         if isinstance(estimate, ProfileEstimate):
-            found.setdefault(key, []).append(_of_segment(estimate, chosen.settling))
+            by_variant.setdefault(key, []).append(_of_segment(estimate, chosen.settling))
     medians = np.full((len(OWN) + len(hulls), len(PHASES), len(UNITS)), np.nan)
-    for (variant, phase), rows in found.items():
+    for (variant, phase), rows in by_variant.items():
         medians[variant, phase] = np.median([[row.get(name, np.nan) for name in UNITS] for row in rows], axis=0)
     return medians
 
@@ -262,17 +263,17 @@ class CoefficientSlopes:
         return float(np.mean(np.sign(known) == np.sign(self.nominal))) if known.size else float("nan")
 
 
-def coefficient_slopes(table: pd.DataFrame, found: Sequence[SegmentMedians]) -> list[CoefficientSlopes]:
+def coefficient_slopes(table: pd.DataFrame, segments: Sequence[SegmentMedians]) -> list[CoefficientSlopes]:
     """Find the slopes of the longitudinal series and of the drag for every hull.
 
     Parameters
     ----------
     table : pandas.DataFrame
         Table with one row for each profile, with ``profile`` and ``elapsed_days``.
-    found : sequence of SegmentMedians
+    segments : sequence of SegmentMedians
         Medians over the segments of the same profiles.
     """
-    by_number = {one.number: one.medians for one in found}
+    by_number = {profile.number: profile.medians for profile in segments}
     medians = np.stack([by_number[int(number)] for number in table["profile"]])
     days = days_of(table)
     return [

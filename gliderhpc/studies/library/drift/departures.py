@@ -37,7 +37,7 @@ _MIN_POWER = 1e-9
 
 
 @dataclass(frozen=True)
-class NoiseModel:
+class AutoregressiveNoise:
     """First-order autoregression with independent scatter.
 
     Attributes
@@ -58,13 +58,13 @@ class NoiseModel:
 
 
 NOISE_MODELS = (
-    NoiseModel(0.0, 0.0),
-    NoiseModel(0.6, 0.5),
-    NoiseModel(0.6, 1.0),
-    NoiseModel(0.85, 0.5),
-    NoiseModel(0.85, 1.0),
-    NoiseModel(0.97, 0.5),
-    NoiseModel(0.97, 1.0),
+    AutoregressiveNoise(0.0, 0.0),
+    AutoregressiveNoise(0.6, 0.5),
+    AutoregressiveNoise(0.6, 1.0),
+    AutoregressiveNoise(0.85, 0.5),
+    AutoregressiveNoise(0.85, 1.0),
+    AutoregressiveNoise(0.97, 0.5),
+    AutoregressiveNoise(0.97, 1.0),
 )
 """Candidate noise models, from less to more persistent."""
 
@@ -94,7 +94,7 @@ class WeightedBaseline:
         Number of values minus number of columns.
     """
 
-    def __init__(self, model: NoiseModel, positions: Index, baseline: Array) -> None:
+    def __init__(self, model: AutoregressiveNoise, positions: Index, baseline: Array) -> None:
         self.model = model
         covariance = model.covariance(positions)
         weighted = np.linalg.solve(covariance, baseline)
@@ -115,7 +115,7 @@ class WeightedBaseline:
 def best_baseline(positions: Index, baseline: Array, values: Array) -> WeightedBaseline:
     """Return the baseline under the noise model with the least loss for a series ``(n,)``."""
     fits = [WeightedBaseline(model, positions, baseline) for model in NOISE_MODELS]
-    return min(fits, key=lambda one: float(one.loss(one.unexplained(values[:, None]))[0]))
+    return min(fits, key=lambda fit: float(fit.loss(fit.unexplained(values[:, None]))[0]))
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ class StrongestWindow:
     gain: float
     first: int
     stop: int
-    null: NoiseModel
-    noise: NoiseModel
+    null: AutoregressiveNoise
+    noise: AutoregressiveNoise
 
 
 class WindowSearch:
@@ -176,14 +176,14 @@ class WindowSearch:
     def strongest(self, values: Array) -> StrongestWindow:
         """Find the strongest window of a series ``(n,)``, with its edges refined value by value."""
         series = values[:, None]
-        found = [scan.losses(series) for scan in self._scans]
-        line = np.array([float(one[0][0]) for one in found])
+        results = [scan.losses(series) for scan in self._scans]
+        line = np.array([float(result[0][0]) for result in results])
         near = [
-            _Scan(model, self, windows_near(len(values), *map(int, self.windows[one[2][0]])))
-            for model, one in zip(NOISE_MODELS, found, strict=True)
+            _Scan(model, self, windows_near(len(values), *map(int, self.windows[result[2][0]])))
+            for model, result in zip(NOISE_MODELS, results, strict=True)
         ]
         refined = [scan.losses(series) for scan in near]
-        noise = int(np.argmin([float(one[1][0]) for one in refined]))
+        noise = int(np.argmin([float(result[1][0]) for result in refined]))
         best = int(refined[noise][2][0])
         null = int(np.flatnonzero(line <= line.min() + MODEL_MARGIN)[-1])
         return StrongestWindow(
@@ -225,31 +225,31 @@ def candidate_windows(n: int) -> Index:
     In short series these are all windows. In long series, lengths increase by a fifth and places are a sixth of the
     length apart, and every window that lasts until the end is included.
     """
-    found = {(first, n) for first in range(MIN_WINDOW, n - MIN_WINDOW + 1)}
+    windows = {(first, n) for first in range(MIN_WINDOW, n - MIN_WINDOW + 1)}
     length, every = MIN_WINDOW, n <= _ALL
     while length <= n - 2 * MIN_WINDOW:
         places = range(MIN_WINDOW, n - MIN_WINDOW - length + 1, 1 if every else max(1, length // _FINE))
-        found |= {(first, first + length) for first in places}
+        windows |= {(first, first + length) for first in places}
         length = length + 1 if every else max(length + 1, int(length * _GROWTH))
-    return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+    return np.array(sorted(windows), dtype=np.int64).reshape(-1, 2)
 
 
 def windows_near(n: int, first: int, stop: int) -> Index:
     """Return all windows ``(w, 2)`` whose edges lie within one candidate step of those of a window."""
     reach = max(1, (stop - first) // _FINE)
-    found = [
+    windows = [
         (begin, end)
         for begin in range(max(first - reach, MIN_WINDOW), first + reach + 1)
         for end in range(stop - reach, min(stop + reach, n) + 1)
         if end - begin >= MIN_WINDOW and (end == n or end <= n - MIN_WINDOW)
     ]
-    return np.array(found, dtype=np.int64)
+    return np.array(windows, dtype=np.int64)
 
 
 class _Scan:
     """Variance explained by windows under one noise model."""
 
-    def __init__(self, model: NoiseModel, search: WindowSearch, windows: Index) -> None:
+    def __init__(self, model: AutoregressiveNoise, search: WindowSearch, windows: Index) -> None:
         self.baseline = WeightedBaseline(model, search.positions, search.baseline)
         self.time = search.time[:, None]
         self.first, self.stop = windows.T

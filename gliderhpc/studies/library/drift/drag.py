@@ -17,7 +17,7 @@ from gliderhpc.estimation.priors import default_prior
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import median_column, phase_column
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
-from gliderhpc.studies.library.drift.medians import DRAG
+from gliderhpc.studies.library.drift.medians import DRAG, DriftSettings
 from gliderhpc.studies.library.drift.series import SeriesTrend, days_of, epochs_of, series_trend, values_of
 from gliderhpc.studies.library.trends import MIN_VALUES, epoch_draws, interval
 from gliderhpc.vocabulary import PHASES
@@ -110,8 +110,8 @@ def find_onset(days: Array, values: Array, epoch: Index, resamples: int, seed: i
     candidates = np.linspace(t[0], np.sort(t)[-MIN_VALUES_OF_SLOPE], _CANDIDATES)
     rng = np.random.default_rng(seed)
     draws = epoch_draws(own, min(resamples, _RESAMPLES), rng)
-    found = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
-    return Onset(_best_onset(t, y, candidates), *interval(found), float(t[0]))
+    onsets = np.array([_best_onset(t[drawn], y[drawn], candidates) for drawn in draws])
+    return Onset(_best_onset(t, y, candidates), *interval(onsets), float(t[0]))
 
 
 def _best_onset(t: Array, y: Array, candidates: Array) -> float:
@@ -214,8 +214,7 @@ def drag_drift(
     estimate: str,
     hull: Platform,
     by_coefficients: Interval,
-    resamples: int,
-    seed: int,
+    settings: DriftSettings,
     outside: NDArray[np.bool_] | None = None,
 ) -> DragDrift:
     """Find the drift of drag by one estimate.
@@ -230,8 +229,8 @@ def drag_drift(
         Hull of the mission.
     by_coefficients : (low, high)
         Interval of the shared slope's error due to the coefficients, kg/m per day.
-    resamples, seed : int
-        Number of bootstrap series, and seed.
+    settings : DriftSettings
+        Settings of the study: number of bootstrap series, and seed.
     outside : (n,) mask, optional
         Profiles that are used, which are those outside episodes; all by default.
     """
@@ -244,14 +243,14 @@ def drag_drift(
     shared = shared_drag(dive, climb, weight)
 
     def trend(values: Array) -> SeriesTrend:
-        return series_trend(days, values, epoch, resamples, seed)
+        return series_trend(days, values, epoch, settings.resamples, settings.seed)
 
     return DragDrift(
         estimate,
         phases={"dive": trend(dive), "climb": trend(climb)},
         shared=trend(shared),
         phase_difference=trend((climb - dive) / (weight[1] - weight[0])),
-        onset=find_onset(days, shared, epoch, resamples, seed),
+        onset=find_onset(days, shared, epoch, settings.resamples, settings.seed),
         reference=hull.viscous.K_D0,
         by_coefficients=by_coefficients,
         unresolved=unresolved_changes(table, hull),

@@ -142,7 +142,7 @@ def depth_band(max_depths: NDArray[np.float64], wanted: tuple[float, float] | No
         low,
         high,
         f"one profile in ten is shallower than {reached:.0f} m, so the medians are taken over {low:.0f} to {high:.0f} "
-        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; --set drift.depth_band=[LOW,HIGH] changes this",
+        f"m instead of {USUAL_BAND[0]:.0f} to {USUAL_BAND[1]:.0f} m; `drift.depth_band=[LOW,HIGH]` changes this",
     )
 
 
@@ -208,10 +208,10 @@ def medians_of(forces: Array, velocity: Array) -> dict[str, float]:
 def _estimates(data: ProfileData, smoothed: ProfileData | None) -> list[tuple[str, Array, Array]]:
     """Name, disturbances (m, 6) on the records and motion (m, 8) of every estimate."""
     samples = np.searchsorted(data.time, data.record_time + 0.5 * data.step, side="right") - 1
-    found = [(PRIOR, data.prior[samples], data.motion), (ADJOINT, data.disturbances[samples], data.motion)]
+    estimates = [(PRIOR, data.prior[samples], data.motion), (ADJOINT, data.disturbances[samples], data.motion)]
     if smoothed is not None:
-        found.append((SMOOTHED, smoothed.disturbances[samples], smoothed.motion))
-    return found
+        estimates.append((SMOOTHED, smoothed.disturbances[samples], smoothed.motion))
+    return estimates
 
 
 def _glide_row(motion: Array, attitude: Array, platform: Platform, phase: str) -> dict[str, float]:

@@ -229,8 +229,8 @@ def estimate_trends(table: pd.DataFrame, estimate: str, resamples: int, seed: in
         Number of bootstrap series, and seed.
     """
     keys = [(channel, phase) for channel in (*LONGITUDINAL, *LATERAL) for phase in PHASES]
-    found = [trend_of(table, median_column(*key, estimate), resamples, seed) for key in keys]
-    return EstimateTrends(estimate, dict(zip(keys, corrected_for_number(found), strict=True)))
+    trends = [trend_of(table, median_column(*key, estimate), resamples, seed) for key in keys]
+    return EstimateTrends(estimate, dict(zip(keys, corrected_for_number(trends), strict=True)))
 
 
 def trend_of(table: pd.DataFrame, name: str, resamples: int, seed: int) -> SeriesTrend:

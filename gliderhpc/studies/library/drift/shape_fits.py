@@ -103,13 +103,13 @@ def fitted_shape(days: Array, values: Array, window: tuple[int, int], baseline: 
 
 
 def joined_shape(
-    one: Shape, other: Shape, known: NDArray[np.bool_], values: Array, baseline: WeightedBaseline
+    earlier: Shape, later: Shape, known: NDArray[np.bool_], values: Array, baseline: WeightedBaseline
 ) -> Shape:
     """Fit one episode whose course is a combination of two.
 
     Parameters
     ----------
-    one, other : Shape
+    earlier, later : Shape
         Overlapping episodes, over n profiles.
     known : (n,)
         Mask of the profiles with values.
@@ -118,7 +118,7 @@ def joined_shape(
     baseline : WeightedBaseline
         Further columns of the fit, and the noise.
     """
-    columns = np.column_stack([one.unit, other.unit])
+    columns = np.column_stack([earlier.unit, later.unit])
     course = columns @ _fit_columns(columns[known], values, baseline)
     unit = course / course[np.argmax(np.abs(course))]
     changed = np.flatnonzero(np.abs(unit) >= _EDGE)
@@ -132,10 +132,10 @@ def _best(days: Array, values: Array, baseline: WeightedBaseline, first: int, st
     weighted = baseline.projected @ values
     left, penalty = float(values @ weighted), float(np.log(len(values)))
 
-    def loss(one: _Candidate) -> float:
-        explained = _explained(np.column_stack(one.columns), weighted, baseline)
+    def loss(candidate: _Candidate) -> float:
+        explained = _explained(np.column_stack(candidate.columns), weighted, baseline)
         rest = max(left - explained, np.finfo(np.float64).eps * left)
-        return float(baseline.freedom * np.log(rest)) + one.coefficients * penalty
+        return float(baseline.freedom * np.log(rest)) + candidate.coefficients * penalty
 
     return min(candidates, key=loss)
 
@@ -190,10 +190,14 @@ def _inside(n: int, first: int, stop: int) -> Array:
     return inside
 
 
-def _unit_shape(one: _Candidate, values: Array, baseline: WeightedBaseline) -> Shape:
-    unit = _unit(np.column_stack(one.columns), values, baseline)
-    form = _form_of(float(unit[one.first]), float(unit[one.stop - 1])) if one.form == "decays" else one.form
-    return Shape(form, one.first, one.stop, unit)
+def _unit_shape(candidate: _Candidate, values: Array, baseline: WeightedBaseline) -> Shape:
+    unit = _unit(np.column_stack(candidate.columns), values, baseline)
+    form = (
+        _form_of(float(unit[candidate.first]), float(unit[candidate.stop - 1]))
+        if candidate.form == "decays"
+        else candidate.form
+    )
+    return Shape(form, candidate.first, candidate.stop, unit)
 
 
 def _unit(columns: Array, values: Array, baseline: WeightedBaseline) -> Array:

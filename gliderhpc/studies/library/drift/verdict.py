@@ -15,16 +15,9 @@ from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.studies.library.drift.change_points import Changes, moment_per_degree
+from gliderhpc.studies.library.drift.change_rows import changes_as_json, moments_as_json
 from gliderhpc.studies.library.drift.change_search import MIN_VALUES_SEARCHED
-from gliderhpc.studies.library.drift.change_text import (
-    change_lines,
-    changes_as_json,
-    drag_name,
-    kinds_text,
-    moment_lines,
-    moment_name,
-    moments_as_json,
-)
+from gliderhpc.studies.library.drift.change_text import change_lines, drag_name, kinds_text, moment_lines, moment_name
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.departures import amplitude
 from gliderhpc.studies.library.drift.drag import (
@@ -97,12 +90,12 @@ def forward_model_check(table: pd.DataFrame, resamples: int, seed: int) -> Forwa
     )
 
 
-def _correlation_with(one: object, other: object) -> Correlation:
-    a, b = known_pairs(np.asarray(one), np.asarray(other))
+def _correlation_with(first: object, second: object) -> Correlation:
+    a, b = known_pairs(np.asarray(first), np.asarray(second))
     if len(a) < MIN_VALUES or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return Correlation(float("nan"), float("nan"))
-    found = scipy.stats.spearmanr(a, b)
-    return Correlation(float(found.statistic), float(found.pvalue))
+    spearman = scipy.stats.spearmanr(a, b)
+    return Correlation(float(spearman.statistic), float(spearman.pvalue))
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +187,12 @@ class DriftVerdict:
     def meaning(self) -> str:
         """Cause in words."""
         if self.cause == "ambiguous":
-            each = "; ".join(f"{drag.estimate}: {CAUSES[drag.cause]}" for drag in self.drags)
-            return f"ambiguous, since the estimates do not agree ({each})"
+            causes = "; ".join(f"{drag.estimate}: {CAUSES[drag.cause]}" for drag in self.drags)
+            return f"ambiguous, since the estimates do not agree ({causes})"
         return CAUSES[self.cause]
 
 
-def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increase: float) -> tuple[str, ...]:
+def verdict_lines(verdict: DriftVerdict, trends: Sequence[EstimateTrends], increase: float) -> tuple[str, ...]:
     """Describe the findings, one per line."""
     reference = verdict.drags[0].reference
     where = " outside the episodes" if verdict.changes.episodes else ""
@@ -209,7 +202,7 @@ def verdict_lines(verdict: DriftVerdict, found: Sequence[EstimateTrends], increa
         *moment_lines(verdict.moments, verdict.per_degree),
         _describe_common_drag(verdict),
     ]
-    lines += [_describe_series(own) for own in found] + [
+    lines += [_describe_series(own) for own in trends] + [
         _describe_phase_difference(drag) for drag in verdict.drags if np.isfinite(drag.phase_difference.drift)
     ]
     if verdict.has_onset:
@@ -378,7 +371,7 @@ def find_drift(
     error = error_by_coefficients(slopes, weight_effects(table)) if slopes else (0.0, 0.0)
     return DriftFindings(
         [estimate_trends(table, name, settings.resamples, settings.seed) for name in estimates],
-        [drag_drift(table, name, hull, error, settings.resamples, settings.seed, outside) for name in estimates],
+        [drag_drift(table, name, hull, error, settings, outside) for name in estimates],
         list(slopes),
         forward_model_check(table, settings.resamples, settings.seed),
         changes,
@@ -389,9 +382,9 @@ def find_drift(
     )
 
 
-def slopes_of_all_samples(found: DriftFindings) -> dict[tuple[str, str], float]:
+def slopes_of_all_samples(findings: DriftFindings) -> dict[tuple[str, str], float]:
     """Slopes of the adjoint over all samples used, by quantity and phase; those over segments approximate them."""
-    trends = next(own for own in found.trends if own.estimate == ADJOINT).trends
-    drag = next(own for own in found.drags if own.estimate == ADJOINT).phases
-    slopes = {key: one.trend.slope for key, one in trends.items() if key[0] in LONGITUDINAL}
-    return slopes | {(DRAG, phase): one.trend.slope for phase, one in drag.items()}
+    trends = next(own for own in findings.trends if own.estimate == ADJOINT).trends
+    drag = next(own for own in findings.drags if own.estimate == ADJOINT).phases
+    slopes = {key: series.trend.slope for key, series in trends.items() if key[0] in LONGITUDINAL}
+    return slopes | {(DRAG, phase): series.trend.slope for phase, series in drag.items()}

@@ -67,9 +67,9 @@ def contrast_of(measured: Array, nulls: Array) -> Contrast | None:
     measured, nulls = measured[np.isfinite(measured)], nulls[np.isfinite(nulls)]
     if not len(measured) or not len(nulls):
         return None
-    found = scipy.stats.mannwhitneyu(measured, nulls, alternative="greater")
-    larger = float(found.statistic) / (len(measured) * len(nulls))
-    return Contrast(len(measured), len(nulls), larger, float(found.pvalue))
+    rank_sum = scipy.stats.mannwhitneyu(measured, nulls, alternative="greater")
+    larger = float(rank_sum.statistic) / (len(measured) * len(nulls))
+    return Contrast(len(measured), len(nulls), larger, float(rank_sum.pvalue))
 
 
 @dataclass(frozen=True)

@@ -170,13 +170,13 @@ def null_floor(archive: Archive, estimate: str, settings: FastSettings) -> tuple
         return None, (f"none of the archive's nulls has statistics, so there is no ceiling: {own_noise}",)
     noise = ensembles.family(NOISE_ONLY)
     floor = noise if len(noise) else ensembles.artefacts
-    found = NullFloor(ensembles.ceiling, float(floor["rms"].median()), ensembles.ceiling_count)
-    if found.decides:
-        return found, ()
-    return found, (
-        f"the events cannot be judged: the ceiling is that of {found.nulls} nulls without any disturbance, and "
+    limits = NullFloor(ensembles.ceiling, float(floor["rms"].median()), ensembles.ceiling_count)
+    if limits.decides:
+        return limits, ()
+    return limits, (
+        f"the events cannot be judged: the ceiling is that of {limits.nulls} nulls without any disturbance, and "
         f"{MIN_NULLS} are needed; errors of the hull alone may exceed it in every profile. The list is a ranking only; "
-        "run the study nulls without --quick",
+        "run the study nulls without `quick`",
     )
 
 

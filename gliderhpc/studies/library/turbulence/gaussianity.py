@@ -261,12 +261,12 @@ def noise_rows(noise: Noise | None, settings: IntermittencySettings) -> Row:
     """
     if noise is None:
         return {}
-    found = moments_of(noise, settings)
+    moments = moments_of(noise, settings)
     columns = {
-        name: np.array([getattr(found[channel], name.removeprefix("noise_")) for channel in CHANNELS])
+        name: np.array([getattr(moments[channel], name.removeprefix("noise_")) for channel in CHANNELS])
         for name in NOISE_MOMENTS
     }
-    row = _test_row(noise, found, settings)
+    row = _test_row(noise, moments, settings)
     reason = "" if np.isfinite(row["gaussianity_p_value"]) else _untested_reason(noise, settings)
     return columns | {"repeated_roll": noise.repeated, "gaussianity_message": reason} | row
 
@@ -277,8 +277,8 @@ def _untested_reason(noise: Noise, settings: IntermittencySettings) -> str:
     return REPEATED_ROLL if noise.repeated > settings.most_repeated else TOO_FEW
 
 
-def _test_row(noise: Noise | None, found: Mapping[str, NoiseMoments], settings: IntermittencySettings) -> Row:
-    scores = np.array([found[name].score for name in TESTED if name in found])
+def _test_row(noise: Noise | None, moments: Mapping[str, NoiseMoments], settings: IntermittencySettings) -> Row:
+    scores = np.array([moments[name].score for name in TESTED if name in moments])
     scores = scores[np.isfinite(scores)]
     if noise is None or not len(scores) or noise.repeated > settings.most_repeated:
         return {"gaussianity_score": float("nan"), "gaussianity_p_value": float("nan")}
@@ -349,12 +349,12 @@ def judged_gaussianity(measured: pd.DataFrame, nulls: pd.DataFrame) -> Gaussiani
         return None
     scores, p = (measured[name].to_numpy(dtype=np.float64) for name in ("gaussianity_score", "gaussianity_p_value"))
     counts = (len(measured), int(np.isfinite(p).sum()), int((p <= LEVEL).sum()))
-    found = Gaussianity(*counts, untested=_untested(measured))
+    judged = Gaussianity(*counts, untested=_untested(measured))
     if "gaussianity_p_value" not in nulls or not np.isfinite(nulls["gaussianity_p_value"]).any():
-        return found
+        return judged
     null_scores, null_p = (nulls[name].dropna().to_numpy() for name in ("gaussianity_score", "gaussianity_p_value"))
     passes = FalsePositives(int((null_p <= LEVEL).sum()), len(null_p), LEVEL)
-    return replace(found, nulls=passes, contrast=contrast_of(scores, null_scores))
+    return replace(judged, nulls=passes, contrast=contrast_of(scores, null_scores))
 
 
 def _untested(measured: pd.DataFrame) -> dict[str, tuple[int, ...]]:
@@ -369,11 +369,11 @@ def _untested(measured: pd.DataFrame) -> dict[str, tuple[int, ...]]:
     }
 
 
-def describe_untested(found: Gaussianity) -> str:
+def describe_untested(gaussianity: Gaussianity) -> str:
     """Describe the profiles that are not tested, and why."""
-    parts = [f"{_listed(numbers)}, since {reason}" for reason, numbers in found.untested.items()]
-    count = sum(len(numbers) for numbers in found.untested.values())
-    return f"{count} of {found.profiles} not tested ({'; '.join(parts)})"
+    parts = [f"{_listed(numbers)}, since {reason}" for reason, numbers in gaussianity.untested.items()]
+    count = sum(len(numbers) for numbers in gaussianity.untested.values())
+    return f"{count} of {gaussianity.profiles} not tested ({'; '.join(parts)})"
 
 
 def _listed(numbers: tuple[int, ...]) -> str:

@@ -1,5 +1,6 @@
-"""Disturbance series of a profile for the studies of turbulence: high-pass, usable stretches, and settings."""
+"""Disturbance series of a profile for the studies of turbulence: high-pass, usable stretches, band, and settings."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -8,15 +9,18 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, without_windows
+from gliderhpc.archive.mission import open_for_reading
+from gliderhpc.archive.profile import SETTLING, SMOOTHED, ProfileData, read_profile_data, without_windows
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import quality_flags
 from gliderhpc.estimation.settings import Channel, Settings
+from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.platform import Platform
-from gliderhpc.studies.archived import sample_interval
+from gliderhpc.studies.archived import chosen_profiles, platform_of, sample_interval
 from gliderhpc.studies.library.scores import rms
+from gliderhpc.studies.request import Request
 from gliderhpc.vocabulary import CHANNELS, OF_WINDOWS, QUALITY
 
 Range = tuple[float, float]
@@ -289,11 +293,11 @@ def channel_of(data: ProfileData, channel: str, platform: Platform) -> ChannelSe
     return ChannelSeries(data.time[on], values[on], depth[on], data.own_quality[on], output_interval, interval)
 
 
-def channel_of_estimate(estimate: ProfileEstimate, channel: str, which: str, every: int) -> ChannelSeries:
+def channel_of_estimate(estimate: ProfileEstimate, channel: str, source: str, every: int) -> ChannelSeries:
     """Return a channel of an estimate that is not in an archive; records are `every` steps apart."""
     series, column = estimate.series, list(CHANNELS).index(channel)
     time, quality, depth = series.time - series.time[0], quality_flags(estimate), series.measurements[:, 3]
-    if which != SMOOTHED or estimate.smoothed is None:
+    if source != SMOOTHED or estimate.smoothed is None:
         values = pad_to(estimate.solution.disturbances[:, column], len(time))
         return ChannelSeries(time, values, depth, quality, series.step, series.sample_interval)
     time, quality, depth = time[::every], without_windows(quality[::every]), depth[::every]
@@ -358,3 +362,42 @@ def describe_unresolved(interval: float, nyquist: float, lowest: float) -> str:
         f"samples {interval:.3g} s apart resolve nothing above {nyquist:.2g} Hz, so nothing of the band from "
         f"{lowest:g} Hz on"
     )
+
+
+EXAMINED_PROFILES = 5
+"""Number of profiles, spread over those chosen, whose sample interval is compared with the band."""
+
+
+def missing_band(request: Request, settings: FastSettings) -> str | None:
+    """Return the reason why no examined profile of a request resolves any of the band, or None if at least one does.
+
+    Parameters
+    ----------
+    request : Request
+        Archive, profiles and estimate.
+    settings : FastSettings
+        Settings of the study, with the band in Hz.
+
+    Raises
+    ------
+    InputError
+        No such profile is done, or the archive has no such estimate.
+    """
+    lowest, interval, nyquist = settings.band[0], np.inf, 0.0
+    with open_for_reading(request.archive) as archive:
+        step = series_step(archive, request.estimate)
+        for own in _sample_intervals(archive, request):
+            interval = min(interval, own)
+            nyquist = 0.5 / max(interval, step)
+            if nyquist > lowest:
+                return None
+    needed = f"this study needs samples less than {0.5 / lowest:.2g} s apart"
+    return f"{describe_unresolved(interval, nyquist, lowest)}; {needed}"
+
+
+def _sample_intervals(archive: Archive, request: Request) -> Iterator[float]:
+    """Yield the sample intervals (s) of a few profiles spread over those chosen."""
+    numbers = chosen_profiles(archive, request.profiles, request.quick)
+    platform = platform_of(archive)
+    for number in evenly_spaced(numbers, EXAMINED_PROFILES):
+        yield sample_interval(read_profile_data(archive, number, request.estimate), platform)

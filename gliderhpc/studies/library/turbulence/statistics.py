@@ -240,12 +240,12 @@ def _block_sums(series: GappySeries, lags: NDArray[np.int64], block: int) -> tup
     sums, counts = np.zeros((blocks, len(lags), len(ORDERS))), np.zeros((blocks, len(lags)))
     for at, lag in enumerate(lags):
         increments, first = series.increments(int(lag))
-        place, magnitude = first // block, np.abs(increments)
-        counts[:, at] = np.bincount(place, minlength=blocks)
+        index, magnitude = first // block, np.abs(increments)
+        counts[:, at] = np.bincount(index, minlength=blocks)
         power = np.ones_like(magnitude)
         for column in range(len(ORDERS)):
             power = power * magnitude
-            sums[:, at, column] = np.bincount(place, power, minlength=blocks)
+            sums[:, at, column] = np.bincount(index, power, minlength=blocks)
     return sums, counts
 
 
@@ -254,11 +254,11 @@ def _averages(series: GappySeries, lags: NDArray[np.int64], sums: Array, counts:
         return StructureFunctions(np.asarray(lags * series.step, dtype=np.float64), sums / counts[..., None])
 
 
-def without_unresolved_lags(found: StructureFunctions, sample_interval: float) -> StructureFunctions:
+def without_unresolved_lags(structures: StructureFunctions, sample_interval: float) -> StructureFunctions:
     """Set the structure functions at lags shorter than the records' sample interval (s) to NaN."""
-    functions = found.functions.copy()
-    functions[..., found.lags < sample_interval - 1e-6, :] = np.nan
-    return StructureFunctions(found.lags, functions)
+    functions = structures.functions.copy()
+    functions[..., structures.lags < sample_interval - 1e-6, :] = np.nan
+    return StructureFunctions(structures.lags, functions)
 
 
 def resolved_structure_functions(
@@ -284,7 +284,7 @@ def moments(series: GappySeries) -> Row:
 
 
 def statistics_row(
-    fast: GappySeries, found: StructureFunctions, channel: ChannelSeries, settings: IntermittencySettings
+    fast: GappySeries, structures: StructureFunctions, channel: ChannelSeries, settings: IntermittencySettings
 ) -> Row:
     """Compute the statistics of a fast part and its structure functions, under the names used in the archive's groups.
 
@@ -293,8 +293,8 @@ def statistics_row(
     spectra = periodograms(fast, settings.segment)
     return {
         **moments(fast),
-        "flatness": float(found.flatness_at(settings.lag)),
-        "zeta_ratio": float(found.zeta_ratio(settings.scaling)),
+        "flatness": float(structures.flatness_at(settings.lag)),
+        "zeta_ratio": float(structures.zeta_ratio(settings.scaling)),
         "beta": band_power_law(spectra, channel.step, settings).exponent,
         "beta_resolved": power_law(spectra, resolved_band(settings.band, channel.nyquist)).exponent,
     }

@@ -83,7 +83,9 @@ def spectrum_deviation(surrogate: Array, values: Array, step: float, band: tuple
     frequency = np.fft.rfftfreq(len(values), step)
     octave = np.floor(BANDS_PER_OCTAVE * np.log2(np.maximum(frequency, 1e-12) / band[0])).astype(np.int64)
     inside = (frequency >= band[0]) & (frequency <= band[1])
-    power, own = (np.bincount(octave[inside], np.abs(scipy.fft.rfft(one)[inside]) ** 2) for one in (surrogate, values))
+    power, own = (
+        np.bincount(octave[inside], np.abs(scipy.fft.rfft(series)[inside]) ** 2) for series in (surrogate, values)
+    )
     known = own > 0.0
     if not known.any():
         return float("nan"), float("nan")
@@ -177,8 +179,8 @@ def surrogate_test(
         iaaft(source.values, rng, max_iterations=settings.iterations, tolerance=settings.tolerance)
         for _ in range(settings.surrogates)
     ]
-    each = [structure_functions(source.with_values(surrogate.values), lags) for surrogate in surrogates]
-    every = StructureFunctions(each[0].lags, np.stack([surrogate.functions for surrogate in each]))
+    of_surrogates = [structure_functions(source.with_values(surrogate.values), lags) for surrogate in surrogates]
+    every = StructureFunctions(of_surrogates[0].lags, np.stack([surrogate.functions for surrogate in of_surrogates]))
     structures = without_unresolved_lags(every, sample_interval)
     return SurrogateTest(
         rank_p_value(float(own), structures.flatness_at(settings.lag)),

@@ -167,14 +167,14 @@ def _describe_finding(verdict: TurbulenceVerdict) -> str:
     return f"{'; '.join(parts)}."
 
 
-def _describe_noise_finding(found: Gaussianity) -> str:
-    untested = f"; {describe_untested(found)}" if found.untested else ""
-    if not found.tested:
+def _describe_noise_finding(gaussianity: Gaussianity) -> str:
+    untested = f"; {describe_untested(gaussianity)}" if gaussianity.untested else ""
+    if not gaussianity.tested:
         why = "" if untested else ", as the roll hardly changes or there are too few samples"
         return f"no profile in which it can be tested whether lateral disturbances are Gaussian{why}{untested}"
     return (
-        f"lateral disturbances that are not Gaussian in {found.rejected} of the {counted(found.tested, 'profile')} in "
-        f"which this can be tested (at {LEVEL:.0%} each){untested}"
+        f"lateral disturbances that are not Gaussian in {gaussianity.rejected} of the "
+        f"{counted(gaussianity.tested, 'profile')} in which this can be tested (at {LEVEL:.0%} each){untested}"
     )
 
 
@@ -200,20 +200,20 @@ def _describe_certainty(verdict: TurbulenceVerdict) -> str:
     return f"Certainty: {'; '.join(parts) if parts else 'not known, as there are no nulls of these settings'}."
 
 
-def _describe_noise_certainty(found: Gaussianity) -> str:
-    if found.nulls is None or found.contrast is None:
-        return (
-            f"this many detections would occur by chance with p = {_p_text(found.count_p_value)} if all were Gaussian"
-        )
+def _describe_noise_certainty(gaussianity: Gaussianity) -> str:
+    nulls, contrast = gaussianity.nulls, gaussianity.contrast
+    if nulls is None or contrast is None:
+        p_value = _p_text(gaussianity.count_p_value)
+        return f"this many detections would occur by chance with p = {p_value} if all were Gaussian"
     allowed = (
         "consistent with the test's level"
-        if found.nulls.holds
+        if nulls.holds
         else "more than the test's level allows, so rely on the comparison"
     )
     return (
-        f"{counted(found.contrast.profiles, 'profile')} of Gaussian lateral disturbances would exceed the kurtosis of "
-        f"{found.contrast.nulls} nulls by as much with p = {_p_text(found.contrast.p_value)}, and the test rejects "
-        f"{found.nulls.passed} of these nulls, {allowed}"
+        f"{counted(contrast.profiles, 'profile')} of Gaussian lateral disturbances would exceed the kurtosis of "
+        f"{contrast.nulls} nulls by as much with p = {_p_text(contrast.p_value)}, and the test rejects "
+        f"{nulls.passed} of these nulls, {allowed}"
     )
 
 
