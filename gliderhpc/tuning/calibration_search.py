@@ -37,7 +37,8 @@ START_COUNT = 3
 START_SPREAD = 2.0
 
 REFUTED_DISTANCE = 3.0
-"""Distance from the most probable value, in standard errors, beyond which the platform's value is refuted."""
+"""Distance from the most probable value, in standard errors, beyond which the platform's value is refuted; the cost
+rises by half of its square."""
 
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
@@ -221,10 +222,8 @@ class CalibrationSearch:
         If they do, the parameter is held at its most probable value. The platform's value would enlarge the errors, and
         the glides would then determine less of all other parameters.
         """
-        if held.verdict is CalibrationVerdict.UNDETERMINED:
-            self._fit(prior=1.0)
-            if self._refuted_by(held.index) > REFUTED_DISTANCE:
-                held = replace(held, verdict=CalibrationVerdict.REFUTED)
+        if held.verdict is CalibrationVerdict.UNDETERMINED and self._is_refuted(held.index):
+            held = replace(held, verdict=CalibrationVerdict.REFUTED)
         value = 0.0 if held.verdict is CalibrationVerdict.UNDETERMINED else float(self.steps[held.index])
         if abs(value) > _AT_BOUND:
             held, value = replace(held, verdict=CalibrationVerdict.IMPLAUSIBLE), math.copysign(PARAMETER_BOUND, value)
@@ -235,21 +234,38 @@ class CalibrationSearch:
         if moved:
             self._fit(prior=1.0)
 
-    def _refuted_by(self, index: int) -> float:
+    def _is_refuted(self, index: int) -> bool:
+        """Fit with the prior, and return whether the glides refute the platform's value of a free parameter.
+
+        They do if the most probable value is far from it in standard errors, or if the cost is much larger with the
+        platform's value, although the errors' slopes at the most probable value do not show this.
+        """
+        cost = self._fit(prior=1.0)
+        if self._distance(index) > REFUTED_DISTANCE:
+            return True
+        free, steps = self.free.copy(), self.steps.copy()
+        self.free[index], self.steps[index] = False, 0.0
+        increase = self._fit(prior=1.0) - cost
+        self.free, self.steps = free, steps
+        return increase > 0.5 * REFUTED_DISTANCE**2
+
+    def _distance(self, index: int) -> float:
         """Distance of the most probable value from the platform's, in standard errors."""
         jacobian = self.weighted()[0][:, self.free]
         covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
         place = int(np.count_nonzero(self.free[:index]))
         return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
 
-    def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
-        """Fit the free parameters, those of each part of the errors to that part."""
+    def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> float:
+        """Fit the free parameters, those of each part of the errors to that part; return the cost."""
+        cost = 0.0
         for rows, columns in self._errors.parts():
             chosen = np.flatnonzero(self.free & columns)
             if len(chosen):
-                self._fit_part(rows, chosen, prior, tolerance)
+                cost += self._fit_part(rows, chosen, prior, tolerance)
+        return cost
 
-    def _fit_part(self, rows: Mask, chosen: NDArray[np.intp], prior: float, tolerance: float) -> None:
+    def _fit_part(self, rows: Mask, chosen: NDArray[np.intp], prior: float, tolerance: float) -> float:
         scale, unit = self._scale_of_each()[rows], np.eye(len(chosen))
 
         def at(values: Array) -> Array:
@@ -284,6 +300,7 @@ class CalibrationSearch:
         )
         self.steps = at(found.x)
         self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
+        return float(found.cost)
 
     def _scale_of_each(self) -> Array:
         return self.scales[self._errors.kind]

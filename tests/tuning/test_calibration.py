@@ -44,6 +44,7 @@ from gliderhpc.tuning.calibration_search import (
     PARAMETER_BOUND,
     START_COUNT,
     CalibrationSearch,
+    HeldParameter,
     best_start,
     correlated_scale,
 )
@@ -542,6 +543,39 @@ def test_parameters_whose_platform_value_is_refuted_are_held_elsewhere():
     assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
     assert found.fitted.after[1] < 0.1 * found.fitted.before[1]
     assert any("contradict the platform's value, so held at the most probable value" in line for line in notes(found))
+
+
+class CurvedErrors:
+    """Errors of one parameter that are almost zero below -1 plausible deviation and grow with the square above it."""
+
+    kind, leg, profile = np.zeros(40, dtype=np.int64), np.arange(40), np.arange(40)
+    parameters = PARAMETERS[:1]
+
+    def __init__(self, growth):
+        self.growth = growth
+
+    def __call__(self, steps):
+        return np.full(40, self.growth * max(steps[0] + 1.0, 0.0) ** 2)
+
+    def jacobian(self, steps, _):
+        return np.full((40, 1), 2.0 * self.growth * max(steps[0] + 1.0, 0.0))
+
+    def parts(self):
+        return [(np.ones(40, dtype=bool), np.ones(1, dtype=bool))]
+
+    def flatness(self, _):
+        return 0.0
+
+
+@pytest.mark.parametrize(("growth", "refuted"), [(0.0224, True), (0.001, False)])
+def test_a_value_that_the_errors_exclude_is_refuted_although_their_slope_at_the_fit_is_small(growth, refuted):
+    """Held at the platform's value, a fit like this one ended with a drag and a lift in error by tens of deviations."""
+    search = CalibrationSearch(CurvedErrors(growth), np.ones(1, dtype=bool), 1.0, lambda _: None)
+    search.fit_everything(1, 1e-6)
+    search.scales = np.full(4, 0.02)
+    search._hold(HeldParameter(0, CalibrationVerdict.UNDETERMINED))
+    assert (search.held[0].verdict is CalibrationVerdict.REFUTED) == refuted
+    assert (search.steps[0] < -0.5) == refuted
 
 
 def test_the_best_of_several_starts_is_taken(monkeypatch):
