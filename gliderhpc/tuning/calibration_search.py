@@ -240,14 +240,20 @@ class CalibrationSearch:
         They do if the most probable value is far from it in standard errors, or if the cost is much larger with the
         platform's value, although the errors' slopes at the most probable value do not show this.
         """
-        cost = self._fit(prior=1.0)
+        self._fit(prior=1.0)
         if self._distance(index) > REFUTED_DISTANCE:
             return True
-        free, steps = self.free.copy(), self.steps.copy()
+        free, steps, cost = self.free.copy(), self.steps.copy(), self._penalised_cost()
         self.free[index], self.steps[index] = False, 0.0
-        increase = self._fit(prior=1.0) - cost
+        self._fit(prior=1.0)
+        increase = self._penalised_cost() - cost
         self.free, self.steps = free, steps
         return increase > 0.5 * REFUTED_DISTANCE**2
+
+    def _penalised_cost(self) -> float:
+        """Cost that a fit with the prior minimises."""
+        penalties = np.append(self.steps, self._errors.flatness(self.steps) / FLATNESS)
+        return self.cost_of(self.steps) + float(np.sum(np.sqrt(1.0 + penalties**2) - 1.0))
 
     def _distance(self, index: int) -> float:
         """Distance of the most probable value from the platform's, in standard errors."""
@@ -256,16 +262,14 @@ class CalibrationSearch:
         place = int(np.count_nonzero(self.free[:index]))
         return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
 
-    def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> float:
-        """Fit the free parameters, those of each part of the errors to that part; return the cost."""
-        cost = 0.0
+    def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
+        """Fit the free parameters, those of each part of the errors to that part."""
         for rows, columns in self._errors.parts():
             chosen = np.flatnonzero(self.free & columns)
             if len(chosen):
-                cost += self._fit_part(rows, chosen, prior, tolerance)
-        return cost
+                self._fit_part(rows, chosen, prior, tolerance)
 
-    def _fit_part(self, rows: Mask, chosen: NDArray[np.intp], prior: float, tolerance: float) -> float:
+    def _fit_part(self, rows: Mask, chosen: NDArray[np.intp], prior: float, tolerance: float) -> None:
         scale, unit = self._scale_of_each()[rows], np.eye(len(chosen))
 
         def at(values: Array) -> Array:
@@ -300,7 +304,6 @@ class CalibrationSearch:
         )
         self.steps = at(found.x)
         self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
-        return float(found.cost)
 
     def _scale_of_each(self) -> Array:
         return self.scales[self._errors.kind]
