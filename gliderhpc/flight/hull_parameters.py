@@ -325,6 +325,12 @@ UNFITTED_MOTION = _OF_MOTION[:4]
 """Parameters of the motion that act in steady glides like others: damping of roll and pitch in turns, and the added
 masses, whose moment over angle of attack and sideslip (the Munk moment) adds to that of `K_M` and `K_MY`."""
 
+ONLY_IN_MANOEUVRES = frozenset({
+    "viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r", "viscous.K_delta", "viscous.K_p", "viscous.K_q",
+    "added_mass.1", "added_inertia.0", "added_inertia.1", "added_inertia.2",
+})  # fmt: skip
+"""Parameters without effect on straight steady glide, so that ballast and trim in pitch do not depend on them."""
+
 ROLL_OFFSET = ATTITUDE_PARAMETERS[0]
 """The one of them that steady glides determine, by turns."""
 

@@ -129,9 +129,9 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
     missed = np.degrees(fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:
         lines.append(
-            f"WARNING: before the fit the given platform misses the pitch by {missed:.0f} degree: its battery zero or "
-            "trim is far off, or it is another vehicle's; check its name, since quantities that the glides do not "
-            "determine are still those of the given platform"
+            f"before the fit the given platform misses the pitch by more than {WRONG_VEHICLE_ERROR:.0f} degree, as "
+            "after a change of ballast or trim, or because it is another vehicle's; check its name, since quantities "
+            "that the glides do not determine are still those of the given platform"
         )
     if not held_out.segments:
         lines.append("no profile was held out, so the errors after calibration are those of the fit itself")

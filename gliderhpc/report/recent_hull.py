@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
+from gliderhpc.flight.hull_parameters import ONLY_IN_MANOEUVRES
 from gliderhpc.platform import Platform
 from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import (
@@ -70,12 +71,19 @@ def recent_hull(archive: Archive, number: int) -> RecentHull | None:
 def implausible_warning(steps: Mapping[str, float]) -> str:
     """Warn of values too far from the platform file to be errors of the hull; empty if there are none.
 
+    Parameters without effect on straight steady glide do not count: they collect the errors of fast motion in records
+    that hardly resolve it, and ballast and trim do not depend on them.
+
     Parameters
     ----------
     steps : mapping of str to float
         Differences from the platform file, in plausible deviations, by parameter.
     """
-    far = ", ".join(f"{key} by {value:+.1f}" for key, value in steps.items() if abs(value) > IMPLAUSIBLE)
+    far = ", ".join(
+        f"{key} by {value:+.1f}"
+        for key, value in steps.items()
+        if abs(value) > IMPLAUSIBLE and key not in ONLY_IN_MANOEUVRES
+    )
     if not far:
         return ""
     return (

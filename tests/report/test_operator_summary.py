@@ -61,7 +61,7 @@ def test_a_value_that_no_pilot_sets_warns_too():
     warning = implausible_warning({"viscous.K_L": -4.2, "buoyancy.neutral_volume": 1.0})
     assert "viscous.K_L by -4.2" in warning
     assert "neutral_volume" not in warning
-    assert implausible_warning({"viscous.K_L": 2.9}) == ""
+    assert implausible_warning({"viscous.K_L": 2.9, "viscous.K_q": 4.2, "added_inertia.0": -6.0}) == ""
 
 
 @pytest.fixture
