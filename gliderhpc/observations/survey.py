@@ -27,6 +27,7 @@ from gliderhpc.observations.checks.validation import (
     describe_unnumbered,
     profile_spans,
 )
+from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
@@ -61,10 +62,36 @@ class StoredVariables:
         return int(self.dataset.sizes.get(dimension, 0))
 
     def numbers(self, name: str, start: int, stop: int) -> FloatArray:
-        """Read a slice of one variable as doubles; zeros if the variable is absent."""
+        """Read a slice of one variable as doubles; zeros if the variable is absent.
+
+        Values outside the limits that the file declares are missing (NaN).
+        """
         if name not in self:
             return np.zeros(stop - start)
-        return np.asarray(self._read(name, start, stop), dtype=np.float64)
+        values = np.asarray(self._read(name, start, stop), dtype=np.float64)
+        limits = self.limits(name)
+        return values if limits is None else np.where(outside(values, limits), np.nan, values)
+
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+        return declared_limits(self.dataset.variables[name])
+
+    def describe_outside(self) -> list[str]:
+        """Remarks on the values outside the limits that the file declares.
+
+        Raises
+        ------
+        InputError
+            Most values of a required variable are outside.
+        """
+        remarks = []
+        for name in (name for name in VARIABLES if name in self and self.limits(name) is not None):
+            dimension = VARIABLES[name].dimension
+            values = np.asarray(self._read(name, 0, self.size(dimension)), dtype=np.float64)
+            refuse_in = str(self.path) if VARIABLES[name].required else ""
+            what = "sample" if dimension == "time" else dimension
+            remarks.append(describe_outside(name, values, self.limits(name), refuse_in=refuse_in, what=what))
+        return [remark for remark in remarks if remark]
 
     def times(self, name: str, start: int, stop: int) -> DecodedTimes:
         """Read a slice of one of the time variables."""
@@ -180,6 +207,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     """
     path = str(stored.path)
     check_variables(stored.dataset, path)
+    limited = stored.describe_outside()
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
     numbers = stored.numbers("profile", 0, len(time)) if "profile" in stored else None
@@ -205,7 +233,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
-    return Survey(spans, faults, (*filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+    return Survey(spans, faults, (*limited, *filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
 
 
 def _wrong_depth_units(

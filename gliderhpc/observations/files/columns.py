@@ -125,7 +125,21 @@ class NamedColumns(ABC):
 
     @abstractmethod
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` without conversion, NaN where missing; `InputError` if they are not numbers."""
+        """Values ``(n,)`` without conversion, NaN where missing or outside the limits that the file declares.
+
+        Raises
+        ------
+        InputError
+            They are not numbers.
+        """
+
+    @abstractmethod
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+
+    @abstractmethod
+    def unlimited(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as `numbers`, including those outside the declared limits."""
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""

@@ -23,6 +23,8 @@ from gliderhpc.observations.files.headings import (
 )
 from gliderhpc.observations.files.packed import PACKING
 from gliderhpc.observations.files.quality_flags import Rejected, find_rejected, numeric_flags
+from gliderhpc.observations.files.valid_limits import check_limits, declared_limits
+from gliderhpc.observations.files.valid_limits import outside as outside_limits
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
 from gliderhpc.observations.navigation.checks import check_depth_unit
@@ -70,7 +72,17 @@ class NavigationColumns(NamedColumns):
         return str(owner.attrs.get(name, ""))
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` without conversion, NaN where missing."""
+        """Values ``(n,)`` without conversion, NaN where missing or outside the limits that the file declares."""
+        values = self.unlimited(name)
+        return np.where(outside_limits(values, self.limits(name)), np.nan, values)
+
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+        variable = self._dataset[name].variable
+        return declared_limits(variable) if variable.dtype.kind in "fiu" else None
+
+    def unlimited(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as `numbers`, including those outside the declared limits."""
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
             raise InputError(f"{self.source}: {name} does not contain numbers")
@@ -98,17 +110,20 @@ class NavigationColumns(NamedColumns):
         return numeric_flags(self._values(name))
 
     def reject_flagged(self) -> list[str]:
-        """Treat values that are flagged bad or missing as missing from now on; return a remark that counts them.
+        """Treat values that are flagged bad or missing as missing from now on; return remarks that count them.
+
+        Values outside the limits that the file declares are missing in any case, and are counted too.
 
         Raises
         ------
         InputError
-            Every value of time, depth, pitch or heading is flagged.
+            Every value of time, depth, pitch or heading is flagged, or most of them are outside the limits.
         """
         found = {quantity: self.find(quantity) for quantity in CURRENT_TERMS if quantity != "profile"}
         needed = {found[quantity] for quantity in ("time", "depth", "pitch", "heading")}
         self._rejected = find_rejected(self, filter(None, found.values()), needed)
-        return [self._rejected.remark] if self._rejected.remark else []
+        limited = check_limits(self, filter(None, found.values()), needed)
+        return [self._rejected.remark, *limited] if self._rejected.remark else limited
 
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
