@@ -27,6 +27,7 @@ from gliderhpc.observations.checks.validation import (
     describe_unnumbered,
     profile_spans,
 )
+from gliderhpc.observations.files.headings import check_circle
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
@@ -223,6 +224,7 @@ def survey_of(stored: StoredVariables) -> Survey:
             glide[name] = values
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
+            check_circle(values, f"{path}: heading")
             doubtful_unit = check_heading_unit(values, places, path)
     depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)

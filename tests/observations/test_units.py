@@ -27,7 +27,14 @@ DEFINED = {
         "inches": 127 / 5000,
         "ft": 381 / 1250,
     },
-    "degree": {"deg": 1.0, "degrees_true": 1.0, "degrees_north": 1.0, "rad": 180 / np.pi, "radians": 180 / np.pi},
+    "degree": {
+        "deg": 1.0,
+        "degrees_true": 1.0,
+        "degrees_north": 1.0,
+        "rad": 180 / np.pi,
+        "radians": 180 / np.pi,
+        "gon": 360 / 400,
+    },
     "m s-1": {"m/s": 1.0, "m s-1": 1.0, "cm/s": 1 / 100},
     "dbar": {
         "dbar": 1.0,

@@ -37,6 +37,7 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
             "degree_true, degrees true, deg true, degt, degree_t, degrees_t",
         ),
         (float(np.degrees(1.0)), "rad, radian, radians"),
+        (0.9, "gon, gons, grad, grads, grade, grades, gradian, gradians"),
     ),
     "m s-1": _scales(
         (1.0, "m s-1, m/s, m.s-1, m s^-1, m*s-1, meter second-1, metre second-1, meters per second"),

@@ -57,7 +57,7 @@ def reject_fills(file: ForeignFile) -> tuple[str, ...]:
             continue
         values = _in_our_unit(file, what, term, name)
         if what == "heading":
-            values, turns = remove_turns(values)
+            values, turns = remove_turns(values, f"{file.path}: {name}")
             remarks += [f"{file.path.name}: {name} {turns}"] if turns else []
         lost = _fills(file.numbers(name), values, what)
         if lost.any():

@@ -261,7 +261,9 @@ def _magnetic_heading(file: ForeignFile, remarks: list[str]) -> FloatArray:
     InputError
         Most headings are impossible and differ from each other.
     """
-    heading, _ = remove_turns(file.converted("eng_head", "degree"))
+    heading, turns = remove_turns(file.converted("eng_head", "degree"), f"{file.path}: eng_head")
+    if turns:
+        remarks.append("eng_head is beyond -180 to 360 degree; whole turns are removed")
     lost = outside(heading)
     if not lost.any():
         return heading

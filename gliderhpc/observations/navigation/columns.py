@@ -163,7 +163,7 @@ class NavigationColumns(NamedColumns):
         """Values of a quantity, multiplied by a sign; NaN where missing or impossible."""
         values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
         if quantity == "heading":
-            values, _ = remove_turns(values)
+            values, _ = remove_turns(values, f"{self.source}: {self.find(quantity)}")
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
@@ -248,7 +248,7 @@ class NavigationColumns(NamedColumns):
             name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
             values, limits = self.converted(name, unit), _LIMITS[quantity]
             if quantity == "heading":
-                values, turns = remove_turns(values)
+                values, turns = remove_turns(values, f"{self.source}: {name}")
                 remarks += [f"{name} {turns}"] if turns else []
             lost = outside(values, limits)
             if lost.any():
