@@ -61,7 +61,7 @@ def _decoded(path: Path) -> xr.Dataset:
             attributes = {key: value for key, value in array.attrs.items() if key not in ("units", "calendar")}
             dataset = dataset.assign({name: (array.dims, decoded, {"standard_name": "time", **attributes})})
         elif name in VARIABLES or name in REFERENCE:
-            if stored.limits(name) is not None:
+            if stored.loses_values(name):
                 dataset[name] = array = array.copy(data=stored.numbers(name, 0, array.size))
             for limit in LIMITS:
                 array.attrs.pop(limit, None)

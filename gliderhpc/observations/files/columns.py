@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import decode_texts, decode_times
+from gliderhpc.wording import counted
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
 """Unit of times in a file that gives none."""
@@ -68,6 +69,23 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
 NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
 USUAL_FILLS = (*NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
 """Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
+
+
+def usual_fills(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the values that equal a usual fill value."""
+    return np.isin(values, USUAL_FILLS)
+
+
+def describe_fills(
+    name: str, values: FloatArray, lost: npt.NDArray[np.bool_], why: str = "has a usual fill value"
+) -> str:
+    """Sentence that counts the undeclared fill values of a variable, given by a mask ``(n,)``, with the remedy."""
+    first, count = int(np.flatnonzero(lost)[0]), counted(int(np.count_nonzero(lost)), "sample")
+    return (
+        f"{name} {why} in {count}, the first {values[first]:g} at sample {first}; these are treated as missing: "
+        "declare its fill value"
+    )
+
 
 _FROM_NORTH, _DOWNWARD = r"clockwise from (?:true |geographic )?north", r"positive down(?:wards?)?"
 

@@ -10,7 +10,14 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.checks.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
-from gliderhpc.observations.files.columns import DEFAULT_UNITS, NamedColumns, UnitError, find_name
+from gliderhpc.observations.files.columns import (
+    DEFAULT_UNITS,
+    NamedColumns,
+    UnitError,
+    describe_fills,
+    find_name,
+    usual_fills,
+)
 from gliderhpc.observations.files.headings import (
     RANGE,
     VEHICLE_COLUMNS,
@@ -164,6 +171,8 @@ class NavigationColumns(NamedColumns):
         values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
         if quantity == "heading":
             values, _ = remove_turns(values, f"{self.source}: {self.find(quantity)}")
+        if quantity == "depth":
+            values = np.where(usual_fills(values), np.nan, values)
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
@@ -236,7 +245,9 @@ class NavigationColumns(NamedColumns):
         return [f"no units are declared for {', '.join(taken)}"] if taken else []
 
     def out_of_range(self) -> list[str]:
-        """Remarks on whole turns in the heading, and on impossible values of pitch and heading, treated as missing.
+        """Remarks on whole turns in the heading, fill values of depth, and impossible values of pitch and heading.
+
+        All but the whole turns are treated as missing.
 
         Raises
         ------
@@ -244,6 +255,9 @@ class NavigationColumns(NamedColumns):
             Most of the values are impossible, and they are not fill values.
         """
         remarks = []
+        if self.find("depth"):
+            depth = self.converted(self.find("depth"), "m")
+            remarks += [describe_fills(self.find("depth"), depth, fills)] if (fills := usual_fills(depth)).any() else []
         for quantity in ("pitch", "heading"):
             name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
             values, limits = self.converted(name, unit), _LIMITS[quantity]
