@@ -11,7 +11,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.interruption import interruptible
-from gliderhpc.cli.messages import FULL, describe_unexpected, is_unusable, names_a_file, printable
+from gliderhpc.cli.messages import FULL, describe_unexpected, is_unusable, names_a_file, printable, refuse_empty
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
@@ -181,6 +181,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         with interruptible(), infrequent_collection(), warnings.catch_warnings():
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
+            refuse_empty(sys.argv[1:] if arguments is None else arguments)
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
     except click.ClickException as error:

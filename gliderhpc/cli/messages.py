@@ -6,16 +6,17 @@ Names, messages and attributes come from files and may contain control character
 import errno
 import os
 import platform
+import re
 import shlex
 import sys
 import tempfile
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
-from gliderhpc.errors import GliderhpcError, message_line
+from gliderhpc.errors import GliderhpcError, InputError, message_line
 from gliderhpc.version import __version__
 
 _REPLACED = "\N{REPLACEMENT CHARACTER}"
@@ -30,6 +31,21 @@ def printable(text: str, *, lines: bool = True) -> str:
     """Replace the control characters of a text, and its line ends unless `lines` is set."""
     shown = text.translate(_CONTROLS)
     return shown if lines else shown.replace("\n", " ")
+
+
+def refuse_empty(words: Sequence[str]) -> None:
+    """Refuse an empty word of a command line, which would mean the current folder.
+
+    Raises
+    ------
+    InputError
+        A word, or the value of an option, is empty; the message names the option.
+    """
+    for place, word in enumerate(words):
+        option = word[:-1] if re.fullmatch(r"--[\w-]+=", word) else words[place - 1] if place and not word else ""
+        if option or not word:
+            named = option if option.startswith("-") else f"the argument after {option or 'gliderhpc'}"
+            raise InputError(f"{named}: is empty; give a value (a variable of the shell may be unset)")
 
 
 def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:

@@ -16,7 +16,7 @@ from gliderhpc.observations.checks.profile_checks import (
     check_pace,
     check_variable_of_profiles,
 )
-from gliderhpc.observations.checks.sign_checks import GLIDE, check_signs
+from gliderhpc.observations.checks.sign_checks import GLIDE, check_signs, sense_fault
 from gliderhpc.observations.checks.validation import (
     Span,
     check_clock,
@@ -34,7 +34,7 @@ from gliderhpc.observations.files.valid_limits import declared_limits, describe_
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
-from gliderhpc.observations.profiles import detect_profiles
+from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
 
@@ -232,6 +232,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     """
     path = str(stored.path)
     check_variables(stored.dataset, path)
+    _check_sense(stored)
     missing = stored.describe_missing()
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
@@ -260,6 +261,15 @@ def survey_of(stored: StoredVariables) -> Survey:
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
     return Survey(spans, faults, (*missing, *filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+
+
+def _check_sense(stored: StoredVariables) -> None:
+    """Refuse a depth that is positive under water and declared positive up."""
+    positive = str(stored.dataset["depth"].attrs.get("positive", ""))
+    depth = stored.numbers("depth", 0, stored.size("time"))
+    if positive.strip().lower() == "up" and (depth > MIN_DEPTH).any() and not (depth < -MIN_DEPTH).any():
+        found, remedy = sense_fault(positive)
+        raise InputError(f"{stored.path}: depth is {found}; {remedy}")
 
 
 def _wrong_depth_units(

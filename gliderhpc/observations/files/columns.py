@@ -22,6 +22,15 @@ def _scales(*groups: tuple[float, str]) -> dict[str, float]:
     return {spelling: factor for factor, spellings in groups for spelling in spellings.split(", ")}
 
 
+_ANGLES = _scales(
+    (1.0, "deg, degree, degrees, arc_degree, arc_degrees, °"),
+    (float(np.degrees(1.0)), "rad, radian, radians"),
+    (0.9, "gon, gons, grad, grads, grade, grades, gradian, gradians"),
+)
+_NORTHWARD = _scales((1.0, "degrees_north, degree_north, degree_n, degrees_n, degreen, degreesn"))
+_EASTWARD = _scales((1.0, "degrees_east, degree_east, degree_e, degrees_e, degreee, degreese"))
+_TRUE = _scales((1.0, "degrees_true, degree_true, degrees true, deg true, degt, degree_t, degrees_t"))
+
 FACTORS: Mapping[str, Mapping[str, float]] = {
     "m": _scales(
         (1.0, "m, meter, meters, metre, metres"),
@@ -30,16 +39,9 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (0.0254, "in, inch, inches"),
         (0.3048, "ft, foot, feet"),
     ),
-    "degree": _scales(
-        (
-            1.0,
-            "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east, degree_n, degrees_n, "
-            "degreen, degreesn, degree_e, degrees_e, degreee, degreese, arc_degree, arc_degrees, °, degrees_true, "
-            "degree_true, degrees true, deg true, degt, degree_t, degrees_t",
-        ),
-        (float(np.degrees(1.0)), "rad, radian, radians"),
-        (0.9, "gon, gons, grad, grads, grade, grades, gradian, gradians"),
-    ),
+    "degree": _ANGLES | _NORTHWARD | _EASTWARD | _TRUE,
+    "degrees_north": _ANGLES | _NORTHWARD,
+    "degrees_east": _ANGLES | _EASTWARD,
     "m s-1": _scales(
         (1.0, "m s-1, m/s, m.s-1, m s^-1, m*s-1, meter second-1, metre second-1, meters per second"),
         (0.01, "cm/s, cm s-1"),

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from gliderhpc.angles import wrap
 from gliderhpc.errors import InputError
+from gliderhpc.observations.checks.sign_checks import sense_fault
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.files.columns import FACTORS, Term, UnitError, bare_unit
 from gliderhpc.observations.files.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
@@ -58,8 +59,8 @@ SEAWATER = {
     "pressure": Term(("PRES",), "dbar", ("sea_water_pressure",)),
 }
 FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
-FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
-FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
+FIX_LATITUDE = Term(("LATITUDE_GPS",), "degrees_north")
+FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degrees_east")
 DIVE = Term(("DIVE_NUMBER", "divenum", "SEGMENT_NUMBER"), "1")
 TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
 TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
@@ -154,11 +155,7 @@ def read_depth(file: ForeignFile) -> FloatArray:
     factor = FACTORS[DEPTH.unit].get(bare_unit(file.attribute("units", name)).lower(), 1.0)
     lowest = factor * float(np.fmin.reduce(sense * file.unlimited(name), initial=0.0))
     if lowest < -MIN_DEPTH and not np.any(depth > MIN_DEPTH):
-        found, remedy = (
-            ("negative under water", "make it positive down, or set its attribute positive to 'up'")
-            if sense > 0.0
-            else ("positive under water, but declared positive up", "correct its attribute positive")
-        )
+        found, remedy = sense_fault(file.attribute("positive", name))
         raise InputError(f"{file.path}: {name} is {found} ({sense * lowest:.4g} m); {remedy}")
     return depth
 

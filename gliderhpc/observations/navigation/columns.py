@@ -9,6 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.checks.sign_checks import sense_fault
 from gliderhpc.observations.checks.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
 from gliderhpc.observations.files.columns import (
     DEFAULT_UNITS,
@@ -314,10 +315,8 @@ class NavigationColumns(NamedColumns):
         unit = CURRENT_TERMS[quantity].unit
         typical, high = float(np.median(lost)), _LIMITS[quantity][1]
         if abs(typical) <= high:
-            raise InputError(
-                f"{self.source}: {name} is negative under water; make it positive down, or set the "
-                "attribute positive = 'up'"
-            )
+            found, remedy = sense_fault(self.attribute("positive", name))
+            raise InputError(f"{self.source}: {name} is {found}; {remedy}")
         raise InputError(
             f"{self.source}: {name} is typically {typical:.3g} {unit}, but the ocean is at most {high:g} {unit} deep; "
             "convert it, or set its units to those that it is in (such as 'cm' or 'Pa')"
