@@ -97,16 +97,28 @@ _EXPECTED = (
     click.ClickException,
     click.exceptions.Exit,
     click.Abort,
-    MemoryError,
     UnexpectedError,
 )
 
 
 def is_expected(error: BaseException) -> bool:
     """Return whether an error is the user's or the machine's rather than a bug, and explains itself."""
+    if is_memory_shortage(error):
+        return True
     if isinstance(error, OSError):
         return error.errno in FULL or names_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
+
+
+_NO_ROOM = ("failed to map segment", "cannot allocate memory")
+"""Words of the dynamic linker where a library does not fit into memory."""
+
+
+def is_memory_shortage(error: BaseException) -> bool:
+    """Return whether memory was short, also where a library could not be loaded for that reason."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, ImportError | OSError) and any(words in str(error).lower() for words in _NO_ROOM)
 
 
 def names_a_file(error: OSError) -> bool:
